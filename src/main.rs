@@ -1,0 +1,2 @@
+//! Lenslet Studio.
+fn main() {}
