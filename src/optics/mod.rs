@@ -1,1 +1,17 @@
-//! optics.
+//! The mask and what it does to light: lenslets, point spread functions and their gradients, transfer functions.
+
+mod diffuser;
+mod encoder;
+mod import;
+mod layouts;
+mod lenslets;
+mod mtf;
+mod psf;
+
+pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
+pub use encoder::{Encoder, PsfImage};
+pub use import::{PsfError, import_psf, normalised_psf};
+pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
+pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};
+pub use mtf::{Mtf, modulation_transfer};
+pub use psf::{LensletGradient, psf_gradient, render_psf};

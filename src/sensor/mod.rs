@@ -1,5 +1,14 @@
 //! The sensor: valid convolution with the point spread function, bias, noise, and random patches.
 
+mod convolution;
 pub mod noise;
+mod patches;
+mod poisson;
 
+pub use convolution::{Convolution, Convolver, ObjectSpectra, SensorError};
 pub use noise::Noise;
+pub use patches::Patches;
+pub use poisson::sample_poisson;
+
+/// Background light in photons per pixel that every published measurement carries (Kabuli et al. 2026).
+pub const DEFAULT_BIAS: f64 = 10.0;

@@ -1,0 +1,144 @@
+//! A synthetic diffuser: the caustic of a smooth random phase surface.
+//!
+//! Parallel light passes a surface of random height; each ray is bent by the local slope and lands displaced by
+//! slope times distance. Where the map from mask to sensor folds, light piles up in bright caustic lines. The surface is
+//! Gaussian-filtered white noise on a periodic tile, as an off-the-shelf Gaussian diffuser is modelled; the published
+//! diffuser is a photograph that is not public, so this one shares its kind, not its pixels.
+
+use ndarray::{Array2, s};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+/// Sides in pixels of the published square apertures, from none ("huge") to the smallest.
+pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
+
+/// A diffuser on a 32x32 PSF grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Diffuser {
+    /// Side of the square aperture in pixels, centred; 1 to 32.
+    pub aperture_px: usize,
+    /// Seed of the surface. The same seed gives the same surface behind every aperture.
+    pub seed: u64,
+}
+
+impl Diffuser {
+    /// Side of the PSF grid in pixels.
+    pub const GRID: usize = 32;
+    /// Rays per pixel along each axis.
+    const RAYS: usize = 16;
+    /// Standard deviation in pixels of the filter that smooths the surface: the width of its bumps.
+    const BUMP_PX: f64 = 2.5;
+    /// Root mean square of the curvature times the distance to the sensor. At 1 most bumps come to a focus near it.
+    const FOCUS: f64 = 1.0;
+
+    /// Renders the PSF, shape (32, 32), sum 1. An aperture outside 1 to 32 px is brought to the nearest.
+    pub fn render(self) -> Array2<f64> {
+        let field = self.caustic();
+        let aperture = self.aperture_px.clamp(1, Self::GRID);
+        let start = (Self::GRID - aperture) / 2;
+        let mut psf = Array2::zeros((Self::GRID, Self::GRID));
+        let open = s![start..start + aperture, start..start + aperture];
+        psf.slice_mut(open).assign(&field.slice(open));
+        let sum = psf.sum();
+        psf / sum
+    }
+
+    /// Light on the whole periodic tile, unnormalised.
+    fn caustic(self) -> Array2<f64> {
+        let side = Self::GRID * Self::RAYS;
+        let height = self.surface(side);
+        let rays = Self::RAYS as f64;
+        // Central differences on the periodic tile, in pixels.
+        let wrap = |index: usize, step: isize| (index as isize + step).rem_euclid(side as isize) as usize;
+        let slope = |row: usize, col: usize| {
+            let by_x = (height[(row, wrap(col, 1))] - height[(row, wrap(col, -1))]) * rays / 2.0;
+            let by_y = (height[(wrap(row, 1), col)] - height[(wrap(row, -1), col)]) * rays / 2.0;
+            (by_x, by_y)
+        };
+        let curvature = (0..side * side)
+            .map(|ray| {
+                let (row, col) = (ray / side, ray % side);
+                let laplacian = height[(row, wrap(col, 1))]
+                    + height[(row, wrap(col, -1))]
+                    + height[(wrap(row, 1), col)]
+                    + height[(wrap(row, -1), col)]
+                    - 4.0 * height[(row, col)];
+                (laplacian * rays * rays).powi(2)
+            })
+            .sum::<f64>()
+            / (side * side) as f64;
+        // Half the Laplacian is the mean curvature of the two axes.
+        let distance = Self::FOCUS / (0.5 * curvature.sqrt());
+        let mut light = Array2::zeros((Self::GRID, Self::GRID));
+        for row in 0..side {
+            for col in 0..side {
+                let (by_x, by_y) = slope(row, col);
+                let x = (col as f64 + 0.5) / rays - 0.5 - distance * by_x;
+                let y = (row as f64 + 0.5) / rays - 0.5 - distance * by_y;
+                splat(&mut light, x, y);
+            }
+        }
+        light
+    }
+
+    /// White noise smoothed by a periodic Gaussian, shape (side, side).
+    fn surface(self, side: usize) -> Array2<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        // Noise on the pixel grid, so that the number of rays does not change the surface, then interpolated by the
+        // same Gaussian that smooths it.
+        let noise = Array2::from_shape_simple_fn((Self::GRID, Self::GRID), || StandardNormal.sample(&mut random));
+        let kernel = |fine: usize, coarse: usize| {
+            let position = (fine as f64 + 0.5) / Self::RAYS as f64 - 0.5;
+            let half = Self::GRID as f64 / 2.0;
+            let distance = (position - coarse as f64 + half).rem_euclid(Self::GRID as f64) - half;
+            (-0.5 * (distance / Self::BUMP_PX).powi(2)).exp()
+        };
+        let smooth: Array2<f64> = Array2::from_shape_fn((side, Self::GRID), |(fine, coarse)| kernel(fine, coarse));
+        smooth.dot(&noise).dot(&smooth.t())
+    }
+}
+
+/// Adds one ray's light to the four pixels around (x, y) on the periodic grid.
+fn splat(light: &mut Array2<f64>, x: f64, y: f64) {
+    let (rows, cols) = light.dim();
+    let (col, row) = (x.floor(), y.floor());
+    let (right, down) = (x - col, y - row);
+    for (step_row, share_row) in [(0.0, 1.0 - down), (1.0, down)] {
+        for (step_col, share_col) in [(0.0, 1.0 - right), (1.0, right)] {
+            let r = (row + step_row).rem_euclid(rows as f64) as usize;
+            let c = (col + step_col).rem_euclid(cols as f64) as usize;
+            light[(r, c)] += share_row * share_col;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_aperture_shows_the_middle_of_the_same_caustic() {
+        let huge = Diffuser { aperture_px: 32, seed: 5 }.render();
+        for aperture in DIFFUSER_APERTURES {
+            let psf = Diffuser { aperture_px: aperture, seed: 5 }.render();
+            assert!((psf.sum() - 1.0).abs() < 1e-12);
+            assert!(psf.iter().filter(|&&h| h > 0.0).count() <= aperture * aperture);
+            let ratio = psf[(16, 16)] / psf[(15, 14)];
+            assert!((ratio - huge[(16, 16)] / huge[(15, 14)]).abs() < 1e-9 * ratio);
+        }
+    }
+
+    #[test]
+    fn light_piles_up_in_caustics() {
+        for seed in 0..4 {
+            let psf = Diffuser { aperture_px: 32, seed }.render();
+            let mean = psf.mean().unwrap();
+            let peak = psf.iter().copied().fold(0.0, f64::max);
+            let dark = psf.iter().filter(|&&h| h < 0.5 * mean).count() as f64 / 1024.0;
+            assert!(peak > 3.0 * mean, "no bright line: {}", peak / mean);
+            assert!(dark > 0.2, "no dark area: {dark}");
+        }
+    }
+}

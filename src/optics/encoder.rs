@@ -1,0 +1,142 @@
+//! What stands before the sensor: lenslets that can be edited, a diffuser, or a PSF as it was found.
+
+use ndarray::{Array2, Array3, Axis};
+use serde::{Deserialize, Serialize};
+
+use super::diffuser::Diffuser;
+use super::import::{PsfError, normalised_psf};
+use super::lenslets::{LensletArray, LensletError};
+use super::psf::render_psf;
+
+/// An optical encoder of scenes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Encoder {
+    /// An array of lenslets.
+    Lenslets(LensletArray),
+    /// A synthetic diffuser.
+    Diffuser(Diffuser),
+    /// A PSF given as a picture.
+    Image(PsfImage),
+}
+
+/// A PSF given as a picture, and where it came from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "PsfImageRecord", into = "PsfImageRecord")]
+pub struct PsfImage {
+    /// Shape (rows, cols), not negative, sum 1.
+    pub psf: Array2<f32>,
+    /// File that it was read from, or another name.
+    pub origin: String,
+}
+
+impl Encoder {
+    /// The PSF for scenes of `planes` depth planes, shape (planes, rows, cols). It sums to 1 over all planes of the
+    /// encoder; diffusers and pictures focus on the first plane only.
+    ///
+    /// # Errors
+    /// [`LensletError`] where a lenslet array cannot be rendered.
+    pub fn psf(&self, planes: usize) -> Result<Array3<f64>, LensletError> {
+        let on_first_plane = |picture: Array2<f64>| {
+            let (rows, cols) = picture.dim();
+            let mut psf = Array3::zeros((planes, rows, cols));
+            psf.index_axis_mut(Axis(0), 0).assign(&picture);
+            psf
+        };
+        match self {
+            Self::Lenslets(array) => render_psf(array, planes),
+            Self::Diffuser(diffuser) => Ok(on_first_plane(diffuser.render())),
+            Self::Image(image) => Ok(on_first_plane(image.psf.map(|&value| f64::from(value)))),
+        }
+    }
+
+    /// Rows and columns of the PSF grid in pixels.
+    pub fn grid(&self) -> (usize, usize) {
+        match self {
+            Self::Lenslets(array) => (array.rows, array.cols),
+            Self::Diffuser(_) => (Diffuser::GRID, Diffuser::GRID),
+            Self::Image(image) => image.psf.dim(),
+        }
+    }
+
+    /// The lenslets, where there are any to edit.
+    pub fn lenslets(&self) -> Option<&LensletArray> {
+        match self {
+            Self::Lenslets(array) => Some(array),
+            Self::Diffuser(_) | Self::Image(_) => None,
+        }
+    }
+
+    /// One line that says what this is.
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Lenslets(array) => match array.lenslets.len() {
+                1 => "1 lenslet".into(),
+                count => format!("{count} lenslets"),
+            },
+            Self::Diffuser(diffuser) => {
+                format!("diffuser, aperture {} px, seed {}", diffuser.aperture_px, diffuser.seed)
+            }
+            Self::Image(image) => format!("PSF picture {}", image.origin),
+        }
+    }
+}
+
+/// How a PSF picture stands in JSON: rows of numbers.
+#[derive(Serialize, Deserialize)]
+struct PsfImageRecord {
+    origin: String,
+    psf: Vec<Vec<f32>>,
+}
+
+impl From<PsfImage> for PsfImageRecord {
+    fn from(image: PsfImage) -> Self {
+        Self { origin: image.origin, psf: image.psf.rows().into_iter().map(|row| row.to_vec()).collect() }
+    }
+}
+
+impl TryFrom<PsfImageRecord> for PsfImage {
+    type Error = String;
+
+    fn try_from(record: PsfImageRecord) -> Result<Self, String> {
+        let rows = record.psf.len();
+        let cols = record.psf.first().map_or(0, Vec::len);
+        if record.psf.iter().any(|row| row.len() != cols) {
+            return Err(format!("the PSF of {} has rows of different lengths", record.origin));
+        }
+        let values = record.psf.into_iter().flatten().collect();
+        let picture = Array2::from_shape_vec((rows, cols), values).map_err(|error| error.to_string())?;
+        let psf = normalised_psf(picture, &record.origin).map_err(|error: PsfError| error.to_string())?;
+        Ok(Self { psf, origin: record.origin })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::heuristic_layout;
+
+    #[test]
+    fn every_encoder_returns_from_json_as_it_went() {
+        let picture = Array2::from_shape_fn((5, 7), |(row, col)| (row * 7 + col) as f32 / 3.0);
+        let psf = normalised_psf(picture, "x").unwrap();
+        for encoder in [
+            Encoder::Lenslets(heuristic_layout(9)),
+            Encoder::Diffuser(Diffuser { aperture_px: 16, seed: 3 }),
+            Encoder::Image(PsfImage { psf, origin: "camera.tiff".into() }),
+        ] {
+            let text = serde_json::to_string_pretty(&encoder).unwrap();
+            let back: Encoder = serde_json::from_str(&text).unwrap();
+            assert_eq!(back, encoder);
+            assert_eq!(back.psf(2).unwrap(), encoder.psf(2).unwrap());
+            assert!((encoder.psf(1).unwrap().sum() - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_ragged_picture_is_refused() {
+        let text = r#"{"kind":"image","origin":"x","psf":[[1,2],[3]]}"#;
+        let error = serde_json::from_str::<Encoder>(text).unwrap_err().to_string();
+        assert!(error.contains("rows of different lengths"), "{error}");
+    }
+}

@@ -1,0 +1,153 @@
+//! A measured or foreign PSF, read from a picture or an array file.
+
+use std::path::Path;
+
+use ndarray::{Array2, Array3, ArrayView2};
+use thiserror::Error;
+
+use super::encoder::PsfImage;
+use super::lenslets::LensletArray;
+use crate::formats::{self, FormatError};
+
+/// Why a picture is not a PSF.
+#[derive(Debug, Error)]
+pub enum PsfError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// The file is not one picture.
+    #[error("{origin}: expected one PSF, found {found} pictures; save the one you want to a file of its own")]
+    Several {
+        /// File or name of the PSF.
+        origin: String,
+        /// Number of pictures in the file.
+        found: usize,
+    },
+    /// A pixel cannot be light.
+    #[error(
+        "{origin}: expected finite, non-negative light, found {value} at row {row}, column {col}; \
+         subtract the background so that nothing is below 0"
+    )]
+    Pixel {
+        /// File or name of the PSF.
+        origin: String,
+        /// Row of the first offending pixel.
+        row: usize,
+        /// Its column.
+        col: usize,
+        /// Its value.
+        value: f32,
+    },
+    /// All pixels are 0.
+    #[error("{origin}: expected a PSF, found no light at all; check the exposure or the file")]
+    Dark {
+        /// File or name of the PSF.
+        origin: String,
+    },
+    /// Too large to compute with, or nothing at all.
+    #[error(
+        "{origin}: expected a PSF of 1 to {max} pixels a side, found {rows} x {cols}; \
+         add @32 to the path to resample it to 32 pixels", max = LensletArray::MAX_SIDE
+    )]
+    Shape {
+        /// File or name of the PSF.
+        origin: String,
+        /// Rows found.
+        rows: usize,
+        /// Columns found.
+        cols: usize,
+    },
+}
+
+/// Reads a PSF from a picture (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1.
+///
+/// With `side`, the central square is first resampled to `side` x `side` pixels by averaging areas.
+///
+/// # Errors
+/// [`PsfError`] says what the file holds instead of a PSF.
+pub fn import_psf(path: &Path, side: Option<usize>) -> Result<PsfImage, PsfError> {
+    let origin = path.display().to_string();
+    let stack: Array3<f32> = formats::read_picture_or_array(path)?;
+    let found = stack.dim().0;
+    if found != 1 {
+        return Err(PsfError::Several { origin, found });
+    }
+    let picture = stack.index_axis_move(ndarray::Axis(0), 0);
+    let picture = match side {
+        Some(side) if side > 0 && picture.len() > 1 => resample_square(picture.view(), side),
+        _ => picture,
+    };
+    Ok(PsfImage { psf: normalised_psf(picture, &origin)?, origin })
+}
+
+/// Checks a picture and scales it to sum 1. `origin` names it in messages.
+///
+/// # Errors
+/// [`PsfError`] where the picture is empty, too large, dark, or has a pixel that is negative or not finite.
+pub fn normalised_psf(picture: Array2<f32>, origin: &str) -> Result<Array2<f32>, PsfError> {
+    let (rows, cols) = picture.dim();
+    let side = 1..=LensletArray::MAX_SIDE;
+    if !side.contains(&rows) || !side.contains(&cols) {
+        return Err(PsfError::Shape { origin: origin.into(), rows, cols });
+    }
+    if let Some(((row, col), &value)) = picture.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0))
+    {
+        return Err(PsfError::Pixel { origin: origin.into(), row, col, value });
+    }
+    let sum: f64 = picture.iter().map(|&value| f64::from(value)).sum();
+    if sum <= 0.0 {
+        return Err(PsfError::Dark { origin: origin.into() });
+    }
+    // A PSF that already sums to 1 within rounding is left as it is, so that saving and opening changes no bit.
+    if (sum - 1.0).abs() < 1e-6 { Ok(picture) } else { Ok(picture.map(|&value| (f64::from(value) / sum) as f32)) }
+}
+
+/// The central square of `picture` resampled to `side` x `side` pixels, each the mean of the area it covers.
+fn resample_square(picture: ArrayView2<'_, f32>, side: usize) -> Array2<f32> {
+    let (rows, cols) = picture.dim();
+    let square = rows.min(cols);
+    let (top, left) = ((rows - square) / 2, (cols - square) / 2);
+    let step = square as f64 / side as f64;
+    // Share of source pixel `source` in target pixel `target` along one axis.
+    let overlaps = Array2::from_shape_fn((side, square), |(target, source)| {
+        let (from, to) = (target as f64 * step, (target + 1) as f64 * step);
+        ((to.min(source as f64 + 1.0) - from.max(source as f64)).max(0.0) / step) as f32
+    });
+    let middle = picture.slice(ndarray::s![top..top + square, left..left + square]);
+    overlaps.dot(&middle).dot(&overlaps.t())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resampling_keeps_the_mean_and_the_place() {
+        let mut picture = Array2::zeros((60, 90));
+        picture[(30, 45)] = 36.0;
+        let small = resample_square(picture.view(), 10);
+        assert_eq!(small.dim(), (10, 10));
+        assert!((small[(5, 5)] - 1.0).abs() < 1e-6, "a 6x6 block with 36 has mean 1");
+        assert!((small.sum() - 1.0).abs() < 1e-6);
+        let large = resample_square(Array2::from_elem((3, 3), 2.0).view(), 7);
+        assert!(large.iter().all(|value| (value - 2.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn what_is_not_light_is_refused_by_its_pixel() {
+        let mut picture = Array2::<f32>::ones((4, 5));
+        picture[(2, 3)] = -1.0;
+        let message = normalised_psf(picture.clone(), "p.npy").unwrap_err().to_string();
+        assert!(message.contains("-1 at row 2, column 3"), "{message}");
+        picture[(2, 3)] = f32::NAN;
+        assert!(matches!(normalised_psf(picture, "p.npy"), Err(PsfError::Pixel { .. })));
+        assert!(matches!(normalised_psf(Array2::zeros((4, 4)), "p.npy"), Err(PsfError::Dark { .. })));
+        assert!(matches!(normalised_psf(Array2::zeros((0, 4)), "p.npy"), Err(PsfError::Shape { .. })));
+    }
+
+    #[test]
+    fn a_normalised_psf_is_left_to_the_bit() {
+        let once = normalised_psf(Array2::from_shape_fn((9, 9), |(r, c)| (r * c) as f32 + 0.1), "p").unwrap();
+        assert_eq!(normalised_psf(once.clone(), "p").unwrap(), once);
+    }
+}

@@ -1,0 +1,118 @@
+//! Published lenslet layouts (Kabuli et al. 2026) and random starts.
+
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::lenslets::{Lenslet, LensletArray, Limits, Spot};
+
+/// Centres (row, col) in pixels of the nine heuristic lenslets, in the order in which they are added.
+pub const HEURISTIC_CENTRES: [(f64, f64); 9] = [
+    (16.0, 16.0),
+    (7.0, 9.0),
+    (23.0, 21.0),
+    (8.0, 24.0),
+    (21.0, 5.0),
+    (27.0, 13.0),
+    (4.0, 16.0),
+    (16.0, 26.0),
+    (14.0, 7.0),
+];
+
+/// Width of the heuristic lenslets in pixels.
+pub const HEURISTIC_SIGMA: f64 = 0.8;
+
+/// Depth plane of each lenslet of the depth layouts.
+const DEPTH_PLANES: [usize; 5] = [2, 0, 4, 1, 3];
+
+/// Rows and columns of the published PSF grid.
+const GRID: usize = 32;
+
+/// The heuristic layout of `count` lenslets, 1 to 9, equal weights, on a 32x32 grid.
+///
+/// # Panics
+/// Where `count` is not 1 to 9.
+pub fn heuristic_layout(count: usize) -> LensletArray {
+    assert!((1..=9).contains(&count), "heuristic layouts have 1 to 9 lenslets");
+    let lenslets = HEURISTIC_CENTRES[..count]
+        .iter()
+        .map(|&(row, col)| Lenslet::round(col, row, HEURISTIC_SIGMA, 1.0 / count as f64))
+        .collect();
+    LensletArray { rows: GRID, cols: GRID, lenslets }
+}
+
+/// The layout for volumes: the first `count` heuristic lenslets (1 to 5), each focused on a depth plane of its own.
+///
+/// # Panics
+/// Where `count` is not 1 to 5.
+pub fn depth_layout(count: usize) -> LensletArray {
+    assert!((1..=5).contains(&count), "depth layouts have 1 to 5 lenslets");
+    let mut array = heuristic_layout(count);
+    for (lenslet, plane) in array.lenslets.iter_mut().zip(DEPTH_PLANES) {
+        lenslet.plane = plane;
+    }
+    array
+}
+
+/// A random start of `count` lenslets on a 32x32 grid, equal weights.
+///
+/// Centres are those of the smallest square grid of at least `count` points over the central 70 % of the PSF
+/// (5x5 for 25, as published), jittered by N(0, 1.6) and brought inside [`Limits`]; variances are U(1, 5). Lengths
+/// are in the published grid units, in which 32 samples span -16 to 16.
+pub fn random_layout(count: usize, seed: u64) -> LensletArray {
+    const GRID_UNIT_PX: f64 = (GRID as f64 - 1.0) / GRID as f64;
+    const CENTRE: f64 = (GRID as f64 - 1.0) / 2.0;
+    const HALF_SPAN: f64 = 0.7 * 16.0;
+    const JITTER: f64 = 1.6;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let side = (1..).find(|side| side * side >= count).unwrap_or(1);
+    let tick = |index: usize| match side {
+        1 => 0.0,
+        _ => HALF_SPAN * (2.0 * index as f64 / (side - 1) as f64 - 1.0),
+    };
+    let mut cells: Vec<(usize, usize)> = (0..side * side).map(|cell| (cell / side, cell % side)).collect();
+    if side * side > count {
+        cells.shuffle(&mut random);
+    }
+    let lenslets = cells[..count]
+        .iter()
+        .map(|&(row, col)| {
+            let mut coordinate = |index: usize| {
+                let jitter: f64 = StandardNormal.sample(&mut random);
+                CENTRE + GRID_UNIT_PX * (tick(index) + JITTER * jitter)
+            };
+            let (y, x) = (coordinate(row), coordinate(col));
+            let variance: f64 = random.random_range(1.0..5.0);
+            let spot = Spot::Isotropic(GRID_UNIT_PX * variance.sqrt());
+            Limits::default().project(Lenslet { x, y, spot, weight: 1.0 / count as f64, plane: 0 }, GRID, GRID)
+        })
+        .collect();
+    LensletArray { rows: GRID, cols: GRID, lenslets }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_random_start_follows_its_seed_and_the_limits() {
+        let array = random_layout(25, 42);
+        assert_eq!(array, random_layout(25, 42));
+        assert_ne!(array, random_layout(25, 43));
+        for lenslet in &array.lenslets {
+            assert_eq!(Limits::default().project(*lenslet, 32, 32), *lenslet);
+        }
+        assert_eq!(random_layout(7, 1).lenslets.len(), 7);
+    }
+
+    #[test]
+    fn random_starts_have_the_published_spread() {
+        let lenslets: Vec<_> = (0..400).flat_map(|seed| random_layout(25, seed).lenslets).collect();
+        let mean = |f: &dyn Fn(&Lenslet) -> f64| lenslets.iter().map(f).sum::<f64>() / lenslets.len() as f64;
+        assert!((mean(&|l| l.x) - 15.5).abs() < 0.2);
+        assert!((mean(&|l| l.y) - 15.5).abs() < 0.2);
+        let variance = mean(&|l| l.spot.covariance().0) * (32.0_f64 / 31.0).powi(2);
+        assert!((variance - 3.0).abs() < 0.05, "U(1, 5) has mean 3, found {variance}");
+    }
+}

@@ -1,0 +1,345 @@
+//! Lenslet arrays: the parameters a designer edits and the optimizer moves.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The shape of the focal spot of one lenslet, a Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Spot {
+    /// The same width in every direction.
+    #[serde(rename = "sigma_px")]
+    Isotropic(
+        /// Standard deviation in pixels.
+        f64,
+    ),
+    /// A full covariance, in square pixels.
+    #[serde(rename = "covariance_px2")]
+    Anisotropic {
+        /// Variance along x (columns).
+        xx: f64,
+        /// Covariance of x and y.
+        xy: f64,
+        /// Variance along y (rows).
+        yy: f64,
+    },
+}
+
+impl Spot {
+    /// Covariance entries (xx, xy, yy) in square pixels.
+    pub fn covariance(self) -> (f64, f64, f64) {
+        match self {
+            Self::Isotropic(sigma) => (sigma * sigma, 0.0, sigma * sigma),
+            Self::Anisotropic { xx, xy, yy } => (xx, xy, yy),
+        }
+    }
+
+    /// Geometric-mean standard deviation in pixels: the width of the round spot of equal area.
+    pub fn mean_sigma(self) -> f64 {
+        match self {
+            Self::Isotropic(sigma) => sigma,
+            Self::Anisotropic { xx, xy, yy } => (xx * yy - xy * xy).max(0.0).sqrt().sqrt(),
+        }
+    }
+
+    /// The same shape scaled so that its mean standard deviation is `sigma` pixels.
+    #[must_use]
+    pub fn with_mean_sigma(self, sigma: f64) -> Self {
+        match self {
+            Self::Isotropic(_) => Self::Isotropic(sigma),
+            Self::Anisotropic { xx, xy, yy } => {
+                let scale = (sigma / self.mean_sigma()).powi(2);
+                Self::Anisotropic { xx: xx * scale, xy: xy * scale, yy: yy * scale }
+            }
+        }
+    }
+
+    /// Standard deviations in pixels along the minor and the major axis.
+    pub fn principal_sigmas(self) -> (f64, f64) {
+        let (xx, xy, yy) = self.covariance();
+        let middle = 0.5 * (xx + yy);
+        let half = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+        ((middle - half).max(0.0).sqrt(), (middle + half).sqrt())
+    }
+}
+
+/// One lenslet, seen as the spot it makes on the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lenslet {
+    /// Column of the spot's centre in pixels.
+    #[serde(rename = "x_px")]
+    pub x: f64,
+    /// Row of the spot's centre in pixels.
+    #[serde(rename = "y_px")]
+    pub y: f64,
+    /// Shape of the spot.
+    #[serde(flatten)]
+    pub spot: Spot,
+    /// Share of the light, before the array is normalised. Not negative.
+    pub weight: f64,
+    /// Depth plane that this lenslet has in focus; it sees no other plane.
+    #[serde(default, skip_serializing_if = "is_first_plane")]
+    pub plane: usize,
+}
+
+// serde hands over a reference.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_first_plane(plane: &usize) -> bool {
+    *plane == 0
+}
+
+impl Lenslet {
+    /// A round lenslet focused on the first plane; `x`, `y` and `sigma` in pixels.
+    pub fn round(x: f64, y: f64, sigma: f64, weight: f64) -> Self {
+        Self { x, y, spot: Spot::Isotropic(sigma), weight, plane: 0 }
+    }
+}
+
+/// Lenslets over one grid of PSF pixels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LensletArray {
+    /// Rows of the PSF grid in pixels.
+    pub rows: usize,
+    /// Columns of the PSF grid in pixels.
+    pub cols: usize,
+    /// The lenslets.
+    pub lenslets: Vec<Lenslet>,
+}
+
+/// Where an array is not a mask.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum LensletError {
+    /// There is nothing to render.
+    #[error("the mask has no lenslet; add one or choose a preset")]
+    Empty,
+    /// All light is switched off.
+    #[error("every lenslet has weight 0, so no light reaches the sensor; raise one weight")]
+    Dark,
+    /// The PSF grid has no pixels, or more than can be computed.
+    #[error("the PSF grid is {rows} x {cols} pixels; expected 1 to {max} a side", max = LensletArray::MAX_SIDE)]
+    Grid {
+        /// Rows found.
+        rows: usize,
+        /// Columns found.
+        cols: usize,
+    },
+    /// Too many lenslets to edit or compute.
+    #[error("the mask has {found} lenslets; expected at most {max}", max = LensletArray::MAX_LENSLETS)]
+    TooMany {
+        /// Lenslets found.
+        found: usize,
+    },
+    /// A parameter is outside what a lenslet can be.
+    #[error("lenslet {number}: {name} is {found}, expected {expected}")]
+    Parameter {
+        /// Number of the lenslet, counted from 1.
+        number: usize,
+        /// The parameter.
+        name: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+}
+
+impl LensletArray {
+    /// Largest side of a PSF grid in pixels.
+    pub const MAX_SIDE: usize = 1024;
+    /// Most lenslets of one mask.
+    pub const MAX_LENSLETS: usize = 4096;
+
+    /// Whether this array can be rendered.
+    ///
+    /// # Errors
+    /// [`LensletError`] names the first lenslet and parameter that cannot be.
+    pub fn check(&self) -> Result<(), LensletError> {
+        let side = 1..=Self::MAX_SIDE;
+        if !side.contains(&self.rows) || !side.contains(&self.cols) {
+            return Err(LensletError::Grid { rows: self.rows, cols: self.cols });
+        }
+        if self.lenslets.is_empty() {
+            return Err(LensletError::Empty);
+        }
+        if self.lenslets.len() > Self::MAX_LENSLETS {
+            return Err(LensletError::TooMany { found: self.lenslets.len() });
+        }
+        for (index, lenslet) in self.lenslets.iter().enumerate() {
+            lenslet.check(index + 1, self.rows, self.cols)?;
+        }
+        if self.lenslets.iter().all(|lenslet| lenslet.weight == 0.0) {
+            return Err(LensletError::Dark);
+        }
+        Ok(())
+    }
+
+    /// The array with its weights scaled to sum 1; unchanged where they sum to 0.
+    #[must_use]
+    pub fn with_unit_weight(mut self) -> Self {
+        let sum: f64 = self.lenslets.iter().map(|lenslet| lenslet.weight).sum();
+        if sum > 0.0 {
+            for lenslet in &mut self.lenslets {
+                lenslet.weight /= sum;
+            }
+        }
+        self
+    }
+
+    /// How many depth planes the lenslets are focused on: one more than the deepest plane.
+    pub fn planes(&self) -> usize {
+        self.lenslets.iter().map(|lenslet| lenslet.plane + 1).max().unwrap_or(1)
+    }
+
+    /// Number of lenslets that carry equal light and spread it as this array does: the inverse sum of squared
+    /// weight shares (the participation ratio).
+    pub fn effective_count(&self) -> f64 {
+        let sum: f64 = self.lenslets.iter().map(|lenslet| lenslet.weight).sum();
+        let squares: f64 = self.lenslets.iter().map(|lenslet| lenslet.weight * lenslet.weight).sum();
+        if squares > 0.0 { sum * sum / squares } else { 0.0 }
+    }
+}
+
+impl Lenslet {
+    fn check(&self, number: usize, rows: usize, cols: usize) -> Result<(), LensletError> {
+        let wrong = |name, found, expected| Err(LensletError::Parameter { number, name, found, expected });
+        // Centres may leave the grid (a lenslet half outside is a design), but not so far that all its light is lost.
+        if !(self.x >= -0.5 && self.x <= cols as f64 - 0.5) {
+            return wrong("x_px", self.x, "a column inside the PSF grid");
+        }
+        if !(self.y >= -0.5 && self.y <= rows as f64 - 0.5) {
+            return wrong("y_px", self.y, "a row inside the PSF grid");
+        }
+        if !(self.weight >= 0.0 && self.weight.is_finite() && self.weight <= 1e9) {
+            return wrong("weight", self.weight, "0 to 1e9");
+        }
+        if self.plane >= MAX_PLANES {
+            return wrong("plane", self.plane as f64, "0 to 63");
+        }
+        match self.spot {
+            Spot::Isotropic(sigma) if !(MIN_SIGMA..=MAX_SIGMA).contains(&sigma) => {
+                wrong("sigma_px", sigma, "0.1 to 1000 pixels")
+            }
+            Spot::Anisotropic { xx, xy, yy } => {
+                let determinant = xx * yy - xy * xy;
+                let smallest = self.spot.principal_sigmas().0;
+                if !(xx > 0.0 && yy > 0.0 && determinant > 0.0) || !determinant.is_finite() {
+                    wrong("covariance_px2 determinant", determinant, "a positive definite covariance")
+                } else if !(MIN_SIGMA..=MAX_SIGMA).contains(&smallest) {
+                    wrong("smallest width", smallest, "0.1 to 1000 pixels")
+                } else {
+                    Ok(())
+                }
+            }
+            Spot::Isotropic(_) => Ok(()),
+        }
+    }
+}
+
+/// Below this the sampled Gaussian is one pixel and its gradient is lost to rounding.
+const MIN_SIGMA: f64 = 0.1;
+const MAX_SIGMA: f64 = 1000.0;
+const MAX_PLANES: usize = 64;
+
+/// The region and width that can be manufactured; the editor draws it and the optimizer projects onto it.
+///
+/// Defaults are those of Kabuli et al. 2026: widths of at least 0.775 px, centres in the central 80 % of the grid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Smallest standard deviation in pixels.
+    pub min_sigma_px: f64,
+    /// Share of each side of the grid, around its middle, that centres may occupy.
+    pub central_share: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { min_sigma_px: 0.775, central_share: 0.8 }
+    }
+}
+
+impl Limits {
+    /// Smallest and largest coordinate in pixels along a side of `side` pixels.
+    pub fn coordinate_range(&self, side: usize) -> (f64, f64) {
+        let last = side as f64 - 1.0;
+        let margin = 0.5 * (1.0 - self.central_share) * last;
+        (margin, last - margin)
+    }
+
+    /// The nearest lenslet within the limits.
+    #[must_use]
+    pub fn project(&self, mut lenslet: Lenslet, rows: usize, cols: usize) -> Lenslet {
+        let (left, right) = self.coordinate_range(cols);
+        let (top, bottom) = self.coordinate_range(rows);
+        lenslet.x = lenslet.x.clamp(left, right);
+        lenslet.y = lenslet.y.clamp(top, bottom);
+        lenslet.weight = lenslet.weight.max(0.0);
+        if lenslet.spot.principal_sigmas().0 < self.min_sigma_px {
+            lenslet.spot = match lenslet.spot {
+                Spot::Isotropic(_) => Spot::Isotropic(self.min_sigma_px),
+                Spot::Anisotropic { xx, xy, yy } => floor_eigenvalues(xx, xy, yy, self.min_sigma_px.powi(2)),
+            };
+        }
+        lenslet
+    }
+}
+
+/// The covariance with both eigenvalues raised to at least `floor` (square pixels), axes kept.
+fn floor_eigenvalues(xx: f64, xy: f64, yy: f64, floor: f64) -> Spot {
+    let middle = 0.5 * (xx + yy);
+    let half = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+    if half < 1e-12 {
+        return Spot::Anisotropic { xx: floor.max(xx), xy: 0.0, yy: floor.max(yy) };
+    }
+    let (small, large) = ((middle - half).max(floor), (middle + half).max(floor));
+    // Unit deviator of the covariance: cos and sin of twice the major axis' angle.
+    let (cos, sin) = (0.5 * (xx - yy) / half, xy / half);
+    let (mean, spread) = (0.5 * (small + large), 0.5 * (large - small));
+    Spot::Anisotropic { xx: mean + spread * cos, xy: spread * sin, yy: mean - spread * cos }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn projection_is_idempotent_and_floors_the_narrow_axis_only() {
+        let limits = Limits::default();
+        let lenslet =
+            Lenslet { x: -3.0, y: 40.0, spot: Spot::Anisotropic { xx: 4.0, xy: 0.3, yy: 0.1 }, weight: -1.0, plane: 0 };
+        let once = limits.project(lenslet, 32, 32);
+        assert_eq!(once.weight, 0.0);
+        assert!((once.x - 3.1).abs() < 1e-12 && (once.y - 27.9).abs() < 1e-12);
+        let (minor, major) = once.spot.principal_sigmas();
+        assert!((minor - 0.775).abs() < 1e-12);
+        assert!((major - lenslet.spot.principal_sigmas().1).abs() < 1e-12, "the wide axis must not change");
+        assert_eq!(limits.project(once, 32, 32), once);
+    }
+
+    #[test]
+    fn effective_count_ignores_dark_lenslets() {
+        let mut array = crate::optics::heuristic_layout(4);
+        assert!((array.effective_count() - 4.0).abs() < 1e-12);
+        array.lenslets[0].weight = 0.0;
+        assert!((array.effective_count() - 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_mask_that_cannot_be_is_named() {
+        let mut array = crate::optics::heuristic_layout(2);
+        array.lenslets[1].x = f64::NAN;
+        let error = array.check().unwrap_err().to_string();
+        assert!(error.starts_with("lenslet 2: x_px is NaN"), "{error}");
+        array.lenslets.clear();
+        assert_eq!(array.check(), Err(LensletError::Empty));
+    }
+
+    #[test]
+    fn json_keeps_every_bit() {
+        let mut array = crate::optics::random_layout(25, 7);
+        array.lenslets[3].spot = Spot::Anisotropic { xx: 1.1, xy: -0.2, yy: 0.7 };
+        array.lenslets[4].plane = 2;
+        let text = serde_json::to_string(&array).unwrap();
+        assert_eq!(serde_json::from_str::<LensletArray>(&text).unwrap(), array);
+        assert!(text.contains("\"sigma_px\"") && text.contains("\"covariance_px2\""), "{text}");
+    }
+}
