@@ -65,7 +65,8 @@ impl FormatError {
         Self::Malformed {
             path: path.to_path_buf(),
             expected: expected.into(),
-            found: found.into(),
+            // Messages of decoders may run over several lines; this one is a sentence.
+            found: found.into().split_whitespace().collect::<Vec<_>>().join(" "),
             advice: advice.into(),
         }
     }

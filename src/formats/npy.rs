@@ -1,9 +1,9 @@
-//! NumPy array files.
+//! `NumPy` array files.
 
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
-use ndarray::{ArrayD, ArrayViewD, IxDyn, ShapeBuilder};
+use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
 use npyz::WriterBuilder;
 
 use super::bytes::{open, read_values};
@@ -93,17 +93,16 @@ fn row_major<T: Clone>(path: &Path, header: &NpyHeader, values: io::Result<Vec<T
     Ok(arrange(path, header, values)?.into_iter().collect())
 }
 
-/// Writes an array file of little-endian `f32` in C order, as NumPy itself would.
+/// Writes an array file of little-endian `f32` in C order, as `NumPy` itself would.
 ///
 /// # Errors
 /// [`FormatError::NotWritten`]; an earlier file of that name is then as it was.
-pub fn write_array(path: &Path, array: ArrayViewD<f32>) -> Result<(), FormatError> {
+pub fn write_array<D: Dimension>(path: &Path, array: ArrayView<f32, D>) -> Result<(), FormatError> {
+    let shape: Vec<u64> = array.shape().iter().map(|&axis| axis as u64).collect();
     write_safely(path, |writer| {
-        let shape: Vec<u64> = array.shape().iter().map(|&axis| axis as u64).collect();
-        let options =
-            npyz::WriteOptions::new().dtype("<f4".parse().map(npyz::DType::new_scalar).map_err(io::Error::other)?);
-        let mut values = options.shape(&shape).writer(writer).begin_nd()?;
-        values.extend(array.iter())?;
+        let element = "<f4".parse().map(npyz::DType::new_scalar).map_err(io::Error::other)?;
+        let mut values = npyz::WriteOptions::new().dtype(element).shape(&shape).writer(writer).begin_nd()?;
+        values.extend(array)?;
         values.finish()
     })
 }
@@ -180,14 +179,15 @@ mod tests {
         let path = folder.path().join("a.npy");
         let array =
             Array3::from_shape_fn((2, 3, 4), |(i, j, k)| (i as f32 - 0.1) * 3.0_f32.powi(j as i32) / (k as f32));
-        write_array(&path, array.view().into_dyn()).unwrap();
+        write_array(&path, array.view()).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         assert!(bytes.len() % 64 == (24 * 4) % 64 && String::from_utf8_lossy(&bytes).contains("'<f4'"));
         let back = read_array(&path).unwrap();
         assert_eq!(back.shape(), [2, 3, 4]);
         assert!(back.iter().zip(&array).all(|(a, b)| a.to_bits() == b.to_bits()));
-        let reversed = array.slice(ndarray::s![.., ..;-1, ..]);
-        write_array(&path, reversed.into_dyn()).unwrap();
+        let mut reversed = array.view();
+        reversed.invert_axis(ndarray::Axis(1));
+        write_array(&path, reversed).unwrap();
         assert!(read_array(&path).unwrap().iter().zip(reversed).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
 

@@ -1,13 +1,13 @@
-//! The header of a NumPy array file (NEP 1, versions 1 to 3).
+//! The header of a `NumPy` array file (NEP 1, versions 1 to 3).
 //!
 //! The header is a Python dictionary of three known keys, so a reader of just that text is enough: it takes neither
 //! nested values nor more than a fixed length, and so cannot be led to exhaust stack or memory.
 
 use std::io::Read;
 
-/// Longest header text taken, bytes; NumPy pads its own to 64 or 128.
+/// Longest header text taken, bytes; `NumPy` pads its own to 64 or 128.
 const LONGEST_HEADER_BYTES: u64 = 64 * 1024;
-/// NumPy's own limit on the number of axes.
+/// `NumPy`'s own limit on the number of axes.
 const MOST_AXES: usize = 64;
 
 /// Number type of one array element.

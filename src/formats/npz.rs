@@ -1,4 +1,4 @@
-//! Zip archives of NumPy arrays.
+//! Zip archives of `NumPy` arrays.
 
 use std::fs::File;
 use std::io::{BufReader, Read};

@@ -139,6 +139,9 @@ impl PixelStack {
     }
 
     /// Pictures as an array of shape (pages, rows, cols), in the counts of the file.
+    ///
+    /// # Panics
+    /// If there are not `pages * rows * cols` samples, which every reader sees to.
     pub fn into_array(self) -> Array3<f32> {
         Array3::from_shape_vec((self.pages, self.rows, self.cols), self.samples.into_f32())
             .expect("every reader fills pages * rows * cols samples")

@@ -1,4 +1,5 @@
 //! TIFF files of one or many pages.
+#![allow(clippy::needless_pass_by_value, reason = "array views are passed like slices")]
 
 use std::io::{self, BufReader, Seek, Write};
 use std::path::Path;
@@ -132,7 +133,7 @@ fn interleave(planes: &Samples, pixels: usize, channels: usize) -> Samples {
     )
 }
 
-/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF, as ImageJ and tifffile read it.
+/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF, as `ImageJ` and `tifffile` read it.
 ///
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written or there is no pixel.

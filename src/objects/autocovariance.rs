@@ -99,17 +99,19 @@ pub(super) fn summed_autocorrelation(
 
 /// The next length of only factors 2, 3 and 5.
 fn fast_length(length: usize) -> usize {
-    (length.max(1)..)
-        .find(|&candidate| {
-            let mut left = candidate;
-            for factor in [2, 3, 5] {
-                while left % factor == 0 {
-                    left /= factor;
-                }
+    let mut candidate = length.max(1);
+    loop {
+        let mut left = candidate;
+        for factor in [2, 3, 5] {
+            while left.is_multiple_of(factor) {
+                left /= factor;
             }
-            left == 1
-        })
-        .unwrap_or(length)
+        }
+        if left == 1 {
+            return candidate;
+        }
+        candidate += 1;
+    }
 }
 
 /// Makes an estimated autocovariance of shape `(2 L + 1, 2 L + 1)` that of a stationary process: repeated with its own

@@ -42,7 +42,7 @@ pub(super) enum BeadScale {
 pub(super) struct Beads {
     prior: BeadPrior,
     field: (usize, usize),
-    beads_per_plane: usize,
+    per_plane: usize,
     mean: f64,
     spot: Array2<f32>,
 }
@@ -81,7 +81,7 @@ impl Beads {
             spot: spot.mapv(|value| value as f32),
             prior: BeadPrior { probability, planes, spot, anchor: (RADIUS_PX, RADIUS_PX) },
             field,
-            beads_per_plane,
+            per_plane: beads_per_plane,
         })
     }
 
@@ -94,7 +94,7 @@ impl Beads {
     }
 
     pub(super) fn beads_per_plane(&self) -> usize {
-        self.beads_per_plane
+        self.per_plane
     }
 
     /// Expected photons per pixel, the loss at the border included.
@@ -105,7 +105,7 @@ impl Beads {
     /// Adds the beads of one plane to `plane`, which is zero.
     pub(super) fn draw(&self, generator: &mut impl Rng, mut plane: ArrayViewMut2<f32>) {
         let (rows, cols) = self.field;
-        for pixel in index::sample(generator, rows * cols, self.beads_per_plane) {
+        for pixel in index::sample(generator, rows * cols, self.per_plane) {
             let (row, col) = (pixel / cols, pixel % cols);
             for ((spot_row, spot_col), photons) in self.spot.indexed_iter() {
                 let target = ((row + spot_row).wrapping_sub(RADIUS_PX), (col + spot_col).wrapping_sub(RADIUS_PX));

@@ -104,7 +104,7 @@ impl Mosaic {
         let within = tile - 1;
         let images = self.places.len();
         let of_images = summed_autocorrelation(images, (tile, tile), within, |image, store| {
-            self.for_each_pixel(image, |row, col, photons| store(row, col, photons));
+            self.for_each_pixel(image, store);
         });
         let mean_tile = self.mean_tile();
         let of_mean = summed_autocorrelation(1, (tile, tile), within, |_, store| {

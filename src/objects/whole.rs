@@ -117,7 +117,8 @@ mod tests {
         let noise = Array2::from_shape_fn((402, 402), |_| generator.random::<f32>());
         let smooth: Vec<f32> = (0..400 * 400)
             .map(|pixel| {
-                noise.slice(ndarray::s![pixel / 400..pixel / 400 + 3, pixel % 400..pixel % 400 + 3]).sum() / 9.0
+                let box_of_9 = (0..9).map(|index| noise[[pixel / 400 + index / 3, pixel % 400 + index % 3]]);
+                box_of_9.sum::<f32>() / 9.0
             })
             .collect();
         let stack = PixelStack { pages: 1, rows: 400, cols: 400, samples: Samples::F32(smooth) };
