@@ -1,1 +1,31 @@
-//! formats.
+//! Array, picture and table files, and writing that never leaves half a file behind.
+//!
+//! Every reader checks what a header claims against the length of the file before it reserves memory, and returns a
+//! [`FormatError`] of one sentence for whatever it cannot read. Values are passed on as they are in the file (counts
+//! of the camera, NaN included); what they mean is decided by the caller.
+
+mod bytes;
+mod cifar;
+mod error;
+mod idx;
+mod npy;
+mod npy_header;
+mod npz;
+mod picture;
+mod samples;
+mod stack;
+mod tables;
+mod tiff_pages;
+mod write;
+
+pub use cifar::read_cifar;
+pub use error::FormatError;
+pub use idx::read_idx;
+pub use npy::{read_array, write_array};
+pub use npz::{read_npz, read_npz_f64};
+pub use picture::{read_grey, write_png_rgb, write_png8, write_png16};
+pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
+pub use stack::{read_picture_or_array, read_stack};
+pub use tables::{read_json, write_csv, write_json};
+pub use tiff_pages::{read_pages, write_tiff};
+pub use write::write_safely;

@@ -1,0 +1,101 @@
+//! What can be wrong with a file, told in one sentence.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A file that could not be read or written. The text is `PATH: expected X, found Y; WHAT TO DO`.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// There is no file of this name.
+    #[error("{}: expected a file, found nothing; check the name and the folder", .path.display())]
+    NotFound {
+        /// The name that was asked for.
+        path: PathBuf,
+    },
+    /// The system refused to read the file.
+    #[error("{}: expected to read the file, found \"{source}\"; check its permissions and the disk", .path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file can be read but does not hold what its name or header promises.
+    #[error("{}: expected {expected}, found {found}; {advice}", .path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What the reader needed at this place.
+        expected: String,
+        /// What the file holds instead.
+        found: String,
+        /// What the user can do.
+        advice: String,
+    },
+    /// The file was not written; an earlier file of that name is as it was.
+    #[error("{}: expected to write the file, found \"{source}\"; {advice}", .path.display())]
+    NotWritten {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+        /// What the user can do.
+        advice: String,
+    },
+}
+
+impl FormatError {
+    /// The file this is about.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::NotFound { path }
+            | Self::Unreadable { path, .. }
+            | Self::Malformed { path, .. }
+            | Self::NotWritten { path, .. } => path,
+        }
+    }
+
+    /// A [`FormatError::Malformed`] for `path`.
+    pub fn malformed(
+        path: &Path,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Self {
+        Self::Malformed {
+            path: path.to_path_buf(),
+            expected: expected.into(),
+            // Messages of decoders may run over several lines; this one is a sentence.
+            found: found.into().split_whitespace().collect::<Vec<_>>().join(" "),
+            advice: advice.into(),
+        }
+    }
+
+    /// The error of a failed read: a missing file and a damaged one are told apart from a failing disk.
+    pub(crate) fn from_read(path: &Path, source: io::Error) -> Self {
+        match source.kind() {
+            io::ErrorKind::NotFound => Self::NotFound { path: path.to_path_buf() },
+            io::ErrorKind::UnexpectedEof => {
+                Self::malformed(path, "more data", "the end of the file", "the file is cut short; copy it again")
+            }
+            io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => {
+                Self::malformed(path, "undamaged data", source.to_string(), "copy or download the file again")
+            }
+            _ => Self::Unreadable { path: path.to_path_buf(), source },
+        }
+    }
+
+    /// The error of a failed write, with advice for the usual causes.
+    pub(crate) fn from_write(path: &Path, source: io::Error) -> Self {
+        let advice = match source.kind() {
+            io::ErrorKind::NotFound => "make the folder first or choose another",
+            io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+                "choose a file and folder that you may write"
+            }
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space or choose another disk",
+            io::ErrorKind::InvalidInput => "correct what is to be written",
+            _ => "choose another file name or folder",
+        };
+        Self::NotWritten { path: path.to_path_buf(), source, advice: advice.into() }
+    }
+}

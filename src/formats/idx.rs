@@ -1,0 +1,158 @@
+//! IDX image files, plain or gzipped (`LeCun`, Cortes and Burges, the MNIST database).
+
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use flate2::read::MultiGzDecoder;
+
+use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, magic, open, read_values};
+use super::{FormatError, PixelStack, Samples};
+
+const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
+
+/// Reads IDX images of shape (pages, rows, cols), plain or gzipped; unsigned bytes keep their width.
+///
+/// # Errors
+/// [`FormatError`] if the file is missing, damaged, or holds anything but three axes (labels, say), or if its length
+/// is not the one its header gives.
+pub fn read_idx(path: &Path) -> Result<PixelStack, FormatError> {
+    let is_packed = magic::<2>(path)? == [0x1f, 0x8b];
+    let (file, length) = open(path)?;
+    if is_packed {
+        let most = length.saturating_mul(DEFLATE_RATIO).min(LARGEST_UNPACKED_BYTES);
+        read(path, &mut BufReader::new(MultiGzDecoder::new(BufReader::new(file))), most, false)
+    } else {
+        read(path, &mut BufReader::new(file), length, true)
+    }
+}
+
+fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) -> Result<PixelStack, FormatError> {
+    let malformed = |expected: &str, found: String| FormatError::malformed(path, expected, found, ADVICE);
+    let mut start = [0; 16];
+    reader.read_exact(&mut start).map_err(|error| FormatError::from_read(path, error))?;
+    let [zero, also_zero, kind, axes] = [start[0], start[1], start[2], start[3]];
+    if (zero, also_zero) != (0, 0) {
+        return Err(malformed("an IDX file", format!("the first bytes {:02x?}", &start[..4])));
+    }
+    if axes != 3 {
+        return Err(malformed("IDX images (3 axes)", format!("{axes} axes")));
+    }
+    let axis = |index: usize| u32::from_be_bytes([0, 1, 2, 3].map(|byte| start[4 * index + byte])) as usize;
+    let (pages, rows, cols) = (axis(1), axis(2), axis(3));
+    let width = match kind {
+        0x08 | 0x09 => 1,
+        0x0B => 2,
+        0x0C | 0x0D => 4,
+        0x0E => 8,
+        _ => return Err(malformed("an IDX number type (08, 09, 0b, 0c, 0d, 0e)", format!("{kind:02x}"))),
+    };
+    let count = pages.checked_mul(rows).and_then(|product| product.checked_mul(cols));
+    let bytes = count.and_then(|count| count.checked_mul(width)).and_then(|bytes| u64::try_from(bytes).ok());
+    let (Some(count), Some(bytes)) = (count, bytes) else {
+        return Err(malformed("images that fit into memory", format!("{pages} of {rows} x {cols} px")));
+    };
+    if bytes > most.saturating_sub(16) {
+        return Err(malformed(
+            "a file as long as its header says",
+            format!("{pages} images of {rows} x {cols} px in too few bytes"),
+        ));
+    }
+    let samples = match kind {
+        0x08 => read_values(reader, count, 1, length_is_certain, |bytes| bytes[0]).map(Samples::U8),
+        0x09 => read_values(reader, count, 1, length_is_certain, |bytes| f32::from(bytes[0].cast_signed()))
+            .map(Samples::F32),
+        0x0B => read_values(reader, count, 2, length_is_certain, |bytes| {
+            f32::from(i16::from_be_bytes([bytes[0], bytes[1]]))
+        })
+        .map(Samples::F32),
+        0x0C => read_values(reader, count, 4, length_is_certain, |bytes| i32::from_be_bytes(four(bytes)) as f32)
+            .map(Samples::F32),
+        0x0D => {
+            read_values(reader, count, 4, length_is_certain, |bytes| f32::from_be_bytes(four(bytes))).map(Samples::F32)
+        }
+        _ => read_values(reader, count, 8, length_is_certain, |bytes| {
+            let mut value = [0; 8];
+            value.copy_from_slice(bytes);
+            f64::from_be_bytes(value) as f32
+        })
+        .map(Samples::F32),
+    }
+    .map_err(|error| FormatError::from_read(path, error))?;
+    // One byte more tells a longer file, and makes a packed one compare its check sum.
+    match reader.read(&mut [0]) {
+        Ok(0) => Ok(PixelStack { pages, rows, cols, samples }),
+        Ok(_) => Err(malformed("a file as long as its header says", format!("more than {} bytes", bytes + 16))),
+        Err(error) => Err(FormatError::from_read(path, error)),
+    }
+}
+
+fn four(bytes: &[u8]) -> [u8; 4] {
+    [bytes[0], bytes[1], bytes[2], bytes[3]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn saved(bytes: &[u8]) -> tempfile::NamedTempFile {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        file.write_all(bytes).unwrap();
+        file
+    }
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        packer.write_all(bytes).unwrap();
+        packer.finish().unwrap()
+    }
+
+    fn header(kind: u8, pages: u32, rows: u32, cols: u32) -> Vec<u8> {
+        [&[0, 0, kind, 3][..], &pages.to_be_bytes(), &rows.to_be_bytes(), &cols.to_be_bytes()].concat()
+    }
+
+    #[test]
+    fn plain_and_packed_files_hold_the_same_images() {
+        let bytes = [header(8, 2, 2, 3), (0..12).collect()].concat();
+        let plain = read_idx(saved(&bytes).path()).unwrap();
+        assert_eq!((plain.pages, plain.rows, plain.cols), (2, 2, 3));
+        assert_eq!(plain.samples, Samples::U8((0..12).collect()));
+        assert_eq!(read_idx(saved(&gzip(&bytes)).path()).unwrap(), plain);
+        assert_eq!(plain.picture(1)[[1, 2]].to_bits(), 11.0_f32.to_bits());
+    }
+
+    #[test]
+    fn the_other_number_types_are_big_endian() {
+        for (kind, data) in [
+            (0x09, (-3_i8).to_be_bytes().to_vec()),
+            (0x0B, (-3_i16).to_be_bytes().to_vec()),
+            (0x0C, (-3_i32).to_be_bytes().to_vec()),
+            (0x0D, (-3.0_f32).to_be_bytes().to_vec()),
+            (0x0E, (-3.0_f64).to_be_bytes().to_vec()),
+        ] {
+            let image = read_idx(saved(&[header(kind, 1, 1, 1), data].concat()).path()).unwrap();
+            assert_eq!(image.samples, Samples::F32(vec![-3.0]), "{kind:02x}");
+        }
+    }
+
+    #[test]
+    fn wrong_lengths_and_bombs_are_refused() {
+        let zeros = vec![0; 1 << 22];
+        for (bytes, expected) in [
+            ([header(8, 2, 2, 3), vec![0; 11]].concat(), "too few bytes"),
+            ([header(8, 2, 2, 3), vec![0; 13]].concat(), "more than 28 bytes"),
+            (gzip(&[header(8, 1, 2, 2), zeros].concat()), "more than 20 bytes"),
+            (gzip(&header(8, u32::MAX, 2000, 2000)), "too few bytes"),
+            (header(8, u32::MAX, u32::MAX, u32::MAX), "fit into memory"),
+            ([&[0, 0, 8, 1][..], &[0; 12]].concat(), "1 axes"),
+            (b"P5 28 28 255 and more".to_vec(), "an IDX file"),
+        ] {
+            let error = read_idx(saved(&bytes).path()).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+        let mut packed = gzip(&[header(8, 1, 2, 2), vec![1, 2, 3, 4]].concat());
+        let check_sum = packed.len() - 8;
+        packed[check_sum] ^= 1;
+        assert!(read_idx(saved(&packed).path()).is_err());
+    }
+}

@@ -1,0 +1,201 @@
+//! `NumPy` array files.
+
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
+use npyz::WriterBuilder;
+
+use super::bytes::{open, read_values};
+use super::npy_header::{Element, Mismatch, NpyHeader};
+use super::{FormatError, Samples, write_safely};
+
+const ADVICE: &str = "write the array again with numpy.save";
+
+/// Reads an array file (NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C or
+/// Fortran order) as `f32`. NaN and infinities are passed on.
+///
+/// # Errors
+/// [`FormatError`] if the file is missing, is not NPY, is cut short or holds another number type.
+pub fn read_array(path: &Path) -> Result<ArrayD<f32>, FormatError> {
+    let (file, length) = open(path)?;
+    let mut reader = BufReader::new(file);
+    let header = header(path, &mut reader, length)?;
+    let values = values(&header, &mut reader, true, |value| value as f32);
+    arrange(path, &header, values)
+}
+
+/// Reads an array file in the number type of the file, row-major, with its shape.
+pub(super) fn read_samples(path: &Path) -> Result<(Vec<usize>, Samples), FormatError> {
+    let (file, length) = open(path)?;
+    let mut reader = BufReader::new(file);
+    let header = header(path, &mut reader, length)?;
+    samples(path, header, &mut reader, true)
+}
+
+pub(super) fn samples(
+    path: &Path,
+    header: NpyHeader,
+    reader: &mut dyn Read,
+    length_is_certain: bool,
+) -> Result<(Vec<usize>, Samples), FormatError> {
+    let samples = match header.element {
+        Element::U8 => {
+            let values = read_values(reader, header.count, 1, length_is_certain, |bytes| bytes[0]);
+            Samples::U8(row_major(path, &header, values)?)
+        }
+        Element::U16 => {
+            let values = values(&header, reader, length_is_certain, |value| value as u16);
+            Samples::U16(row_major(path, &header, values)?)
+        }
+        _ => {
+            let values = values(&header, reader, length_is_certain, |value| value as f32);
+            Samples::F32(row_major(path, &header, values)?)
+        }
+    };
+    Ok((header.shape, samples))
+}
+
+/// Reads a header at the start of `available` bytes.
+pub(super) fn header(path: &Path, reader: &mut dyn Read, available: u64) -> Result<NpyHeader, FormatError> {
+    NpyHeader::read(reader, available)
+        .map_err(|(expected, found): Mismatch| FormatError::malformed(path, expected, found, ADVICE))
+}
+
+/// Reads the elements behind a header.
+pub(super) fn values<T>(
+    header: &NpyHeader,
+    reader: &mut dyn Read,
+    length_is_certain: bool,
+    convert: impl Fn(f64) -> T,
+) -> io::Result<Vec<T>> {
+    read_values(reader, header.count, header.element.width(), length_is_certain, |bytes| convert(header.value(bytes)))
+}
+
+/// Gives elements the shape of their header, in C order.
+pub(super) fn arrange<T: Clone>(
+    path: &Path,
+    header: &NpyHeader,
+    values: io::Result<Vec<T>>,
+) -> Result<ArrayD<T>, FormatError> {
+    let values = values.map_err(|error| FormatError::from_read(path, error))?;
+    let shape = IxDyn(&header.shape).set_f(header.fortran_order);
+    let array = ArrayD::from_shape_vec(shape, values).map_err(|error| {
+        FormatError::malformed(path, "an array that fits into memory", format!("{:?}: {error}", header.shape), ADVICE)
+    })?;
+    Ok(if header.fortran_order { array.as_standard_layout().into_owned() } else { array })
+}
+
+fn row_major<T: Clone>(path: &Path, header: &NpyHeader, values: io::Result<Vec<T>>) -> Result<Vec<T>, FormatError> {
+    if !header.fortran_order {
+        return values.map_err(|error| FormatError::from_read(path, error));
+    }
+    Ok(arrange(path, header, values)?.into_iter().collect())
+}
+
+/// Writes an array file of little-endian `f32` in C order, as `NumPy` itself would.
+///
+/// # Errors
+/// [`FormatError::NotWritten`]; an earlier file of that name is then as it was.
+pub fn write_array<D: Dimension>(path: &Path, array: ArrayView<f32, D>) -> Result<(), FormatError> {
+    let shape: Vec<u64> = array.shape().iter().map(|&axis| axis as u64).collect();
+    write_safely(path, |writer| {
+        let element = "<f4".parse().map(npyz::DType::new_scalar).map_err(io::Error::other)?;
+        let mut values = npyz::WriteOptions::new().dtype(element).shape(&shape).writer(writer).begin_nd()?;
+        values.extend(array)?;
+        values.finish()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::{Array3, arr2};
+
+    fn file(descr: &str, fortran: &str, shape: &str, data: &[u8], version: u8) -> tempfile::NamedTempFile {
+        let text = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
+        let mut bytes = [b"\x93NUMPY".as_slice(), &[version, 0]].concat();
+        if version == 1 {
+            bytes.extend((text.len() as u16).to_le_bytes());
+        } else {
+            bytes.extend((text.len() as u32).to_le_bytes());
+        }
+        bytes.extend(text.as_bytes());
+        bytes.extend(data);
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        file
+    }
+
+    #[test]
+    fn every_type_and_byte_order_gives_the_same_numbers() {
+        let numbers = [0_i8, 1, 100, 7, 5, 3];
+        macro_rules! data {
+            ($type:ty, $order:ident) => {
+                numbers.iter().flat_map(|&number| (number as $type).$order()).collect::<Vec<u8>>()
+            };
+        }
+        let cases = [
+            ("|u1", data!(u8, to_le_bytes)),
+            ("|i1", data!(i8, to_le_bytes)),
+            ("<u2", data!(u16, to_le_bytes)),
+            (">u2", data!(u16, to_be_bytes)),
+            ("<i2", data!(i16, to_le_bytes)),
+            (">i2", data!(i16, to_be_bytes)),
+            ("<u4", data!(u32, to_le_bytes)),
+            (">u4", data!(u32, to_be_bytes)),
+            (">i4", data!(i32, to_be_bytes)),
+            ("<u8", data!(u64, to_le_bytes)),
+            (">i8", data!(i64, to_be_bytes)),
+            ("<f4", data!(f32, to_le_bytes)),
+            (">f4", data!(f32, to_be_bytes)),
+            ("<f8", data!(f64, to_le_bytes)),
+            (">f8", data!(f64, to_be_bytes)),
+        ];
+        for (version, (descr, data)) in [1, 2, 3].into_iter().cycle().zip(cases) {
+            let array = read_array(file(descr, "False", "(2, 3)", &data, version).path()).unwrap();
+            assert_eq!(array, arr2(&[[0.0, 1.0, 100.0], [7.0, 5.0, 3.0]]).into_dyn(), "{descr}");
+            let array = read_array(file(descr, "True", "(3, 2)", &data, version).path()).unwrap();
+            assert_eq!(array, arr2(&[[0.0, 7.0], [1.0, 5.0], [100.0, 3.0]]).into_dyn(), "{descr}");
+            assert!(array.is_standard_layout());
+        }
+        let signed = read_array(file(">i2", "False", "(2,)", &[0xff, 0xfe, 0x80, 0x00], 1).path()).unwrap();
+        assert_eq!(signed.as_slice().unwrap(), [-2.0, -32768.0]);
+        let flags = read_array(file("|b1", "False", "(3,)", &[0, 1, 2], 1).path()).unwrap();
+        assert_eq!(flags.as_slice().unwrap(), [0.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn counts_keep_their_type_and_fortran_order_is_undone() {
+        let (shape, samples) = read_samples(file("|u1", "True", "(2, 3)", &[1, 2, 3, 4, 5, 6], 1).path()).unwrap();
+        assert_eq!((shape, samples), (vec![2, 3], Samples::U8(vec![1, 3, 5, 2, 4, 6])));
+        let (_, samples) = read_samples(file(">u2", "False", "(2,)", &[1, 0, 0, 2], 2).path()).unwrap();
+        assert_eq!(samples, Samples::U16(vec![256, 2]));
+    }
+
+    #[test]
+    fn what_is_written_reads_back_bit_for_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let array =
+            Array3::from_shape_fn((2, 3, 4), |(i, j, k)| (i as f32 - 0.1) * 3.0_f32.powi(j as i32) / (k as f32));
+        write_array(&path, array.view()).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(bytes.len() % 64 == (24 * 4) % 64 && String::from_utf8_lossy(&bytes).contains("'<f4'"));
+        let back = read_array(&path).unwrap();
+        assert_eq!(back.shape(), [2, 3, 4]);
+        assert!(back.iter().zip(&array).all(|(a, b)| a.to_bits() == b.to_bits()));
+        let mut reversed = array.view();
+        reversed.invert_axis(ndarray::Axis(1));
+        write_array(&path, reversed).unwrap();
+        assert!(read_array(&path).unwrap().iter().zip(reversed).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+
+    #[test]
+    fn a_short_file_is_told_before_memory_is_reserved() {
+        let error = read_array(file("<f8", "False", "(1000000, 1000000)", &[0; 16], 1).path()).unwrap_err().to_string();
+        assert!(error.contains("8000000000000 bytes") && error.contains("16 bytes"), "{error}");
+        let error = read_array(file("<f4", "False", "(0, 18446744073709551615)", &[], 1).path()).unwrap_err();
+        assert!(error.to_string().contains("memory"), "{error}");
+    }
+}

@@ -1,0 +1,288 @@
+//! The header of a `NumPy` array file (NEP 1, versions 1 to 3).
+//!
+//! The header is a Python dictionary of three known keys, so a reader of just that text is enough: it takes neither
+//! nested values nor more than a fixed length, and so cannot be led to exhaust stack or memory.
+
+use std::io::Read;
+
+/// Longest header text taken, bytes; `NumPy` pads its own to 64 or 128.
+const LONGEST_HEADER_BYTES: u64 = 64 * 1024;
+/// `NumPy`'s own limit on the number of axes.
+const MOST_AXES: usize = 64;
+
+/// Number type of one array element.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Element {
+    Bool,
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl Element {
+    /// Bytes of one element.
+    pub(super) fn width(self) -> usize {
+        match self {
+            Self::Bool | Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+
+    fn from_descr(kind: &str) -> Option<Self> {
+        Some(match kind {
+            "b1" => Self::Bool,
+            "u1" => Self::U8,
+            "i1" => Self::I8,
+            "u2" => Self::U16,
+            "i2" => Self::I16,
+            "u4" => Self::U32,
+            "i4" => Self::I32,
+            "u8" => Self::U64,
+            "i8" => Self::I64,
+            "f4" => Self::F32,
+            "f8" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// The value of the little-endian bytes of one element (eight bytes, the unused ones zero).
+    pub(super) fn value(self, bytes: [u8; 8]) -> f64 {
+        let [a, b, c, d, ..] = bytes;
+        match self {
+            Self::Bool => f64::from(u8::from(a != 0)),
+            Self::U8 => f64::from(a),
+            Self::I8 => f64::from(a.cast_signed()),
+            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Self::U64 => u64::from_le_bytes(bytes) as f64,
+            Self::I64 => i64::from_le_bytes(bytes) as f64,
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::F64 => f64::from_le_bytes(bytes),
+        }
+    }
+}
+
+/// What the header says about the array behind it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct NpyHeader {
+    pub(super) element: Element,
+    pub(super) big_endian: bool,
+    pub(super) fortran_order: bool,
+    pub(super) shape: Vec<usize>,
+    /// Number of elements, the product of `shape`.
+    pub(super) count: usize,
+}
+
+/// What was expected and what was found instead.
+pub(super) type Mismatch = (String, String);
+
+fn mismatch(expected: impl Into<String>, found: impl Into<String>) -> Mismatch {
+    (expected.into(), found.into())
+}
+
+impl NpyHeader {
+    /// Reads a header from the start of an array of `available` bytes, header included, and checks that the elements
+    /// it promises fit into the rest.
+    pub(super) fn read(reader: &mut dyn Read, available: u64) -> Result<Self, Mismatch> {
+        let cut = |_| mismatch("a complete NPY header", "the end of the file");
+        let mut start = [0; 8];
+        reader.read_exact(&mut start).map_err(cut)?;
+        if &start[..6] != b"\x93NUMPY" {
+            return Err(mismatch("an NPY file", format!("the first bytes {:02x?}", &start[..6])));
+        }
+        let (length, before) = match start[6] {
+            1 => {
+                let mut length = [0; 2];
+                reader.read_exact(&mut length).map_err(cut)?;
+                (u64::from(u16::from_le_bytes(length)), 10)
+            }
+            2 | 3 => {
+                let mut length = [0; 4];
+                reader.read_exact(&mut length).map_err(cut)?;
+                (u64::from(u32::from_le_bytes(length)), 12)
+            }
+            version => return Err(mismatch("NPY version 1, 2 or 3", format!("version {version}"))),
+        };
+        if length > LONGEST_HEADER_BYTES || before + length > available {
+            return Err(mismatch("an NPY header within the file", format!("one of {length} bytes")));
+        }
+        let mut text = vec![0; length as usize];
+        reader.read_exact(&mut text).map_err(cut)?;
+        let header = Self::parse(&text)?;
+        let bytes = header.count as u64 * header.element.width() as u64;
+        let left = available - before - length;
+        if bytes > left {
+            return Err(mismatch(format!("{bytes} bytes for shape {:?}", header.shape), format!("{left} bytes")));
+        }
+        Ok(header)
+    }
+
+    fn parse(text: &[u8]) -> Result<Self, Mismatch> {
+        let mut text = Text { left: text };
+        let (mut descr, mut fortran_order, mut shape) = (None, None, None);
+        text.take(b'{')?;
+        while !text.skip(b'}') {
+            let key = text.string()?;
+            text.take(b':')?;
+            match key.as_str() {
+                "descr" => descr = Some(text.string()?),
+                "fortran_order" => fortran_order = Some(text.boolean()?),
+                "shape" => shape = Some(text.shape()?),
+                _ => return Err(mismatch("the keys descr, fortran_order and shape", format!("the key {key:?}"))),
+            }
+            if !text.skip(b',') {
+                text.take(b'}')?;
+                break;
+            }
+        }
+        let missing = |key: &str| mismatch(format!("the key {key} in the NPY header"), "a header without it");
+        let descr = descr.ok_or_else(|| missing("descr"))?;
+        let fortran_order = fortran_order.ok_or_else(|| missing("fortran_order"))?;
+        let shape = shape.ok_or_else(|| missing("shape"))?;
+        let unknown =
+            || mismatch("8- to 64-bit integers, 32- or 64-bit floats or booleans", format!("number type {descr:?}"));
+        let big_endian = match descr.as_bytes().first() {
+            Some(b'<' | b'|') => false,
+            Some(b'=') => cfg!(target_endian = "big"),
+            Some(b'>') => true,
+            _ => return Err(unknown()),
+        };
+        let element = Element::from_descr(&descr[1..]).ok_or_else(unknown)?;
+        let too_large = || mismatch("an array that fits into memory", format!("shape {shape:?}"));
+        let count = shape.iter().try_fold(1_usize, |product, &axis| product.checked_mul(axis)).ok_or_else(too_large)?;
+        count.checked_mul(element.width()).ok_or_else(too_large)?;
+        Ok(Self { element, big_endian, fortran_order, shape, count })
+    }
+
+    /// The element of these bytes in the byte order of the file.
+    pub(super) fn value(&self, bytes: &[u8]) -> f64 {
+        let mut element = [0; 8];
+        element[..bytes.len()].copy_from_slice(bytes);
+        if self.big_endian {
+            element[..bytes.len()].reverse();
+        }
+        self.element.value(element)
+    }
+}
+
+/// The header text that is not yet read.
+struct Text<'a> {
+    left: &'a [u8],
+}
+
+impl Text<'_> {
+    fn trim(&mut self) {
+        self.left = self.left.trim_ascii_start();
+    }
+
+    fn found(&self) -> String {
+        match self.left {
+            [] => "the end of the header".into(),
+            left => format!("{:?}", String::from_utf8_lossy(&left[..left.len().min(20)])),
+        }
+    }
+
+    fn skip(&mut self, byte: u8) -> bool {
+        self.trim();
+        let is_next = self.left.first() == Some(&byte);
+        if is_next {
+            self.left = &self.left[1..];
+        }
+        is_next
+    }
+
+    fn take(&mut self, byte: u8) -> Result<(), Mismatch> {
+        if self.skip(byte) {
+            return Ok(());
+        }
+        Err(mismatch(format!("{:?} in the NPY header", char::from(byte)), self.found()))
+    }
+
+    fn string(&mut self) -> Result<String, Mismatch> {
+        self.trim();
+        let wanted = |text: &Self| mismatch("quoted text in the NPY header", text.found());
+        let quote = *self.left.first().filter(|&&byte| byte == b'\'' || byte == b'"').ok_or_else(|| wanted(self))?;
+        let length = self.left[1..].iter().position(|&byte| byte == quote).ok_or_else(|| wanted(self))?;
+        let string = String::from_utf8_lossy(&self.left[1..=length]).into_owned();
+        self.left = &self.left[length + 2..];
+        // Everything these headers quote is plain text; this also makes cutting off the first byte safe.
+        if string.is_ascii() { Ok(string) } else { Err(wanted(self)) }
+    }
+
+    fn boolean(&mut self) -> Result<bool, Mismatch> {
+        self.trim();
+        for (word, value) in [("True", true), ("False", false)] {
+            if let Some(left) = self.left.strip_prefix(word.as_bytes()) {
+                self.left = left;
+                return Ok(value);
+            }
+        }
+        Err(mismatch("True or False in the NPY header", self.found()))
+    }
+
+    fn shape(&mut self) -> Result<Vec<usize>, Mismatch> {
+        self.take(b'(')?;
+        let mut shape = Vec::new();
+        while !self.skip(b')') {
+            self.trim();
+            let digits = self.left.iter().take_while(|byte| byte.is_ascii_digit()).count();
+            let axis = std::str::from_utf8(&self.left[..digits]).ok().and_then(|digits| digits.parse().ok());
+            let axis = axis.ok_or_else(|| mismatch("the length of an axis in the NPY header", self.found()))?;
+            if shape.len() == MOST_AXES {
+                return Err(mismatch(format!("at most {MOST_AXES} axes"), "more"));
+            }
+            shape.push(axis);
+            self.left = &self.left[digits..];
+            // Python 2 wrote long integers with this suffix.
+            self.left = self.left.strip_prefix(b"L").unwrap_or(self.left);
+            if !self.skip(b',') {
+                self.take(b')')?;
+                break;
+            }
+        }
+        Ok(shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numpy_headers_are_understood() {
+        let header = NpyHeader::parse(b"{'descr': '>i2', 'fortran_order': True, 'shape': (3, 4), }      \n").unwrap();
+        assert_eq!((header.element, header.big_endian, header.fortran_order), (Element::I16, true, true));
+        assert_eq!((header.shape, header.count), (vec![3, 4], 12));
+        let scalar = NpyHeader::parse(b"{\"shape\":(),\"descr\":\"|b1\",\"fortran_order\":False}").unwrap();
+        assert_eq!((scalar.shape, scalar.count), (vec![], 1));
+        assert_eq!(NpyHeader::parse(b"{'descr':'<f8','fortran_order':False,'shape':(5L,)}").unwrap().shape, [5]);
+    }
+
+    #[test]
+    fn foreign_or_hostile_headers_are_refused() {
+        for (text, expected) in [
+            (&b""[..], "'{'"),
+            (b"{'descr': '<f4', 'fortran_order': False}", "the key shape"),
+            (b"{'descr': '<c8', 'fortran_order': False, 'shape': (1,)}", "floats or booleans"),
+            (b"{'descr': '', 'fortran_order': False, 'shape': (1,)}", "floats or booleans"),
+            (b"{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1,)}", "quoted text"),
+            (b"{'descr': '<f4', 'fortran_order': False, 'shape': (-1,)}", "length of an axis"),
+            (b"{'descr': '<f4', 'fortran_order': False, 'shape': (4294967296, 4294967296)}", "fits into memory"),
+            (b"{'descr': '<f8', 'fortran_order': False, 'shape': (4611686018427387904,)}", "fits into memory"),
+        ] {
+            let (told, _) = NpyHeader::parse(text).unwrap_err();
+            assert!(told.contains(expected), "{told}");
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Zip archives of `NumPy` arrays.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use ndarray::ArrayD;
+use npyz::zip::ZipArchive;
+use npyz::zip::read::ZipFile;
+
+use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, open};
+use super::npy::{arrange, header, samples, values};
+use super::{FormatError, Samples};
+
+const ADVICE: &str = "write the archive again with numpy.savez";
+/// Most array names an error lists.
+const LISTED_NAMES: usize = 12;
+
+/// Reads one array of an archive as `f32`: the one called `name`, or the only one.
+///
+/// # Errors
+/// [`FormatError`] if the archive is missing or damaged, if it has no array of that name, or if `name` is `None` and
+/// there are several; the names are then listed.
+pub fn read_npz(path: &Path, name: Option<&str>) -> Result<ArrayD<f32>, FormatError> {
+    with_array(path, name, |entry, length| {
+        let header = header(path, entry, length)?;
+        arrange(path, &header, values(&header, entry, false, |value| value as f32))
+    })
+}
+
+/// [`read_npz`] without rounding to `f32`, for reference values.
+pub fn read_npz_f64(path: &Path, name: Option<&str>) -> Result<ArrayD<f64>, FormatError> {
+    with_array(path, name, |entry, length| {
+        let header = header(path, entry, length)?;
+        arrange(path, &header, values(&header, entry, false, |value| value))
+    })
+}
+
+/// The only array of an archive, in the number type of the file, with its shape.
+pub(super) fn read_samples(path: &Path) -> Result<(Vec<usize>, Samples), FormatError> {
+    with_array(path, None, |entry, length| {
+        let header = header(path, entry, length)?;
+        samples(path, header, entry, false)
+    })
+}
+
+/// Finds the entry, checks what it claims to unpack to, reads it and lets the archive check its sum.
+fn with_array<T>(
+    path: &Path,
+    name: Option<&str>,
+    read: impl FnOnce(&mut dyn Read, u64) -> Result<T, FormatError>,
+) -> Result<T, FormatError> {
+    let (file, _) = open(path)?;
+    let damaged = |error: npyz::zip::result::ZipError| {
+        FormatError::malformed(path, "a zip archive of NumPy arrays", error.to_string(), ADVICE)
+    };
+    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(damaged)?;
+    let entry_name = choose(path, &archive, name)?;
+    let mut entry = archive.by_name(&entry_name).map_err(damaged)?;
+    let length = claimed_length(path, &entry)?;
+    let array = read(&mut entry, length)?;
+    // The check sum is compared at the end of the entry, wherever the array ends.
+    std::io::copy(&mut entry.by_ref().take(length), &mut std::io::sink())
+        .map_err(|error| FormatError::from_read(path, error))?;
+    Ok(array)
+}
+
+fn claimed_length(path: &Path, entry: &ZipFile<'_>) -> Result<u64, FormatError> {
+    let (packed, unpacked) = (entry.compressed_size(), entry.size());
+    let most = packed.saturating_mul(DEFLATE_RATIO).min(LARGEST_UNPACKED_BYTES);
+    if unpacked > most {
+        let found = format!("one that claims {unpacked} bytes");
+        return Err(FormatError::malformed(path, format!("an array of at most {most} bytes"), found, ADVICE));
+    }
+    Ok(unpacked)
+}
+
+fn choose(path: &Path, archive: &ZipArchive<BufReader<File>>, name: Option<&str>) -> Result<String, FormatError> {
+    let mut names: Vec<&str> = archive.file_names().filter_map(|entry| entry.strip_suffix(".npy")).collect();
+    names.sort_unstable();
+    let wanted = match (name, names.as_slice()) {
+        (Some(name), _) if names.contains(&name) => return Ok(format!("{name}.npy")),
+        (None, [only]) => return Ok(format!("{only}.npy")),
+        (Some(name), _) => format!("an array called {name:?}"),
+        (None, _) => "exactly one array".into(),
+    };
+    let more = if names.len() > LISTED_NAMES { " and more" } else { "" };
+    let found = match names.as_slice() {
+        [] => "no array".into(),
+        names => format!("{}{more}", names[..names.len().min(LISTED_NAMES)].join(", ")),
+    };
+    Err(FormatError::malformed(path, wanted, found, "name one of the arrays or save it alone with numpy.save"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    use npyz::zip::{CompressionMethod, ZipWriter, write::FileOptions};
+
+    fn array(values: &[f64]) -> Vec<u8> {
+        let text = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({},), }}", values.len());
+        let mut bytes = [b"\x93NUMPY\x01\x00".as_slice(), &(text.len() as u16).to_le_bytes(), text.as_bytes()].concat();
+        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        bytes
+    }
+
+    fn archive(entries: &[(&str, &[f64])], method: CompressionMethod) -> tempfile::NamedTempFile {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let mut zip = ZipWriter::new(file.reopen().unwrap());
+        for (name, values) in entries {
+            zip.start_file(format!("{name}.npy"), FileOptions::default().compression_method(method)).unwrap();
+            zip.write_all(&array(values)).unwrap();
+        }
+        zip.finish().unwrap();
+        file
+    }
+
+    #[test]
+    fn one_array_needs_no_name_and_several_are_listed() {
+        let third = 1.0 / 3.0;
+        for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
+            let one = archive(&[("psf", &[third, 2.0])], method);
+            assert_eq!(read_npz_f64(one.path(), None).unwrap().as_slice().unwrap(), [third, 2.0]);
+            assert_eq!(read_npz(one.path(), Some("psf")).unwrap()[[0]].to_bits(), (third as f32).to_bits());
+            let two = archive(&[("psf", &[1.0]), ("objects/a", &[2.0])], method);
+            assert_eq!(read_npz(two.path(), Some("objects/a")).unwrap().as_slice().unwrap(), [2.0]);
+            let error = read_npz(two.path(), None).unwrap_err().to_string();
+            assert!(error.contains("objects/a, psf"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_flipped_byte_is_found_by_the_check_sum() {
+        let one = archive(&[("a", &[1.0, 2.0, 3.0])], CompressionMethod::Stored);
+        let mut bytes = std::fs::read(one.path()).unwrap();
+        let header_end = bytes.windows(4).position(|window| window == b"), }").unwrap();
+        bytes[header_end + 10] ^= 1;
+        std::fs::write(one.path(), bytes).unwrap();
+        assert!(read_npz(one.path(), None).unwrap_err().to_string().contains("checksum"));
+    }
+}

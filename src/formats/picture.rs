@@ -1,0 +1,198 @@
+//! Single pictures: PNG, JPEG and BMP in, PNG out.
+#![allow(clippy::needless_pass_by_value, reason = "array views are passed like slices")]
+
+use std::io::{self, BufReader};
+use std::path::Path;
+
+use image::codecs::png::PngEncoder;
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader, Limits};
+use ndarray::{Array2, ArrayView2, ArrayView3};
+
+use super::bytes::open;
+use super::{FormatError, PixelStack, Samples, read_stack, write_safely};
+
+/// Longest side of a picture, px.
+pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
+/// Most memory one picture may unpack to, bytes.
+pub(super) const LARGEST_PICTURE_BYTES: u64 = 1 << 30;
+const ADVICE: &str = "save the picture again as PNG or TIFF";
+
+/// Most bytes that the pixels of a packed file of `length` bytes may take.
+///
+/// The strongest packing, of an empty 1-bit PNG, is 8 times that of deflate.
+pub(super) fn most_unpacked_bytes(length: u64) -> u64 {
+    length.saturating_mul(10_000).saturating_add(1 << 20)
+}
+
+/// Reads one picture (PNG, JPEG, BMP, TIFF; the first page) or array as grey values of shape (rows, cols), in the
+/// counts of the file: 0 to 255, 0 to 65535 or float. Colour becomes Rec. 709 luma; alpha is ignored.
+///
+/// # Errors
+/// [`FormatError`] if the file is missing, damaged, of another kind, larger than 32,768 px a side or 1 GiB.
+pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
+    let stack = read_stack(path)?;
+    if stack.pages == 0 {
+        return Err(FormatError::malformed(path, "a picture", "none", ADVICE));
+    }
+    Ok(stack.picture(0))
+}
+
+/// Reads a PNG, JPEG or BMP picture, which must not be larger than its file can hold.
+pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
+    let damaged = |error: ImageError| match error {
+        ImageError::IoError(error) => FormatError::from_read(path, error),
+        ImageError::Limits(_) => FormatError::malformed(
+            path,
+            format!("at most {LONGEST_SIDE_PX} px a side and 1 GiB of pixels"),
+            "a larger picture",
+            "crop or scale it first",
+        ),
+        error => FormatError::malformed(path, "an undamaged picture", error.to_string(), ADVICE),
+    };
+    let (file, length) = open(path)?;
+    let mut reader = ImageReader::new(BufReader::new(file))
+        .with_guessed_format()
+        .map_err(|error| FormatError::from_read(path, error))?;
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(LONGEST_SIDE_PX);
+    limits.max_image_height = Some(LONGEST_SIDE_PX);
+    limits.max_alloc = Some(LARGEST_PICTURE_BYTES);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    if decoder.total_bytes() > most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES) {
+        let found = format!("{width} x {height} px in {length} bytes");
+        return Err(FormatError::malformed(path, "a picture as large as its header says", found, ADVICE));
+    }
+    let image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
+    let channels = usize::from(image.color().channel_count());
+    let samples = match image {
+        DynamicImage::ImageLuma8(image) => Samples::U8(image.into_raw()),
+        DynamicImage::ImageLumaA8(image) => Samples::U8(image.into_raw()),
+        DynamicImage::ImageRgb8(image) => Samples::U8(image.into_raw()),
+        DynamicImage::ImageRgba8(image) => Samples::U8(image.into_raw()),
+        DynamicImage::ImageLuma16(image) => Samples::U16(image.into_raw()),
+        DynamicImage::ImageLumaA16(image) => Samples::U16(image.into_raw()),
+        DynamicImage::ImageRgb16(image) => Samples::U16(image.into_raw()),
+        DynamicImage::ImageRgba16(image) => Samples::U16(image.into_raw()),
+        DynamicImage::ImageRgb32F(image) => Samples::F32(image.into_raw()),
+        DynamicImage::ImageRgba32F(image) => Samples::F32(image.into_raw()),
+        other => {
+            let found = format!("{:?}", other.color());
+            return Err(FormatError::malformed(path, "grey or RGB pixels of 8, 16 or 32 bits", found, ADVICE));
+        }
+    };
+    Ok(PixelStack::page(height as usize, width as usize, samples.grey(channels)))
+}
+
+/// Writes an 8-bit grey PNG: `low` becomes 0, `high` 255, values beyond are clipped and NaN is 0.
+///
+/// # Errors
+/// [`FormatError::NotWritten`] if it cannot be written, has no pixel, or `high` is not above `low`.
+pub fn write_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
+    let bytes = levels(path, picture, low, high, 255.0)?.map(|level| level as u8).collect::<Vec<_>>();
+    write_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L8)
+}
+
+/// Writes a 16-bit grey PNG: `low` becomes 0, `high` 65535, values beyond are clipped and NaN is 0.
+///
+/// # Errors
+/// As [`write_png8`].
+pub fn write_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
+    let levels = levels(path, picture, low, high, 65_535.0)?;
+    // The encoder takes 16-bit samples in the byte order of the machine.
+    let bytes = levels.flat_map(|level| (level as u16).to_ne_bytes()).collect::<Vec<_>>();
+    write_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L16)
+}
+
+/// Writes an 8-bit colour PNG of shape (rows, cols, 3).
+///
+/// # Errors
+/// [`FormatError::NotWritten`] if it cannot be written, has no pixel or the last axis is not 3.
+pub fn write_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<(), FormatError> {
+    let (rows, cols, channels) = picture.dim();
+    if channels != 3 {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, format!("{channels} colours instead of 3"));
+        return Err(FormatError::from_write(path, source));
+    }
+    write_png(path, &picture.iter().copied().collect::<Vec<_>>(), cols, rows, ExtendedColorType::Rgb8)
+}
+
+/// Values as whole levels of 0 to `top`, still as `f32`, row by row.
+fn levels<'a>(
+    path: &Path,
+    picture: ArrayView2<'a, f32>,
+    low: f32,
+    high: f32,
+    top: f32,
+) -> Result<impl Iterator<Item = f32> + use<'a>, FormatError> {
+    let span = high - low;
+    if !(span > 0.0 && span.is_finite()) {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, format!("grey levels from {low} to {high}"));
+        return Err(FormatError::from_write(path, source));
+    }
+    Ok(picture.into_iter().map(move |value| ((value - low) / span * top).round().clamp(0.0, top)))
+}
+
+fn write_png(
+    path: &Path,
+    bytes: &[u8],
+    cols: usize,
+    rows: usize,
+    colour: ExtendedColorType,
+) -> Result<(), FormatError> {
+    let (Ok(width), Ok(height)) = (u32::try_from(cols), u32::try_from(rows)) else {
+        return Err(FormatError::from_write(path, io::ErrorKind::InvalidInput.into()));
+    };
+    if bytes.is_empty() {
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "a picture without pixels");
+        return Err(FormatError::from_write(path, source));
+    }
+    write_safely(path, |writer| {
+        PngEncoder::new(writer).write_image(bytes, width, height, colour).map_err(|error| match error {
+            ImageError::IoError(error) => error,
+            error => io::Error::new(io::ErrorKind::InvalidInput, error),
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::{Array3, arr2};
+
+    #[test]
+    fn grey_pngs_read_back_as_levels() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let picture = arr2(&[[0.0, 0.5, 1.0], [-3.0, 9.0, f32::NAN]]);
+        write_png8(&path, picture.view(), 0.0, 1.0).unwrap();
+        assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 128.0, 255.0], [0.0, 255.0, 0.0]]));
+        write_png16(&path, picture.view(), 0.0, 1.0).unwrap();
+        assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 32768.0, 65535.0], [0.0, 65535.0, 0.0]]));
+        assert_eq!(read_page(&path).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
+    }
+
+    #[test]
+    fn colour_is_weighted_and_orientation_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let mut picture = Array3::<u8>::zeros((2, 3, 3));
+        picture[[1, 0, 1]] = 200;
+        write_png_rgb(&path, picture.view()).unwrap();
+        let grey = read_grey(&path).unwrap();
+        assert_eq!(grey.dim(), (2, 3));
+        assert!((grey[[1, 0]] - 143.04).abs() < 1e-4 && (grey.sum() - grey[[1, 0]]).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_cannot_be_a_picture_is_refused_before_writing() {
+        let path = Path::new("never-written.png");
+        assert!(write_png8(path, arr2(&[[1.0]]).view(), 1.0, 1.0).unwrap_err().to_string().contains("from 1 to 1"));
+        assert!(
+            write_png8(path, arr2(&[[0.0; 0]]).view(), 0.0, 1.0).unwrap_err().to_string().contains("without pixels")
+        );
+        assert!(write_png_rgb(path, Array3::zeros((1, 1, 4)).view()).unwrap_err().to_string().contains("4 colours"));
+        assert!(!path.exists());
+    }
+}

@@ -1,0 +1,69 @@
+//! Pixels that can be photons: finite and, up to a camera's dark-frame residue, not negative.
+
+use std::path::Path;
+
+use crate::formats::{FormatError, PixelStack, Samples};
+
+/// Negative pixels down to this share of the largest one are the residue of a subtracted dark frame.
+const LARGEST_NEGATIVE_SHARE: f32 = 0.05;
+
+/// Checks every pixel and sets slightly negative ones to 0.
+///
+/// Returns a notice for the user where pixels were changed.
+pub(super) fn clean(path: &Path, stack: &mut PixelStack) -> Result<Option<String>, FormatError> {
+    let (pages, rows, cols) = (stack.pages, stack.rows, stack.cols);
+    if stack.samples.is_empty() || pages > u32::MAX as usize {
+        let found = format!("{pages} pictures of {rows} x {cols} px");
+        return Err(FormatError::malformed(path, "pictures with pixels", found, "choose another file"));
+    }
+    let Samples::F32(values) = &mut stack.samples else { return Ok(None) };
+    let refused = |index: usize, value: f32, advice: &str| {
+        let (page, row, col) = (index / (rows * cols), index / cols % rows, index % cols);
+        let found = format!("{value} in picture {page}, row {row}, column {col}");
+        Err(FormatError::malformed(path, "finite pixels that are not negative", found, advice))
+    };
+    if let Some(index) = values.iter().position(|value| !value.is_finite()) {
+        return refused(index, values[index], "replace such pixels or leave the picture out");
+    }
+    let largest = values.iter().copied().fold(0.0, f32::max);
+    let least = -LARGEST_NEGATIVE_SHARE * largest;
+    if let Some(index) = values.iter().position(|&value| value < least) {
+        return refused(index, values[index], "subtract the true background so that pixels are photon counts");
+    }
+    let (mut changed, mut lowest) = (0_usize, 0.0_f32);
+    for value in values.iter_mut().filter(|value| **value < 0.0) {
+        changed += 1;
+        lowest = lowest.min(*value);
+        *value = 0.0;
+    }
+    Ok((changed > 0)
+        .then(|| format!("{}: {changed} slightly negative pixels (down to {lowest}) were set to 0", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stack(values: &[f32]) -> PixelStack {
+        PixelStack { pages: values.len() / 4, rows: 2, cols: 2, samples: Samples::F32(values.to_vec()) }
+    }
+
+    #[test]
+    fn the_first_bad_pixel_is_named() {
+        let path = Path::new("a.npy");
+        for (bad, told) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (-0.2, "-0.2")] {
+            let error = clean(path, &mut stack(&[1.0, 0.0, 2.0, 3.0, 0.0, 0.0, bad, -9.0])).unwrap_err().to_string();
+            assert!(error.contains(&format!("found {told} in picture 1, row 1, column 0")), "{error}");
+        }
+        assert!(clean(path, &mut stack(&[])).is_err());
+    }
+
+    #[test]
+    fn a_dark_frame_residue_becomes_zero_and_is_told() {
+        let mut pixels = stack(&[1.0, -0.05, 0.0, -0.01]);
+        let notice = clean(Path::new("a.npy"), &mut pixels).unwrap().unwrap();
+        assert!(notice.contains("2 slightly negative pixels (down to -0.05)"), "{notice}");
+        assert_eq!(pixels.samples, Samples::F32(vec![1.0, 0.0, 0.0, 0.0]));
+        assert_eq!(clean(Path::new("a.npy"), &mut pixels).unwrap(), None);
+    }
+}

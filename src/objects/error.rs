@@ -1,0 +1,60 @@
+//! What can be wrong with a set of objects, told in one sentence.
+
+use crate::formats::FormatError;
+
+use super::Split;
+
+/// Objects that could not be opened or drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum ObjectError {
+    /// The text does not name objects.
+    #[error("objects \"{text}\": expected {expected}, found {found}")]
+    Source {
+        /// The text.
+        text: String,
+        /// What it should have been, with the choices.
+        expected: String,
+        /// What is wrong with it.
+        found: String,
+    },
+    /// A setting is outside its range.
+    #[error("object option {name}: expected {expected}, found {found}")]
+    Option {
+        /// The setting.
+        name: &'static str,
+        /// Its range.
+        expected: String,
+        /// Its value.
+        found: String,
+    },
+    /// A file could not be read or holds pixels that cannot be photons.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// The set is too small to be split.
+    #[error(
+        "{split} objects of {source_name}: expected at least one image, found none among {images}; add images or use all of them"
+    )]
+    EmptySplit {
+        /// The part that was asked for.
+        split: Split,
+        /// The source as text.
+        source_name: String,
+        /// Number of base images in the whole set.
+        images: usize,
+    },
+    /// More objects were asked for than memory holds.
+    #[error("expected objects that fit into memory, found {count} of {planes} x {rows} x {cols} px; draw fewer")]
+    TooMany {
+        /// Number of objects.
+        count: usize,
+        /// Planes of each.
+        planes: usize,
+        /// Rows, px.
+        rows: usize,
+        /// Columns, px.
+        cols: usize,
+    },
+    /// The observer of the progress asked to stop.
+    #[error("loading the objects was cancelled")]
+    Cancelled,
+}

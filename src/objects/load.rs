@@ -1,0 +1,189 @@
+//! Pictures of a folder or file, as tiles of mosaics or as whole objects.
+
+use std::path::{Path, PathBuf};
+
+use image::imageops::{FilterType, resize};
+use image::{ImageBuffer, Luma};
+use rayon::prelude::*;
+
+use crate::formats::{FormatError, PixelStack, Samples, read_stack};
+
+use super::ObjectError;
+use super::clean::clean;
+use super::set::{Observer, Progress};
+
+/// Endings of the files of a folder that are opened.
+const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "npy", "npz"];
+/// Files read at a time.
+const BATCH_FILES: usize = 8;
+/// Most files a notice names.
+const NAMED_FILES: usize = 5;
+
+/// The pictures of a path, fit for objects.
+pub(super) enum Loaded {
+    /// All are at most half the field: tiles.
+    Tiles(Vec<PixelStack>),
+    /// Scaled and cropped to the field.
+    Whole(PixelStack),
+}
+
+/// One file's pictures.
+enum Item {
+    /// At most half the field on both sides, as in the file.
+    Small(PixelStack),
+    /// Scaled and cropped to the field.
+    Fitted(PixelStack),
+}
+
+/// Reads the pictures of a folder, in the order of their names, or of one file.
+///
+/// Files of a folder that cannot be read are left out and told in `notices`.
+pub(super) fn load(
+    path: &Path,
+    field: (usize, usize),
+    notices: &mut Vec<String>,
+    observer: Observer,
+) -> Result<Loaded, ObjectError> {
+    let is_folder = path.is_dir();
+    let files = if is_folder { files_of(path)? } else { vec![path.to_path_buf()] };
+    let mut items = Vec::with_capacity(files.len());
+    let mut unreadable: Vec<FormatError> = Vec::new();
+    for (batch_index, batch) in files.chunks(BATCH_FILES).enumerate() {
+        observer.tell(Progress { done: batch_index * BATCH_FILES, total: files.len() })?;
+        let read: Vec<Result<PixelStack, FormatError>> = batch.par_iter().map(|file| read_stack(file)).collect();
+        for (file, stack) in batch.iter().zip(read) {
+            match stack {
+                Ok(mut stack) => {
+                    notices.extend(clean(file, &mut stack)?);
+                    items.push(item(stack, field));
+                }
+                Err(error) if !is_folder => return Err(error.into()),
+                Err(error) => unreadable.push(error),
+            }
+        }
+    }
+    observer.tell(Progress { done: files.len(), total: files.len() })?;
+    if items.is_empty() {
+        let found = match unreadable.first() {
+            None => "none".into(),
+            Some(first) => format!("{} unreadable ones, the first: {first}", unreadable.len()),
+        };
+        let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ pictures";
+        return Err(FormatError::malformed(path, expected, found, "choose a folder with pictures").into());
+    }
+    if !unreadable.is_empty() {
+        let names: Vec<String> = unreadable.iter().take(NAMED_FILES).map(|error| name_of(error.path())).collect();
+        let more = if unreadable.len() > NAMED_FILES { " and others" } else { "" };
+        notices.push(format!("{} unreadable files were left out: {}{more}", unreadable.len(), names.join(", ")));
+    }
+    Ok(combine(items, field))
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+fn files_of(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
+    let failed = |error| FormatError::from_read(folder, error);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+        if ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str())) && path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn item(stack: PixelStack, field: (usize, usize)) -> Item {
+    if 2 * stack.rows <= field.0 && 2 * stack.cols <= field.1 {
+        Item::Small(stack)
+    } else {
+        Item::Fitted(fit(stack, field))
+    }
+}
+
+fn combine(items: Vec<Item>, field: (usize, usize)) -> Loaded {
+    if items.iter().all(|item| matches!(item, Item::Small(_))) {
+        let small = items.into_iter().map(|item| match item {
+            Item::Small(stack) | Item::Fitted(stack) => stack,
+        });
+        return Loaded::Tiles(small.collect());
+    }
+    let mut whole = PixelStack { pages: 0, rows: field.0, cols: field.1, samples: Samples::U8(Vec::new()) };
+    for item in items {
+        let stack = match item {
+            Item::Small(stack) => fit(stack, field),
+            Item::Fitted(stack) => stack,
+        };
+        whole.pages += stack.pages;
+        whole.samples.append(stack.samples);
+    }
+    Loaded::Whole(whole)
+}
+
+/// Crops the middle of each picture to the aspect of the field and scales it there with a triangle filter, which
+/// averages over the area when it shrinks.
+fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
+    if (stack.rows, stack.cols) == (rows, cols) {
+        return stack;
+    }
+    let scale = (rows as f64 / stack.rows as f64).max(cols as f64 / stack.cols as f64);
+    let part = |length: usize, of: usize| ((length as f64 / scale).round() as usize).clamp(1, of);
+    let (crop_rows, crop_cols) = (part(rows, stack.rows), part(cols, stack.cols));
+    let (top, left) = ((stack.rows - crop_rows) / 2, (stack.cols - crop_cols) / 2);
+    let mut values = Vec::with_capacity(stack.pages * rows * cols);
+    for page in 0..stack.pages {
+        let start = page * stack.rows * stack.cols;
+        let value =
+            |row: u32, col: u32| stack.samples.value(start + (top + row as usize) * stack.cols + left + col as usize);
+        let crop = ImageBuffer::from_fn(crop_cols as u32, crop_rows as u32, |col, row| Luma([value(row, col)]));
+        // The resizer clips floats to 0..1, so they are brought there and back.
+        let largest = crop.pixels().map(|pixel| pixel.0[0]).fold(0.0, f32::max);
+        if largest == 0.0 {
+            values.resize(values.len() + rows * cols, 0.0);
+            continue;
+        }
+        let unit = ImageBuffer::<Luma<f32>, _>::from_fn(crop_cols as u32, crop_rows as u32, |col, row| {
+            Luma([crop.get_pixel(col, row).0[0] / largest])
+        });
+        let scaled = resize(&unit, cols as u32, rows as u32, FilterType::Triangle);
+        values.extend(scaled.into_raw().into_iter().map(|value| value * largest));
+    }
+    PixelStack { pages: stack.pages, rows, cols, samples: Samples::F32(values) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f32) -> PixelStack {
+        let samples = Samples::F32((0..rows * cols).map(|pixel| value(pixel / cols, pixel % cols)).collect());
+        PixelStack { pages: 1, rows, cols, samples }
+    }
+
+    #[test]
+    fn scaling_keeps_levels_orientation_and_the_middle() {
+        let flat = fit(picture(270, 480, |_, _| 300.0), (96, 96)).picture(0);
+        assert!(flat.dim() == (96, 96) && flat.iter().all(|value| (value - 300.0).abs() < 1e-3));
+        // A ramp along the columns stays one: 270 px scale to 96, the middle column stays in the middle.
+        let ramp = fit(picture(270, 480, |_, col| col as f32), (96, 96)).picture(0);
+        let slope = (ramp[[50, 80]] - ramp[[50, 16]]) / 64.0;
+        assert!((slope - 270.0 / 96.0).abs() < 0.01, "{slope}");
+        assert!((f32::midpoint(ramp[[10, 47]], ramp[[10, 48]]) - 239.5).abs() < 0.01);
+        assert!((ramp[[10, 30]] - ramp[[90, 30]]).abs() < 1e-3);
+        let tall = fit(picture(1, 30_000, |_, _| 2.0), (96, 64)).picture(0);
+        assert!(tall.dim() == (96, 64) && (tall.sum() - 2.0 * 96.0 * 64.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn small_pictures_are_tiles_unless_a_large_one_is_among_them() {
+        let small = || item(picture(48, 20, |_, _| 1.0), (96, 96));
+        let large = || item(picture(49, 20, |_, _| 1.0), (96, 96));
+        assert!(matches!(combine(vec![small(), small()], (96, 96)), Loaded::Tiles(tiles) if tiles.len() == 2));
+        let Loaded::Whole(whole) = combine(vec![small(), large()], (96, 96)) else { panic!("tiles") };
+        assert_eq!((whole.pages, whole.rows, whole.cols, whole.samples.len()), (2, 96, 96, 2 * 96 * 96));
+    }
+}

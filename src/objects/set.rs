@@ -1,0 +1,322 @@
+//! A set of objects, opened once and drawn from as often as needed.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use ndarray::{Array2, Array4, ArrayViewMut2};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::formats::{FormatError, PixelStack, read_cifar, read_idx, read_stack};
+
+use super::beads::{BeadScale, Beads};
+use super::clean::clean;
+use super::load::{Loaded, load};
+use super::mosaic::Mosaic;
+use super::split::Parts;
+use super::whole::WholePictures;
+use super::{BeadPrior, ObjectError, ObjectSource, Split};
+
+/// Longest side of an object, px.
+const LONGEST_FIELD_PX: usize = 16_384;
+
+/// How objects are made from their source.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ObjectOptions {
+    /// Rows and columns of each object, px; `stack:` objects keep their own.
+    pub field: (usize, usize),
+    /// Mean over the set, photons per pixel; `beads-max:` has 2000 photons per bead instead.
+    pub mean_photons: f64,
+}
+
+impl Default for ObjectOptions {
+    /// 96 x 96 px and 100 photons per pixel, as in the paper.
+    fn default() -> Self {
+        Self { field: (96, 96), mean_photons: 100.0 }
+    }
+}
+
+/// How far loading has come, in files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Files read.
+    pub done: usize,
+    /// Files to read.
+    pub total: usize,
+}
+
+/// Who is told of progress and may ask to stop.
+#[derive(Clone, Copy)]
+pub(super) struct Observer<'a>(&'a dyn Fn(Progress) -> ControlFlow<()>);
+
+impl Observer<'_> {
+    pub(super) fn tell(self, progress: Progress) -> Result<(), ObjectError> {
+        if (self.0)(progress).is_break() { Err(ObjectError::Cancelled) } else { Ok(()) }
+    }
+}
+
+#[derive(Clone, Debug)]
+enum Content {
+    Beads(Beads),
+    Mosaic(Mosaic, Parts),
+    Whole(WholePictures, Parts),
+}
+
+/// A set of objects. It is large and never changes: share it in an `Arc`.
+#[derive(Clone, Debug)]
+pub struct ObjectSet {
+    source: ObjectSource,
+    content: Content,
+    field: (usize, usize),
+    mean: f64,
+    notices: Vec<String>,
+    fingerprint: String,
+}
+
+impl ObjectSet {
+    /// Loads what the source needs.
+    ///
+    /// # Errors
+    /// [`ObjectError`] if an option is out of range, a file cannot be read, or its pixels cannot be photons: NaN,
+    /// infinite, negative by more than 5 % of the largest, or all 0.
+    pub fn open(source: &ObjectSource, options: &ObjectOptions) -> Result<Self, ObjectError> {
+        Self::open_with(source, options, &|_| ControlFlow::Continue(()))
+    }
+
+    /// [`ObjectSet::open`], telling `progress` now and then; [`ControlFlow::Break`] stops.
+    ///
+    /// # Errors
+    /// As [`ObjectSet::open`], and [`ObjectError::Cancelled`].
+    pub fn open_with(
+        source: &ObjectSource,
+        options: &ObjectOptions,
+        progress: &dyn Fn(Progress) -> ControlFlow<()>,
+    ) -> Result<Self, ObjectError> {
+        check(options)?;
+        let observer = Observer(progress);
+        let mut notices = Vec::new();
+        let beads = |density, planes, scale| Beads::new(density, planes, options.field, scale).map(Content::Beads);
+        let mean = options.mean_photons;
+        let content = match source {
+            ObjectSource::Beads { density } => beads(*density, 1, BeadScale::Mean(mean))?,
+            ObjectSource::BeadsMax { density } => beads(*density, 1, BeadScale::PerBead)?,
+            ObjectSource::Volume { planes, density } => beads(*density, *planes, BeadScale::Mean(mean))?,
+            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut notices, observer)?], mean)?,
+            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut notices, observer)?], mean)?,
+            ObjectSource::Images(path) => match load(path, options.field, &mut notices, observer)? {
+                Loaded::Tiles(stacks) => mosaic(path, stacks, mean)?,
+                Loaded::Whole(stack) => whole(path, stack, mean)?,
+            },
+            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut notices, observer)?, mean)?,
+        };
+        let (field, mean) = match &content {
+            Content::Beads(beads) => (beads.field(), beads.mean()),
+            Content::Mosaic(..) => (options.field, mean),
+            Content::Whole(pictures, _) => (pictures.field(), mean),
+        };
+        let fingerprint = fingerprint(source, &content, field, mean);
+        Ok(Self { source: source.clone(), content, field, mean, notices, fingerprint })
+    }
+
+    /// What the set was opened from.
+    pub fn source(&self) -> &ObjectSource {
+        &self.source
+    }
+
+    /// Depth planes of each object.
+    pub fn planes(&self) -> usize {
+        match &self.content {
+            Content::Beads(beads) => beads.prior().planes,
+            _ => 1,
+        }
+    }
+
+    /// Rows and columns of each object, px.
+    pub fn field(&self) -> (usize, usize) {
+        self.field
+    }
+
+    /// Number of images that objects are made of; `None` for beads, of which there is no end.
+    pub fn base_images(&self) -> Option<usize> {
+        match &self.content {
+            Content::Beads(_) => None,
+            Content::Mosaic(mosaic, _) => Some(mosaic.images()),
+            Content::Whole(pictures, _) => Some(pictures.images()),
+        }
+    }
+
+    /// What the user should know about the files: those left out, pixels changed.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
+    }
+
+    /// BLAKE3 sum, in hexadecimal, of the pixels and everything else that decides what objects are drawn, for run
+    /// records. Sets of equal fingerprint draw equal objects, wherever their files lie.
+    pub fn fingerprint(&self) -> String {
+        self.fingerprint.clone()
+    }
+
+    /// One line for people.
+    pub fn describe(&self) -> String {
+        let (rows, cols) = self.field;
+        let end = format!("{rows} x {cols} px, mean {:.4} photons/px", self.mean);
+        match &self.content {
+            Content::Beads(beads) => {
+                let planes = match self.planes() {
+                    1 => String::new(),
+                    planes => format!("{planes} planes of "),
+                };
+                let probability = beads.prior().probability;
+                format!("{planes}{} beads at random pixels (density {probability:.4}), {end}", beads.beads_per_plane())
+            }
+            Content::Mosaic(mosaic, _) => {
+                format!("mosaics of {} images in tiles of {1} x {1} px, {end}", mosaic.images(), mosaic.tile())
+            }
+            Content::Whole(pictures, _) => {
+                format!("{} whole {} pictures, {end}", pictures.images(), pictures.number_type())
+            }
+        }
+    }
+
+    /// Draws `count` objects, shape (count, planes, rows, cols), photons per pixel.
+    ///
+    /// Object `i` of a part and seed is the same whatever `count` and the number of threads. Beads are drawn anew for
+    /// each object; mosaics draw their tiles with replacement; whole pictures come in an order that depends on the
+    /// seed and repeat when all have been used.
+    ///
+    /// # Errors
+    /// [`ObjectError::EmptySplit`] if no base image is in that part, [`ObjectError::TooMany`] if memory does not
+    /// suffice.
+    pub fn objects(&self, split: Split, count: usize, seed: u64) -> Result<Array4<f32>, ObjectError> {
+        let ((rows, cols), planes) = (self.field, self.planes());
+        let too_many = || ObjectError::TooMany { count, planes, rows, cols };
+        let pixels = rows * cols;
+        let length = count.checked_mul(planes).and_then(|product| product.checked_mul(pixels)).ok_or_else(too_many)?;
+        let members = match &self.content {
+            Content::Beads(_) => Vec::new(),
+            Content::Mosaic(_, parts) => parts.members(split).to_vec(),
+            Content::Whole(_, parts) => WholePictures::order(parts.members(split), split, seed),
+        };
+        if let (Some(images), true) = (self.base_images(), members.is_empty()) {
+            return Err(ObjectError::EmptySplit { split, source_name: self.source.to_string(), images });
+        }
+        let mut photons = Vec::new();
+        photons.try_reserve_exact(length).map_err(|_| too_many())?;
+        photons.resize(length, 0.0);
+        photons.par_chunks_mut(planes * pixels).enumerate().for_each(|(index, object)| {
+            let mut generator = split.generator(seed, index as u64);
+            for plane in object.chunks_mut(pixels) {
+                let plane = view((rows, cols), plane);
+                match &self.content {
+                    Content::Beads(beads) => beads.draw(&mut generator, plane),
+                    Content::Mosaic(mosaic, _) => mosaic.draw(&mut generator, &members, plane),
+                    Content::Whole(pictures, _) => pictures.copy(members[index % members.len()] as usize, plane),
+                }
+            }
+        });
+        Array4::from_shape_vec((count, planes, rows, cols), photons).map_err(|_| too_many())
+    }
+
+    /// Mean over the set, photons per pixel. For beads it is the expectation with the light lost at the border.
+    pub fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// Autocovariance of one plane of the objects as a stationary process, photons squared, shape (2 L + 1, 2 L + 1)
+    /// for `max_lag` L; element `[L + dr, L + dc]` belongs to a lag of `dr` rows and `dc` columns.
+    ///
+    /// - Beads: `p (1 - p)` times the autocorrelation of the spot. The border is left out, and so is the correlation
+    ///   of `-1 / (number of pixels)` that a fixed number of beads brings.
+    /// - Mosaics: exact for an endless mosaic of independent tiles at a random place.
+    /// - Whole pictures: the mean unbiased estimate, its spectrum clipped at 0 (with period 2 L + 1) and the variance
+    ///   kept.
+    ///
+    /// Every block-Toeplitz matrix of these lags is a covariance. Planes of a volume are independent and alike.
+    pub fn autocovariance(&self, max_lag: usize) -> Array2<f64> {
+        match &self.content {
+            Content::Beads(beads) => beads.autocovariance(max_lag),
+            Content::Mosaic(mosaic, _) => mosaic.autocovariance(max_lag),
+            Content::Whole(pictures, _) => pictures.autocovariance(max_lag),
+        }
+    }
+
+    /// How beads are drawn; `None` for images, whose prior is not known.
+    pub fn bead_prior(&self) -> Option<BeadPrior> {
+        match &self.content {
+            Content::Beads(beads) => Some(beads.prior().clone()),
+            _ => None,
+        }
+    }
+}
+
+fn check(options: &ObjectOptions) -> Result<(), ObjectError> {
+    let (rows, cols) = options.field;
+    let sides = 1..=LONGEST_FIELD_PX;
+    if !sides.contains(&rows) || !sides.contains(&cols) {
+        let expected = format!("1 to {LONGEST_FIELD_PX} px a side");
+        return Err(ObjectError::Option { name: "field", expected, found: format!("{rows} x {cols} px") });
+    }
+    let mean = options.mean_photons;
+    if !(mean > 0.0 && mean <= 1e12) {
+        let expected = "more than 0 and at most 1e12 photons per pixel".into();
+        return Err(ObjectError::Option { name: "mean_photons", expected, found: mean.to_string() });
+    }
+    Ok(())
+}
+
+fn one_file(
+    path: &Path,
+    read: impl Fn(&Path) -> Result<PixelStack, FormatError>,
+    notices: &mut Vec<String>,
+    observer: Observer,
+) -> Result<PixelStack, ObjectError> {
+    observer.tell(Progress { done: 0, total: 1 })?;
+    let mut stack = read(path)?;
+    notices.extend(clean(path, &mut stack)?);
+    observer.tell(Progress { done: 1, total: 1 })?;
+    Ok(stack)
+}
+
+fn mosaic(path: &Path, stacks: Vec<PixelStack>, mean: f64) -> Result<Content, ObjectError> {
+    let mosaic = Mosaic::new(stacks, mean).ok_or_else(|| dark(path))?;
+    let parts = Parts::new(mosaic.images());
+    Ok(Content::Mosaic(mosaic, parts))
+}
+
+fn whole(path: &Path, stack: PixelStack, mean: f64) -> Result<Content, ObjectError> {
+    let pictures = WholePictures::new(stack, mean).ok_or_else(|| dark(path))?;
+    let parts = Parts::new(pictures.images());
+    Ok(Content::Whole(pictures, parts))
+}
+
+fn dark(path: &Path) -> FormatError {
+    FormatError::malformed(path, "some light", "pixels that are all 0", "choose pictures with content")
+}
+
+/// One plane of an object as an array.
+fn view(shape: (usize, usize), plane: &mut [f32]) -> ArrayViewMut2<'_, f32> {
+    ArrayViewMut2::from_shape(shape, plane).expect("planes are cut to rows * cols pixels")
+}
+
+fn fingerprint(source: &ObjectSource, content: &Content, field: (usize, usize), mean: f64) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(b"lenslet studio objects 1");
+    hasher.update(&(field.0 as u64).to_le_bytes());
+    hasher.update(&(field.1 as u64).to_le_bytes());
+    hasher.update(&mean.to_le_bytes());
+    match content {
+        Content::Beads(_) => {
+            hasher.update(source.to_string().as_bytes());
+        }
+        Content::Mosaic(mosaic, _) => {
+            hasher.update(b"mosaic");
+            mosaic.hash_into(&mut hasher);
+        }
+        Content::Whole(pictures, _) => {
+            hasher.update(b"whole");
+            pictures.hash_into(&mut hasher);
+        }
+    }
+    hasher.finalize().to_hex().to_string()
+}

@@ -1,0 +1,154 @@
+//! The name of a set of objects, as text.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::ObjectError;
+
+/// Most depth planes of a volume.
+const MOST_PLANES: usize = 64;
+const CHOICES: &str = "beads:0.02, beads-max:0.05, volume:5:0.02, idx:FILE, cifar:FILE, images:FOLDER or stack:FILE";
+
+/// What is imaged. The text form (`Display`, `FromStr`, serde) is given with each variant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum ObjectSource {
+    /// `beads:0.02`: blurred point sources on this share of the pixels, scaled to a mean photon count over the set.
+    Beads {
+        /// Share of pixels that hold a bead, above 0 and at most 1.
+        density: f64,
+    },
+    /// `beads-max:0.05`: the same beads with a constant photon count per bead.
+    BeadsMax {
+        /// Share of pixels that hold a bead, above 0 and at most 1.
+        density: f64,
+    },
+    /// `volume:5:0.02`: independent depth planes of beads, scaled to a mean photon count over all voxels.
+    Volume {
+        /// Number of depth planes, 1 to 64.
+        planes: usize,
+        /// Share of pixels of each plane that hold a bead, above 0 and at most 1.
+        density: f64,
+    },
+    /// `idx:FILE`: mosaics of the images of an IDX file (MNIST, Fashion-MNIST), plain or gzipped.
+    Idx(PathBuf),
+    /// `cifar:FILE`: mosaics of the images of a CIFAR-10 binary batch.
+    Cifar(PathBuf),
+    /// `images:FOLDER` or `images:FILE`: pictures, scaled to the field or tiled to mosaics if small.
+    Images(PathBuf),
+    /// `stack:FILE`: whole objects of any shape from an NPY, NPZ or TIFF file.
+    Stack(PathBuf),
+}
+
+impl fmt::Display for ObjectSource {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Beads { density } => write!(formatter, "beads:{density}"),
+            Self::BeadsMax { density } => write!(formatter, "beads-max:{density}"),
+            Self::Volume { planes, density } => write!(formatter, "volume:{planes}:{density}"),
+            Self::Idx(path) => write!(formatter, "idx:{}", path.display()),
+            Self::Cifar(path) => write!(formatter, "cifar:{}", path.display()),
+            Self::Images(path) => write!(formatter, "images:{}", path.display()),
+            Self::Stack(path) => write!(formatter, "stack:{}", path.display()),
+        }
+    }
+}
+
+impl FromStr for ObjectSource {
+    type Err = ObjectError;
+
+    fn from_str(text: &str) -> Result<Self, ObjectError> {
+        let wrong =
+            |expected: &str, found: String| ObjectError::Source { text: text.into(), expected: expected.into(), found };
+        let Some((kind, rest)) = text.split_once(':') else {
+            return Err(wrong(CHOICES, "no colon".into()));
+        };
+        let density = |text: &str| match text.trim().parse::<f64>() {
+            Ok(density) if density > 0.0 && density <= 1.0 => Ok(density),
+            _ => Err(wrong("a density above 0 and at most 1, such as 0.02", format!("\"{text}\""))),
+        };
+        let path = || match rest.trim() {
+            "" => Err(wrong("a file or folder after the colon", "nothing".into())),
+            _ => Ok(PathBuf::from(rest)),
+        };
+        match kind.trim() {
+            "beads" => Ok(Self::Beads { density: density(rest)? }),
+            "beads-max" => Ok(Self::BeadsMax { density: density(rest)? }),
+            "volume" => {
+                let (planes, rest) = rest.split_once(':').unwrap_or((rest, ""));
+                let planes = match planes.trim().parse() {
+                    Ok(planes) if (1..=MOST_PLANES).contains(&planes) => planes,
+                    _ => {
+                        let expected = format!("1 to {MOST_PLANES} planes and a density, such as volume:5:0.02");
+                        return Err(wrong(&expected, format!("\"{planes}\"")));
+                    }
+                };
+                Ok(Self::Volume { planes, density: density(rest)? })
+            }
+            "idx" => path().map(Self::Idx),
+            "cifar" => path().map(Self::Cifar),
+            "images" => path().map(Self::Images),
+            "stack" => path().map(Self::Stack),
+            kind => Err(wrong(CHOICES, format!("the kind \"{kind}\""))),
+        }
+    }
+}
+
+impl TryFrom<String> for ObjectSource {
+    type Error = ObjectError;
+
+    fn try_from(text: String) -> Result<Self, ObjectError> {
+        text.parse()
+    }
+}
+
+impl From<ObjectSource> for String {
+    fn from(source: ObjectSource) -> Self {
+        source.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_and_source_are_one() {
+        for text in [
+            "beads:0.02",
+            "beads-max:1",
+            "volume:5:0.008",
+            "idx:train images.gz",
+            "cifar:C:\\data\\b.bin",
+            "images:.",
+            "stack:a.npy",
+        ] {
+            let source: ObjectSource = text.parse().unwrap();
+            assert_eq!(source.to_string(), text);
+            let json = serde_json::to_string(&source).unwrap();
+            assert_eq!(json, serde_json::to_string(text).unwrap());
+            assert_eq!(serde_json::from_str::<ObjectSource>(&json).unwrap(), source);
+        }
+    }
+
+    #[test]
+    fn mistakes_are_answered_with_the_choices() {
+        for (text, answer) in [
+            ("mnist", "beads:0.02"),
+            ("bead:0.02", "the kind \"bead\""),
+            ("beads:0", "above 0 and at most 1"),
+            ("beads:1.5", "above 0"),
+            ("beads:NaN", "above 0"),
+            ("beads:", "above 0"),
+            ("volume:5", "above 0"),
+            ("volume:0:0.02", "1 to 64 planes"),
+            ("idx: ", "a file or folder"),
+        ] {
+            let error = text.parse::<ObjectSource>().unwrap_err().to_string();
+            assert!(error.contains(answer) && error.contains(text), "{error}");
+        }
+    }
+}
