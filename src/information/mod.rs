@@ -1,1 +1,22 @@
-//! information.
+//! Information in bits: entropies of the noise, Gaussian models, ceiling, intervals, the estimate.
+
+mod analytic;
+mod block_toeplitz;
+mod conditional;
+mod dense;
+mod error;
+mod fourier;
+mod gaussian;
+mod interpolation;
+mod poisson;
+mod poisson_gaussian;
+mod stationary;
+
+pub use analytic::{AnalyticGaussian, GaussianBound};
+pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
+pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
+pub use dense::MAX_PATCH_PIXELS;
+pub use error::InformationError;
+pub use gaussian::FullGaussian;
+pub use poisson::poisson_entropy;
+pub use stationary::StationaryGaussian;

@@ -1,0 +1,188 @@
+//! The Gaussian bound without samples: from the autocovariance of the objects and the point spread function alone.
+
+use ndarray::{Array2, ArrayView3};
+use rustfft::num_complex::Complex64;
+
+use super::block_toeplitz::{check_lags, log2_determinant};
+use super::conditional::check_noise;
+use super::fourier::{Fourier2, Workspace, good_length};
+use super::{InformationError, gaussian_entropy};
+use crate::sensor::Noise;
+
+/// An upper bound on the information of a patch, from the Gaussian of the same covariance.
+///
+/// A Gaussian has the largest entropy of all fields of one covariance, so the bound holds for every object set; it is
+/// loose where objects are sparse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaussianBound {
+    /// Upper bound on the entropy of the measured patch, bits per pixel.
+    pub entropy_y: f64,
+    /// Entropy of the noise as it was given, bits per pixel.
+    pub entropy_y_given_x: f64,
+    /// Their difference, bits per pixel.
+    pub bits_per_pixel: f64,
+    /// What `entropy_y` tends to for large patches, `1/2 log2(2 pi e) + 1/2 mean log2 S`, bits per pixel.
+    pub spectral_entropy: f64,
+}
+
+/// Everything about an object set and a patch that the Gaussian bound needs, ready for one evaluation after another.
+#[derive(Clone)]
+pub struct AnalyticGaussian {
+    psf_rows: usize,
+    psf_cols: usize,
+    patch: (usize, usize),
+    fourier: Fourier2,
+    /// Power spectrum of the objects on the transform grid, not negative.
+    object_spectrum: Vec<f64>,
+}
+
+impl AnalyticGaussian {
+    /// Prepares bounds for objects of the given autocovariance.
+    ///
+    /// - `object_autocovariance`: photons squared, shape (2L+1, 2L+1), entry `[L + dr, L + dc]`, with
+    ///   `L >= patch - 1 + psf - 1` in both directions; more lags make the spectral limit more exact. Objects of all
+    ///   planes share it and are independent of one another.
+    /// - `psf_shape`, `patch`: (rows, cols), pixels.
+    ///
+    /// # Errors
+    /// For an empty shape, too few lags, or values that are not finite.
+    pub fn new(
+        object_autocovariance: &Array2<f64>,
+        psf_shape: (usize, usize),
+        patch: (usize, usize),
+    ) -> Result<Self, InformationError> {
+        let (psf_rows, psf_cols) = psf_shape;
+        if psf_rows == 0 || psf_cols == 0 {
+            let (found_rows, found_cols) = psf_shape;
+            let what = "point spread function";
+            return Err(InformationError::SpotShape {
+                what,
+                rows: usize::MAX,
+                cols: usize::MAX,
+                found_rows,
+                found_cols,
+            });
+        }
+        check_lags(object_autocovariance, (patch.0 + psf_rows - 1, patch.1 + psf_cols - 1))?;
+        if patch.0 == 0 || patch.1 == 0 {
+            return Err(InformationError::PatchSize { rows: patch.0, cols: patch.1, limit: super::MAX_PATCH_PIXELS });
+        }
+        if let Some(&found) = object_autocovariance.iter().find(|value| !value.is_finite()) {
+            return Err(InformationError::Photons { found });
+        }
+        let (lag_rows, lag_cols) = object_autocovariance.dim();
+        // Lags up to L wrap onto themselves only beyond 2L + 1 points.
+        let fourier = Fourier2::new(good_length(lag_rows), good_length(lag_cols));
+        let mut data = vec![Complex64::default(); fourier.rows * fourier.cols];
+        for ((i, j), &value) in object_autocovariance.indexed_iter() {
+            let row = (fourier.rows + i - lag_rows / 2) % fourier.rows;
+            let col = (fourier.cols + j - lag_cols / 2) % fourier.cols;
+            data[row * fourier.cols + col].re = value;
+        }
+        let filled_rows = fourier.rows;
+        fourier.forward(&mut data, filled_rows, &mut fourier.workspace());
+        let object_spectrum = data.iter().map(|value| value.re).collect();
+        Ok(Self { psf_rows, psf_cols, patch, fourier, object_spectrum })
+    }
+
+    /// The bound for one point spread function.
+    ///
+    /// - `psf`: shape (planes, rows, cols), the one announced; sums to 1 (or to the share of light let through).
+    /// - `mean_measurement`: mean of the encoded image, bias included, photons per pixel: the variance of shot noise.
+    /// - `entropy_y_given_x`: entropy of the noise, bits per pixel, from [`super::NoiseEntropy`].
+    ///
+    /// # Errors
+    /// For another shape, no noise, a mean that is negative or not finite, or a covariance that is not positive
+    /// definite.
+    pub fn evaluate(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        mean_measurement: f64,
+        noise: Noise,
+        entropy_y_given_x: f64,
+    ) -> Result<GaussianBound, InformationError> {
+        let variance = noise_variance(noise, mean_measurement)?;
+        let mut workspace = self.fourier.workspace();
+        let spectrum = self.signal_spectrum(psf, &mut workspace)?;
+        // Lags that were cut off can leave a spectrum slightly negative; it is then no less than the noise.
+        let mean_log2 =
+            spectrum.iter().map(|power| (power.max(0.0) + variance).log2()).sum::<f64>() / spectrum.len() as f64;
+        let mut autocovariance = self.lags(&spectrum, &mut workspace);
+        let (rows, cols) = self.patch;
+        autocovariance[[rows - 1, cols - 1]] += variance;
+        let log2_det = log2_determinant(&autocovariance, self.patch)?;
+        let entropy_y = gaussian_entropy(1.0) + 0.5 * log2_det / (rows * cols) as f64;
+        Ok(GaussianBound {
+            entropy_y,
+            entropy_y_given_x,
+            bits_per_pixel: entropy_y - entropy_y_given_x,
+            spectral_entropy: gaussian_entropy(1.0) + 0.5 * mean_log2,
+        })
+    }
+
+    /// Autocovariance of the encoded image before noise, photons squared, shape (2 rows - 1, 2 cols - 1) for the
+    /// patch: that of the objects correlated with the autocorrelation of the point spread function, summed over planes.
+    ///
+    /// # Errors
+    /// For a point spread function of another shape than announced.
+    pub fn signal_autocovariance(&self, psf: ArrayView3<'_, f64>) -> Result<Array2<f64>, InformationError> {
+        let mut workspace = self.fourier.workspace();
+        let spectrum = self.signal_spectrum(psf, &mut workspace)?;
+        Ok(self.lags(&spectrum, &mut workspace))
+    }
+
+    fn signal_spectrum(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        workspace: &mut Workspace,
+    ) -> Result<Vec<f64>, InformationError> {
+        let (_, found_rows, found_cols) = psf.dim();
+        let (rows, cols) = (self.psf_rows, self.psf_cols);
+        if (found_rows, found_cols) != (rows, cols) {
+            let what = "point spread function";
+            return Err(InformationError::SpotShape { what, rows, cols, found_rows, found_cols });
+        }
+        let mut data = vec![Complex64::default(); self.object_spectrum.len()];
+        let mut power = vec![0.0; data.len()];
+        for plane in psf.outer_iter() {
+            data.fill(Complex64::default());
+            for ((r, c), &value) in plane.indexed_iter() {
+                data[r * self.fourier.cols + c].re = value;
+            }
+            self.fourier.forward(&mut data, rows, workspace);
+            for (sum, value) in power.iter_mut().zip(&data) {
+                *sum += value.norm_sqr();
+            }
+        }
+        for (sum, objects) in power.iter_mut().zip(&self.object_spectrum) {
+            *sum *= objects;
+        }
+        Ok(power)
+    }
+
+    fn lags(&self, spectrum: &[f64], workspace: &mut Workspace) -> Array2<f64> {
+        let mut data: Vec<Complex64> = spectrum.iter().map(|&power| Complex64::from(power)).collect();
+        self.fourier.inverse(&mut data, workspace);
+        let (rows, cols) = self.patch;
+        let scale = 1.0 / data.len() as f64;
+        Array2::from_shape_fn((2 * rows - 1, 2 * cols - 1), |(i, j)| {
+            let row = (self.fourier.rows + i + 1 - rows) % self.fourier.rows;
+            let col = (self.fourier.cols + j + 1 - cols) % self.fourier.cols;
+            data[row * self.fourier.cols + col].re * scale
+        })
+    }
+}
+
+/// Mean variance of the noise of a pixel, photons squared.
+fn noise_variance(noise: Noise, mean_measurement: f64) -> Result<f64, InformationError> {
+    check_noise(noise)?;
+    if !(mean_measurement.is_finite() && mean_measurement >= 0.0) {
+        return Err(InformationError::Photons { found: mean_measurement });
+    }
+    match noise {
+        Noise::None => Err(InformationError::NoNoise),
+        Noise::Shot => Ok(mean_measurement),
+        Noise::Read { sigma } => Ok(sigma * sigma),
+        Noise::ShotRead { sigma } => Ok(mean_measurement + sigma * sigma),
+    }
+}

@@ -1,0 +1,144 @@
+//! What can be wrong with a request for information.
+
+use thiserror::Error;
+
+/// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum InformationError {
+    /// Without noise the information is not finite.
+    #[error("information is unbounded without noise; choose shot noise, read noise or both")]
+    NoNoise,
+    /// The read noise is zero, negative or not finite.
+    #[error("read noise must be a positive number of photons, found {sigma}; use shot noise alone when there is none")]
+    ReadNoise {
+        /// The standard deviation given, photons.
+        sigma: f64,
+    },
+    /// A protocol name is unknown.
+    #[error("unknown protocol \"{found}\"; write \"default\" or \"paper\"")]
+    UnknownProtocol {
+        /// The text given.
+        found: String,
+    },
+    /// A photon count cannot be the mean of a noisy pixel.
+    #[error("photon counts must be finite and not negative, found {found}; check the units and the bias")]
+    Photons {
+        /// The first bad value.
+        found: f64,
+    },
+    /// The Gaussian approximation of shot-noise entropy diverges at zero photons.
+    #[error(
+        "the paper protocol approximates shot noise by a Gaussian, which needs more than 0 photons in every pixel; \
+         add a bias or use the default protocol"
+    )]
+    DarkPixel,
+    /// A value in the data is NaN or infinite.
+    #[error("{what} hold a value that is not a finite number at patch {patch}; remove it before estimating")]
+    NotFinite {
+        /// Which data.
+        what: &'static str,
+        /// Index of the patch.
+        patch: usize,
+    },
+    /// Too few patches for the model.
+    #[error("{model} needs at least {needed} patches of {pixels} pixels, found {found}; use more or smaller patches")]
+    TooFewPatches {
+        /// The model that was to be fitted or scored.
+        model: &'static str,
+        /// The smallest number that would do.
+        needed: usize,
+        /// The number given.
+        found: usize,
+        /// Pixels of one patch.
+        pixels: usize,
+    },
+    /// All training values are equal.
+    #[error("all training patches hold the same value {value}, so there is no density to fit; check the measurements")]
+    Constant {
+        /// The value found everywhere.
+        value: f64,
+    },
+    /// Patch shapes differ between two arrays.
+    #[error("{what} are {found_rows} x {found_cols} pixels, expected {rows} x {cols}; cut all patches alike")]
+    PatchShape {
+        /// Which data.
+        what: &'static str,
+        /// Rows expected.
+        rows: usize,
+        /// Columns expected.
+        cols: usize,
+        /// Rows found.
+        found_rows: usize,
+        /// Columns found.
+        found_cols: usize,
+    },
+    /// The numbers of noisy and clean test patches differ.
+    #[error("{clean} clean patches were given for {noisy} noisy test patches; give one for each, in the same order")]
+    PatchCount {
+        /// Noisy test patches.
+        noisy: usize,
+        /// Clean test patches.
+        clean: usize,
+    },
+    /// The patch has no pixels, or too many for a dense covariance.
+    #[error("patches of {rows} x {cols} pixels cannot be modelled; use 1 to {limit} pixels")]
+    PatchSize {
+        /// Rows of the patch.
+        rows: usize,
+        /// Columns of the patch.
+        cols: usize,
+        /// Largest number of pixels.
+        limit: usize,
+    },
+    /// A covariance is not that of any random field.
+    #[error("the covariance is not positive definite at patch row {row}; the data may lack noise or repeat themselves")]
+    NotPositiveDefinite {
+        /// The first patch row whose prediction error is not positive.
+        row: usize,
+    },
+    /// An autocovariance has the wrong shape.
+    #[error("an autocovariance must be (2L+1) x (2L+1) with L at least {needed} px, found {rows} x {cols}")]
+    Lags {
+        /// The smallest largest lag, px.
+        needed: usize,
+        /// Rows found.
+        rows: usize,
+        /// Columns found.
+        cols: usize,
+    },
+    /// A point spread function or bead spot has a shape that was not announced.
+    #[error("the {what} is {found_rows} x {found_cols} pixels, expected at most {rows} x {cols} and at least 1 x 1")]
+    SpotShape {
+        /// Which array.
+        what: &'static str,
+        /// Most rows.
+        rows: usize,
+        /// Most columns.
+        cols: usize,
+        /// Rows found.
+        found_rows: usize,
+        /// Columns found.
+        found_cols: usize,
+    },
+    /// A probability lies outside (0, 1).
+    #[error("the bead probability must lie between 0 and 1, found {found}")]
+    Probability {
+        /// The value given.
+        found: f64,
+    },
+    /// There is nothing to resample or to choose from.
+    #[error("an interval needs at least one test patch and an estimate at least one trial")]
+    Empty,
+    /// Trials of different settings cannot be one estimate.
+    #[error("the trials differ in {what}; an estimate combines trials of the same settings only")]
+    TrialsDiffer {
+        /// The setting that differs.
+        what: &'static str,
+    },
+    /// A file is not an estimate, or is one from the future.
+    #[error("cannot read the estimate: {reason}")]
+    Format {
+        /// What was expected and found.
+        reason: String,
+    },
+}
