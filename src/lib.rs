@@ -12,6 +12,8 @@
 //! | 0 | [`formats`] | array and picture files, safe writing |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 2 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
+//! | 4 | [`workbench`] | the open design, commands, the worker, exports |
+//! | 5 | `studio`, `cli` | window, command line |
 //!
 //! # Conventions
 //! - Images are `ndarray` arrays of shape (rows, cols), row 0 at the top; stacks are (n, rows, cols); volumes are
@@ -28,3 +30,6 @@ pub mod objects;
 pub mod optics;
 pub mod sensor;
 pub mod sparsity;
+#[cfg(feature = "studio")]
+pub mod studio;
+pub mod workbench;

@@ -28,4 +28,4 @@ pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
 pub use stack::{read_picture_or_array, read_stack};
 pub use tables::{read_json, write_csv, write_json};
 pub use tiff_pages::{read_pages, write_tiff};
-pub use write::write_safely;
+pub use write::{create_folder, write_safely};

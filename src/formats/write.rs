@@ -19,6 +19,14 @@ pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result
     write_seekable_safely(path, |writer| fill(writer))
 }
 
+/// Makes a folder and those above it; one that is there already is fine.
+///
+/// # Errors
+/// [`FormatError::NotWritten`] if it cannot be made, a file of that name being there for example.
+pub fn create_folder(path: &Path) -> Result<(), FormatError> {
+    fs::create_dir_all(path).map_err(|error| FormatError::from_write(path, error))
+}
+
 /// [`write_safely`] for formats that come back to fill in offsets.
 pub(super) fn write_seekable_safely(
     path: &Path,

@@ -1,5 +1,6 @@
 //! A set of objects, opened once and drawn from as often as needed.
 
+use std::fmt;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -44,6 +45,12 @@ pub struct Progress {
     pub done: usize,
     /// Files to read.
     pub total: usize,
+}
+
+impl fmt::Display for Progress {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "Reading objects, {} of {} files", self.done, self.total)
+    }
 }
 
 /// Who is told of progress and may ask to stop.

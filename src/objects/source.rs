@@ -1,7 +1,7 @@
 //! The name of a set of objects, as text.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,25 @@ pub enum ObjectSource {
     Images(PathBuf),
     /// `stack:FILE`: whole objects of any shape from an NPY, NPZ or TIFF file.
     Stack(PathBuf),
+}
+
+impl ObjectSource {
+    /// What a file or folder most likely holds, by its name: for people who drop or type a path. A wrong guess is found
+    /// out when the file is read.
+    pub fn guess(path: &Path) -> Self {
+        let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
+        let path = path.to_path_buf();
+        if ends(&[".npy", ".npz", ".tif", ".tiff"]) {
+            Self::Stack(path)
+        } else if ends(&[".bin"]) {
+            Self::Cifar(path)
+        } else if ends(&[".gz", ".idx", "-ubyte"]) || name.contains("idx") {
+            Self::Idx(path)
+        } else {
+            Self::Images(path)
+        }
+    }
 }
 
 impl fmt::Display for ObjectSource {

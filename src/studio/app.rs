@@ -1,0 +1,335 @@
+//! The studio: menus, rooms, status bar, dropped files, and what happens between frames.
+
+use std::path::{Path, PathBuf};
+
+use egui::{Panel, Ui, ViewportCommand};
+use egui_tiles::Tree;
+
+use super::actions::{self, Action};
+use super::dialogs::{self, Purpose};
+use super::layout::{Pane, Rooms, default_layout};
+use super::messages::Severity;
+use super::state::{Leave, State};
+use crate::objects::ObjectSource;
+use crate::workbench::{Design, Job, Outcome, Workbench};
+
+/// The window's contents.
+pub struct Studio {
+    state: State,
+    rooms: Tree<Pane>,
+    /// A dropped picture or array waits to be told apart: PSF or objects.
+    dropped: Option<PathBuf>,
+    title: String,
+    /// The close that is going on was agreed to.
+    closing: bool,
+}
+
+impl Studio {
+    /// A studio on a design; the worker starts at once.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn new(ctx: &egui::Context, design: Design, path: Option<PathBuf>) -> std::io::Result<Self> {
+        ctx.all_styles_mut(|style| {
+            style.spacing.item_spacing = egui::vec2(6.0, 4.0);
+            style.interaction.tooltip_delay = 0.4;
+        });
+        let repaint = ctx.clone();
+        let bench = Workbench::new(design, path, move || repaint.request_repaint())?;
+        let title = String::new();
+        Ok(Self { state: State::new(bench), rooms: default_layout(), dropped: None, title, closing: false })
+    }
+
+    /// Shows a notice in the status bar and the log.
+    pub fn tell(&mut self, notice: String) {
+        self.state.messages.push(Severity::Notice, notice);
+    }
+
+    /// The workbench behind the window.
+    pub fn bench(&self) -> &Workbench {
+        &self.state.bench
+    }
+
+    /// Takes up results, answers and shortcuts.
+    pub fn logic(&mut self, ctx: &egui::Context) {
+        let state = &mut self.state;
+        for outcome in state.bench.take_outcomes() {
+            hear(state, outcome);
+        }
+        state.live = state.bench.live();
+        if let Some(information) = state.live.information.as_ref() {
+            let bound = information.value.gaussian.bits_per_pixel;
+            state.trail.note(information.revision, bound, information.value.ceiling_bits());
+        }
+        let count = state.lenslet_count();
+        state.selection.retain(|&index| index < count);
+        if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
+            && !state.bench.is_dirty()
+            && let Some(leaving) = state.leaving.take()
+        {
+            self.closing |= leaving.what == Leave::Close;
+            state.leave(ctx, leaving.what);
+        }
+        if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
+            if self.state.bench.is_dirty() {
+                ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+                self.state.guard(ctx, Leave::Close);
+            } else {
+                self.closing = true;
+            }
+        }
+        if !self.state.dialogs.is_open()
+            && self.state.leaving.is_none()
+            && let Some(action) = Action::pressed(ctx)
+        {
+            action.run(ctx, &mut self.state);
+        }
+        self.take_dropped_files(ctx);
+        let title = title(&self.state);
+        if title != self.title {
+            ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
+    }
+
+    /// Draws the window.
+    pub fn ui(&mut self, ui: &mut Ui) {
+        self.state.hover = None;
+        Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
+        // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
+        // room is taken first, its text drawn last.
+        let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
+        egui::CentralPanel::no_frame().show(ui, |ui| self.rooms.ui(&mut Rooms(&mut self.state), ui));
+        let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
+        status_bar(&mut bar, &mut self.state);
+        let ctx = ui.ctx().clone();
+        self.state.messages.log_window(&ctx);
+        dialogs::show(&ctx, &mut self.state);
+        self.ask_about_changes(&ctx);
+        self.ask_about_dropped(&ctx);
+        show_drop_hint(&ctx);
+    }
+
+    fn menu_bar(&mut self, ui: &mut Ui) {
+        egui::MenuBar::new().ui(ui, |ui| {
+            ui.menu_button("File", |ui| actions::file_menu(ui, &mut self.state));
+            ui.menu_button("Mask", |ui| actions::mask_menu(ui, &mut self.state));
+            ui.menu_button("View", |ui| self.view_menu(ui));
+            ui.separator();
+            let design = self.state.bench.design();
+            let name = file_name(self.state.bench.path());
+            let dirty = if self.state.bench.is_dirty() { " (unsaved changes)" } else { "" };
+            let line = format!("{name}{dirty}:  {} before {}", design.encoder.describe(), design.objects);
+            ui.add(egui::Label::new(egui::RichText::new(line).weak()).truncate());
+        });
+    }
+
+    fn view_menu(&mut self, ui: &mut Ui) {
+        ui.menu_button("Theme", |ui| {
+            for (text, theme) in [
+                ("System", egui::ThemePreference::System),
+                ("Light", egui::ThemePreference::Light),
+                ("Dark", egui::ThemePreference::Dark),
+            ] {
+                let current = ui.ctx().options(|options| options.theme_preference);
+                if ui.radio(current == theme, text).clicked() {
+                    ui.ctx().set_theme(theme);
+                    ui.close();
+                }
+            }
+        });
+        if ui.button("Reset layout").clicked() {
+            self.rooms = default_layout();
+            ui.close();
+        }
+        if ui.button("Messages").clicked() {
+            self.state.messages.log_open = true;
+            ui.close();
+        }
+    }
+
+    /// The question about unsaved changes.
+    fn ask_about_changes(&mut self, ctx: &egui::Context) {
+        let Some(leaving) = &mut self.state.leaving else { return };
+        if leaving.saving && (self.state.dialogs.is_open() || self.state.bench.has_open_jobs()) {
+            return;
+        }
+        // A save that was cancelled or failed leaves the question open.
+        leaving.saving = false;
+        let what = leaving.what.clone();
+        egui::Modal::new(egui::Id::new("unsaved changes")).show(ctx, |ui| {
+            ui.set_width(340.0);
+            ui.heading("Save your changes?");
+            ui.label(format!("{} has changes that are not in a file.", file_name(self.state.bench.path())));
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                if ui.button("Save").clicked() {
+                    Action::Save.run(ctx, &mut self.state);
+                    if let Some(leaving) = &mut self.state.leaving {
+                        leaving.saving = true;
+                    }
+                }
+                if ui.button("Discard").clicked() {
+                    self.closing |= what == Leave::Close;
+                    self.state.leave(ctx, what);
+                }
+                if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape)) {
+                    self.state.leaving = None;
+                }
+            });
+        });
+    }
+
+    fn take_dropped_files(&mut self, ctx: &egui::Context) {
+        let Some(path) = ctx.input(|input| input.raw.dropped_files.iter().find_map(|file| file.path.clone())) else {
+            return;
+        };
+        match kind_of(&path) {
+            FileKind::Design => self.state.guard(ctx, Leave::OpenFile(path)),
+            FileKind::Objects => self.state.bench.open_objects(ObjectSource::guess(&path)),
+            FileKind::Picture => self.dropped = Some(path),
+        }
+    }
+
+    fn ask_about_dropped(&mut self, ctx: &egui::Context) {
+        let Some(path) = self.dropped.clone() else { return };
+        egui::Modal::new(egui::Id::new("dropped file")).show(ctx, |ui| {
+            ui.set_width(340.0);
+            ui.heading(format!("Use {}", file_name(Some(&path))));
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                if ui.button("As objects").clicked() {
+                    self.state.bench.open_objects(ObjectSource::guess(&path));
+                    self.dropped = None;
+                }
+                if ui.button("As PSF").clicked() {
+                    self.state.bench.submit(Job::ImportPsf { path, side: None });
+                    self.dropped = None;
+                }
+                if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape)) {
+                    self.dropped = None;
+                }
+            });
+        });
+    }
+}
+
+impl eframe::App for Studio {
+    fn logic(&mut self, ctx: &egui::Context, _frame: &mut eframe::Frame) {
+        Self::logic(self, ctx);
+    }
+
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        Self::ui(self, ui);
+    }
+}
+
+/// Tells the person what a job has brought.
+fn hear(state: &mut State, outcome: Result<Outcome, String>) {
+    let (severity, text) = match outcome {
+        Ok(Outcome::Opened { path, .. }) => {
+            state.selection.clear();
+            (Severity::Done, format!("Opened {}", path.display()))
+        }
+        Ok(Outcome::Saved { path, .. }) => (Severity::Done, format!("Saved {}", path.display())),
+        Ok(Outcome::ObjectsOpened { source, notices }) => {
+            for notice in notices {
+                state.messages.push(Severity::Notice, notice);
+            }
+            (Severity::Done, format!("Imaging {source}"))
+        }
+        Ok(Outcome::PsfImported { encoder }) => {
+            state.selection.clear();
+            (Severity::Done, format!("Using {}", encoder.describe()))
+        }
+        Ok(Outcome::Exported { files }) => {
+            let text = match files.as_slice() {
+                [file] => format!("Exported {}", file.display()),
+                files => {
+                    let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("."));
+                    format!("Exported {} files to {}", files.len(), folder.display())
+                }
+            };
+            (Severity::Done, text)
+        }
+        Err(error) => (Severity::Failure, error),
+    };
+    state.messages.push(severity, text);
+}
+
+fn title(state: &State) -> String {
+    let mark = if state.bench.is_dirty() { "*" } else { "" };
+    format!("{}{mark} - Lenslet Studio", file_name(state.bench.path()))
+}
+
+fn file_name(path: Option<&Path>) -> String {
+    path.and_then(Path::file_name).map_or_else(|| "Untitled".into(), |name| name.to_string_lossy().into_owned())
+}
+
+enum FileKind {
+    Design,
+    Objects,
+    Picture,
+}
+
+/// What a dropped file or folder is likely to be. Pictures and arrays can be both, PSF or objects.
+fn kind_of(path: &Path) -> FileKind {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match extension.as_str() {
+        "json" => FileKind::Design,
+        "npy" | "npz" | "tif" | "tiff" | "png" | "jpg" | "jpeg" | "bmp" if path.is_file() => FileKind::Picture,
+        _ => FileKind::Objects,
+    }
+}
+
+/// Left: the newest message, or the value under the pointer. Right: what is going on.
+fn status_bar(ui: &mut Ui, state: &mut State) {
+    ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+        let work = if let Some(busy) = &state.live.busy {
+            busy.clone()
+        } else if state.bench.has_open_jobs() {
+            "Working".into()
+        } else if state.bench.is_computing() {
+            "Computing".into()
+        } else {
+            format!("Up to date, {:.0} ms per edit", 1e3 * state.live.seconds)
+        };
+        ui.weak(work);
+        ui.separator();
+        ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| match &state.hover {
+            Some(hover) => {
+                ui.add(egui::Label::new(hover).truncate());
+            }
+            None => state.messages.status_line(ui),
+        });
+    });
+}
+
+/// Says that files may be dropped while some are held over the window.
+fn show_drop_hint(ctx: &egui::Context) {
+    if ctx.input(|input| input.raw.hovered_files.is_empty()) {
+        return;
+    }
+    let painter = ctx.layer_painter(egui::LayerId::new(egui::Order::Foreground, egui::Id::new("drop hint")));
+    let rect = ctx.content_rect();
+    painter.rect_filled(rect, 0.0, egui::Color32::from_black_alpha(160));
+    painter.text(
+        rect.center(),
+        egui::Align2::CENTER_CENTER,
+        "Drop a design, objects or a PSF",
+        egui::FontId::proportional(24.0),
+        egui::Color32::WHITE,
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_files_are_told_apart() {
+        assert!(matches!(kind_of(Path::new("a/Design.JSON")), FileKind::Design));
+        assert!(matches!(kind_of(Path::new("t10k-images-idx3-ubyte.gz")), FileKind::Objects));
+        assert!(matches!(kind_of(Path::new("test_batch.bin")), FileKind::Objects));
+    }
+}

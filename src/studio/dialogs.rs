@@ -1,0 +1,288 @@
+//! Questions that need a path: one window with a typed path, and the system's own file dialog behind a button.
+//!
+//! The system's dialog runs on a named thread, one at a time; where the system has none it answers like a cancelled
+//! one, and the typed path is still there.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+use egui::{Key, TextEdit};
+use ndarray::{Array2, Axis};
+
+use super::messages::Severity;
+use super::state::State;
+use crate::objects::ObjectSource;
+use crate::workbench::{Colormap, Curve, Job, MeasurementFormat};
+
+/// What a path is asked for.
+#[derive(Clone, Debug)]
+pub enum Purpose {
+    /// Opens a design file.
+    OpenDesign,
+    /// Saves the design under another name.
+    SaveAs,
+    /// Images the objects of a file or folder.
+    OpenObjects,
+    /// Uses a picture as the PSF.
+    ImportPsf,
+    /// Writes the PSF in all formats and the design.
+    ExportDesign,
+    /// Writes the live objects and measurements.
+    ExportMeasurements,
+    /// Writes a picture as shown.
+    ExportView {
+        /// Name of the view.
+        name: &'static str,
+        /// Its values.
+        image: Array2<f32>,
+        /// Values in the first and the last colour.
+        limits: (f32, f32),
+        /// Its colours.
+        colormap: Colormap,
+    },
+    /// Writes a curve as CSV.
+    ExportCurve {
+        /// The curve.
+        curve: Curve,
+        /// Name of the file that is suggested.
+        name: &'static str,
+    },
+}
+
+/// How the system's dialog should ask.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Picker {
+    Open,
+    Save,
+    Folder,
+}
+
+impl Purpose {
+    fn title(&self) -> String {
+        match self {
+            Self::OpenDesign => "Open design".into(),
+            Self::SaveAs => "Save design as".into(),
+            Self::OpenObjects => "Open objects".into(),
+            Self::ImportPsf => "Import PSF".into(),
+            Self::ExportDesign => "Export design".into(),
+            Self::ExportMeasurements => "Export measurements".into(),
+            Self::ExportView { name, .. } => format!("Export {name} view"),
+            Self::ExportCurve { .. } => "Export curve".into(),
+        }
+    }
+
+    fn hint(&self) -> &'static str {
+        match self {
+            Self::OpenDesign => "A design file (.json)",
+            Self::SaveAs => "A design file (.json); an existing one is replaced",
+            Self::OpenObjects => "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures",
+            Self::ImportPsf => "A picture (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
+            Self::ExportDesign => {
+                "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is made if need be"
+            }
+            Self::ExportMeasurements => "A folder for objects, noiseless and measurements; it is made if need be",
+            Self::ExportView { .. } => "A PNG file, one pixel per pixel",
+            Self::ExportCurve { .. } => "A CSV file",
+        }
+    }
+
+    fn action(&self) -> &'static str {
+        match self {
+            Self::OpenDesign | Self::OpenObjects => "Open",
+            Self::ImportPsf => "Import",
+            Self::SaveAs => "Save",
+            _ => "Export",
+        }
+    }
+
+    fn picker(&self) -> Picker {
+        match self {
+            Self::OpenDesign | Self::OpenObjects | Self::ImportPsf => Picker::Open,
+            Self::SaveAs | Self::ExportView { .. } | Self::ExportCurve { .. } => Picker::Save,
+            Self::ExportDesign | Self::ExportMeasurements => Picker::Folder,
+        }
+    }
+
+    /// What stands in the path field at first.
+    fn suggestion(&self, beside: Option<&Path>) -> String {
+        let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
+        let name = match self {
+            Self::OpenDesign | Self::OpenObjects | Self::ImportPsf => return String::new(),
+            Self::SaveAs => beside.map_or_else(|| PathBuf::from("design.json"), Path::to_path_buf),
+            Self::ExportDesign => folder.join("export"),
+            Self::ExportMeasurements => folder.join("measurements"),
+            Self::ExportView { name, .. } => folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-"))),
+            Self::ExportCurve { name, .. } => folder.join(name),
+        };
+        name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
+    }
+}
+
+/// The open question, if any.
+#[derive(Default)]
+pub struct Dialogs {
+    open: Option<Question>,
+}
+
+struct Question {
+    purpose: Purpose,
+    path: String,
+    /// Pixels to resample an imported PSF to; 0 leaves it as it is.
+    resample: usize,
+    /// Write TIFF instead of NPY.
+    tiff: bool,
+    /// Answer of the system's dialog, while it is open.
+    system: Option<Receiver<Option<PathBuf>>>,
+    /// The path field takes the keyboard once.
+    focus: bool,
+}
+
+impl Dialogs {
+    /// Asks for a path. `beside` is the design's file, near which suggestions lie.
+    pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
+        let path = purpose.suggestion(beside);
+        self.open = Some(Question { purpose, path, resample: 0, tiff: false, system: None, focus: true });
+    }
+
+    /// Whether a question is open.
+    pub fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+}
+
+/// Shows the open question and does what it is answered.
+pub fn show(ctx: &egui::Context, state: &mut State) {
+    let Some(mut question) = state.dialogs.open.take() else { return };
+    if let Some(system) = &question.system {
+        match system.try_recv() {
+            Ok(Some(path)) => {
+                question.path = path.display().to_string();
+                question.system = None;
+            }
+            Ok(None) | Err(TryRecvError::Disconnected) => question.system = None,
+            Err(TryRecvError::Empty) => {}
+        }
+    }
+    let mut done = false;
+    let mut cancelled = false;
+    egui::Modal::new(egui::Id::new("path question")).show(ctx, |ui| {
+        ui.set_width(480.0_f32.min(ui.ctx().content_rect().width() - 40.0));
+        ui.heading(question.purpose.title());
+        ui.add_space(4.0);
+        ui.label(question.purpose.hint());
+        ui.add_space(4.0);
+        ui.horizontal(|ui| {
+            let browse = 80.0;
+            let width = (ui.available_width() - browse).max(80.0);
+            let field = ui.add(TextEdit::singleline(&mut question.path).desired_width(width).hint_text("Path"));
+            super::image_view::name_widget(&field, "Path");
+            if question.focus {
+                field.request_focus();
+                question.focus = false;
+            }
+            let confirmed = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
+            done |= confirmed && !question.path.trim().is_empty();
+            if ui.add_enabled(question.system.is_none(), egui::Button::new("Browse...")).clicked() {
+                question.system = browse_system(ui.ctx(), question.purpose.picker(), &question.path);
+            }
+        });
+        match question.purpose {
+            Purpose::ImportPsf => {
+                ui.horizontal(|ui| {
+                    let mut resample = question.resample > 0;
+                    if ui.checkbox(&mut resample, "Resample the central square to").changed() {
+                        question.resample = if resample { 32 } else { 0 };
+                    }
+                    if resample {
+                        let side = egui::DragValue::new(&mut question.resample).range(4..=1024).suffix(" px");
+                        let response = ui.add(side);
+                        super::image_view::name_widget(&response, "Resampled side");
+                    }
+                });
+            }
+            Purpose::ExportMeasurements => {
+                ui.horizontal(|ui| {
+                    ui.radio_value(&mut question.tiff, false, "NPY");
+                    ui.radio_value(&mut question.tiff, true, "TIFF, 32-bit float");
+                });
+            }
+            _ => {}
+        }
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            let ready = !question.path.trim().is_empty();
+            done |= ui.add_enabled(ready, egui::Button::new(question.purpose.action())).clicked();
+            cancelled |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape));
+        });
+    });
+    if done {
+        answer(state, &question);
+    } else if !cancelled {
+        state.dialogs.open = Some(question);
+    }
+}
+
+/// Opens the system's dialog on a thread of its own.
+fn browse_system(ctx: &egui::Context, picker: Picker, start: &str) -> Option<Receiver<Option<PathBuf>>> {
+    let (sender, receiver) = channel();
+    let start = PathBuf::from(start);
+    let ctx = ctx.clone();
+    let thread = std::thread::Builder::new().name("lenslet-file-dialog".into()).spawn(move || {
+        let mut dialog = rfd::FileDialog::new();
+        if let Some(folder) = start.parent().and_then(|folder| folder.canonicalize().ok()) {
+            dialog = dialog.set_directory(folder);
+        }
+        if let Some(name) = start.file_name() {
+            dialog = dialog.set_file_name(name.to_string_lossy());
+        }
+        let path = match picker {
+            Picker::Open => dialog.pick_file(),
+            Picker::Save => dialog.save_file(),
+            Picker::Folder => dialog.pick_folder(),
+        };
+        // The question may have been closed in the meantime; then nobody listens.
+        let _ = sender.send(path);
+        ctx.request_repaint();
+    });
+    thread.ok().map(|_| receiver)
+}
+
+fn answer(state: &mut State, question: &Question) {
+    let path = PathBuf::from(question.path.trim());
+    match &question.purpose {
+        Purpose::OpenDesign => state.bench.submit(Job::OpenDesign(path)),
+        Purpose::SaveAs => {
+            let path = if path.extension().is_none() { path.with_extension("json") } else { path };
+            state.bench.save_to(path);
+        }
+        Purpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
+        Purpose::ImportPsf => {
+            let side = Some(question.resample).filter(|&side| side > 0);
+            state.bench.submit(Job::ImportPsf { path, side });
+        }
+        Purpose::ExportDesign => {
+            state.bench.submit(Job::ExportDesign { design: state.bench.design().clone(), folder: path });
+        }
+        Purpose::ExportMeasurements => export_measurements(state, path, question.tiff),
+        Purpose::ExportView { image, limits, colormap, .. } => {
+            let image = image.clone();
+            state.bench.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
+        }
+        Purpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
+    }
+}
+
+fn export_measurements(state: &mut State, folder: PathBuf, tiff: bool) {
+    let (Some(scene), Some(measurements)) = (&state.live.scene, &state.live.measurements) else {
+        state.messages.push(Severity::Failure, "There are no measurements yet; wait until they are computed.");
+        return;
+    };
+    let format = if tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
+    state.bench.submit(Job::ExportMeasurements {
+        objects: scene.value.objects.sum_axis(Axis(1)),
+        noiseless: measurements.value.noiseless.clone(),
+        noisy: measurements.value.noisy.clone(),
+        format,
+        folder,
+    });
+}

@@ -1,0 +1,114 @@
+//! The lenslets as numbers.
+
+use egui::{DragValue, Ui};
+
+use super::image_view::{name_widget, placeholder};
+use super::state::State;
+use crate::optics::{Lenslet, LensletArray};
+use crate::workbench::{Command, LensletChange};
+
+/// Shows the table.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let design = state.bench.design().clone();
+    let Some(array) = design.encoder.lenslets() else {
+        placeholder(ui, &format!("{} has no lenslets. Choose a preset in the Mask menu to edit some.", design.encoder.describe()));
+        return;
+    };
+    ui.horizontal(|ui| {
+        if ui.button("Add lenslet").on_hover_text("In the middle of the grid; or double-click the mask").clicked() {
+            let (x, y) = ((array.cols / 2) as f64, (array.rows / 2) as f64);
+            let like = array.lenslets.last();
+            let sigma = like.map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
+            let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
+            state.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
+        }
+        let deletable = !state.selection.is_empty() && state.selection.len() < array.lenslets.len();
+        let delete = ui.add_enabled(deletable, egui::Button::new("Delete selected"));
+        if delete.on_disabled_hover_text("Select lenslets first; one must stay").clicked() {
+            state.delete_selection();
+        }
+        if ui.button("Equal weights").on_hover_text("Gives every lenslet the same share of the light").clicked() {
+            let weight = 1.0 / array.lenslets.len() as f64;
+            let lenslets = array.lenslets.iter().map(|&lenslet| Lenslet { weight, ..lenslet }).enumerate().collect();
+            state.send(&Command::ChangeLenslets { what: LensletChange::Weight, lenslets });
+        }
+        ui.weak(format!("{} lenslets, {:.1} effective", array.lenslets.len(), array.effective_count()))
+            .on_hover_text("Effective: as many equal lenslets would spread the light alike");
+    });
+    ui.add_space(4.0);
+    let volumes = array.planes() > 1 || state.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        egui::Grid::new("lenslet table").striped(true).spacing([10.0, 3.0]).min_col_width(30.0).show(ui, |ui| {
+            for (title, hint) in [
+                ("", "Number; click to select"),
+                ("x", "Column of the centre, pixels"),
+                ("y", "Row of the centre, pixels"),
+                ("width", "Standard deviation of the spot, pixels"),
+                ("weight", "Share of the light, before all are scaled to sum 1"),
+            ] {
+                ui.strong(title).on_hover_text(hint);
+            }
+            if volumes {
+                ui.strong("plane").on_hover_text("Depth plane in focus");
+            }
+            ui.end_row();
+            for index in 0..array.lenslets.len() {
+                row(ui, state, array, index, volumes);
+                ui.end_row();
+            }
+        });
+    });
+}
+
+fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volumes: bool) {
+    let lenslet = array.lenslets[index];
+    let number = index + 1;
+    let selected = state.selection.contains(&index);
+    let chooser = ui.selectable_label(selected, format!("{number:>2}"));
+    name_widget(&chooser, &format!("Select lenslet {number}"));
+    if chooser.clicked() {
+        if !ui.input(|input| input.modifiers.shift || input.modifiers.command) {
+            state.selection.clear();
+        }
+        if !state.selection.insert(index) {
+            state.selection.remove(&index);
+        }
+    }
+    let mut change = |what, changed: Option<Lenslet>| {
+        if let Some(changed) = changed {
+            state.send(&Command::ChangeLenslets { what, lenslets: vec![(index, changed)] });
+        }
+    };
+    let (last_col, last_row) = (array.cols as f64 - 1.0, array.rows as f64 - 1.0);
+    let x = number_field(ui, lenslet.x, 0.0..=last_col, 0.05, 2, " px", &format!("Lenslet {number} x"));
+    change(LensletChange::Position, x.map(|x| Lenslet { x, ..lenslet }));
+    let y = number_field(ui, lenslet.y, 0.0..=last_row, 0.05, 2, " px", &format!("Lenslet {number} y"));
+    change(LensletChange::Position, y.map(|y| Lenslet { y, ..lenslet }));
+    let sigma = lenslet.spot.mean_sigma();
+    let width = number_field(ui, sigma, 0.2..=100.0, 0.01, 3, " px", &format!("Lenslet {number} width"));
+    change(LensletChange::Width, width.map(|sigma| Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet }));
+    let weight = number_field(ui, lenslet.weight, 0.0..=1e6, 0.001, 4, "", &format!("Lenslet {number} weight"));
+    change(LensletChange::Weight, weight.map(|weight| Lenslet { weight, ..lenslet }));
+    if volumes {
+        let plane = number_field(ui, lenslet.plane as f64, 0.0..=63.0, 0.05, 0, "", &format!("Lenslet {number} plane"));
+        change(LensletChange::Plane, plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet }));
+    }
+}
+
+/// A numeric field called `name`; returns the new value where it was changed.
+pub fn number_field(
+    ui: &mut Ui,
+    value: f64,
+    range: std::ops::RangeInclusive<f64>,
+    speed: f64,
+    decimals: usize,
+    suffix: &str,
+    name: &str,
+) -> Option<f64> {
+    let mut edited = value;
+    let field =
+        DragValue::new(&mut edited).range(range).clamp_existing_to_range(false).speed(speed).max_decimals(decimals).suffix(suffix);
+    let response = ui.add(field);
+    name_widget(&response, name);
+    (response.changed() && edited != value).then_some(edited)
+}

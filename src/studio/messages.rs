@@ -1,0 +1,82 @@
+//! What the studio has told: the newest shows in the status bar, all stay in the log.
+
+use egui::{Color32, RichText, Ui};
+
+/// How serious a message is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Severity {
+    /// Something was done.
+    Done,
+    /// Something to know.
+    Notice,
+    /// Something was not done.
+    Failure,
+}
+
+/// One message.
+struct Message {
+    severity: Severity,
+    text: String,
+}
+
+/// All messages since the start, bounded.
+#[derive(Default)]
+pub struct Messages {
+    entries: Vec<Message>,
+    /// Whether the log window is open.
+    pub log_open: bool,
+}
+
+impl Messages {
+    /// Messages that are kept; older ones are dropped.
+    const KEPT: usize = 500;
+
+    /// Adds a message. The same message again is not repeated.
+    pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
+        let text = text.into();
+        if self.entries.last().is_some_and(|last| last.text == text) {
+            return;
+        }
+        if self.entries.len() >= Self::KEPT {
+            self.entries.remove(0);
+        }
+        self.entries.push(Message { severity, text });
+    }
+
+    /// The newest message on one line; a click opens the log.
+    pub fn status_line(&mut self, ui: &mut Ui) {
+        let Some(message) = self.entries.last() else {
+            ui.weak("Ready");
+            return;
+        };
+        let text = RichText::new(&message.text).color(colour(ui, message.severity));
+        let label = egui::Label::new(text).truncate().sense(egui::Sense::click());
+        if ui.add(label).on_hover_text(format!("{}\n\nClick for all messages", message.text)).clicked() {
+            self.log_open = !self.log_open;
+        }
+    }
+
+    /// The window with all messages, newest first.
+    pub fn log_window(&mut self, ctx: &egui::Context) {
+        let mut open = self.log_open;
+        egui::Window::new("Messages").open(&mut open).default_size([520.0, 260.0]).show(ctx, |ui| {
+            if self.entries.is_empty() {
+                ui.weak("Nothing has been told yet.");
+            }
+            egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                for message in self.entries.iter().rev() {
+                    ui.label(RichText::new(&message.text).color(colour(ui, message.severity)));
+                }
+            });
+        });
+        self.log_open = open;
+    }
+}
+
+fn colour(ui: &Ui, severity: Severity) -> Color32 {
+    match severity {
+        Severity::Done => ui.visuals().text_color(),
+        Severity::Notice => ui.visuals().warn_fg_color,
+        Severity::Failure => ui.visuals().error_fg_color,
+    }
+}

@@ -1,0 +1,19 @@
+//! The window: it shows the workbench and sends it commands; everything that computes lives below.
+
+mod actions;
+mod app;
+mod dialogs;
+mod image_view;
+mod information_panel;
+mod layout;
+mod lenslet_table;
+mod mask_canvas;
+mod messages;
+mod mtf_panel;
+mod sample_panels;
+mod scene_panel;
+mod state;
+mod window;
+
+pub use app::Studio;
+pub use window::{RendererChoice, WindowError, open_window};

@@ -1,0 +1,169 @@
+//! What is imaged, and the sensor that images it.
+
+use egui::Ui;
+
+use super::dialogs::Purpose;
+use super::image_view::name_widget;
+use super::lenslet_table::number_field;
+use super::state::State;
+use crate::objects::ObjectSource;
+use crate::sensor::Noise;
+use crate::workbench::{Command, Design};
+
+/// Shows the settings.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let design = state.bench.design().clone();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        objects(ui, state, &design);
+        ui.add_space(6.0);
+        ui.separator();
+        sensor(ui, state, &design);
+    });
+}
+
+fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
+    ui.strong("Objects");
+    ui.add_space(2.0);
+    let density = match &design.objects {
+        ObjectSource::Beads { density }
+        | ObjectSource::BeadsMax { density }
+        | ObjectSource::Volume { density, .. } => *density,
+        _ => 0.02,
+    };
+    let mut chosen = None;
+    ui.horizontal_wrapped(|ui| {
+        let mut kind = |ui: &mut Ui, selected: bool, text: &str, hint: &str, source: ObjectSource| {
+            if ui.selectable_label(selected, text).on_hover_text(hint).clicked() && !selected {
+                chosen = Some(source);
+            }
+        };
+        let is = |test: fn(&ObjectSource) -> bool| test(&design.objects);
+        kind(
+            ui,
+            is(|source| matches!(source, ObjectSource::Beads { .. })),
+            "Beads",
+            "Randomly placed points, the whole set scaled to the mean below",
+            ObjectSource::Beads { density },
+        );
+        kind(
+            ui,
+            is(|source| matches!(source, ObjectSource::BeadsMax { .. })),
+            "Equal beads",
+            "Every bead has 2000 photons, however many there are",
+            ObjectSource::BeadsMax { density },
+        );
+        kind(
+            ui,
+            is(|source| matches!(source, ObjectSource::Volume { .. })),
+            "Volume",
+            "Five independent planes of beads; each lenslet sees the plane it is focused on",
+            ObjectSource::Volume { planes: 5, density },
+        );
+    });
+    if let Some(source) = chosen {
+        state.send(&Command::SetObjects(source));
+    }
+    let from_file = match &design.objects {
+        ObjectSource::Beads { .. } | ObjectSource::BeadsMax { .. } | ObjectSource::Volume { .. } => false,
+        ObjectSource::Idx(_) | ObjectSource::Cifar(_) | ObjectSource::Images(_) | ObjectSource::Stack(_) => true,
+    };
+    ui.horizontal(|ui| {
+        if ui.button("Open objects...").on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, a picture, or a folder of pictures").clicked() {
+            state.dialogs.ask(Purpose::OpenObjects, state.bench.path());
+        }
+        if from_file {
+            let text = design.objects.to_string();
+            ui.add(egui::Label::new(&text).truncate()).on_hover_text(text);
+        }
+    });
+    if !from_file {
+        labelled(ui, "Density", |ui| {
+            let hint = "Share of pixels that hold a bead";
+            if let Some(density) = number_field(ui, density, 0.0002..=1.0, 0.0005, 4, "", "Bead density") {
+                let source = match &design.objects {
+                    ObjectSource::BeadsMax { .. } => ObjectSource::BeadsMax { density },
+                    ObjectSource::Volume { planes, .. } => ObjectSource::Volume { planes: *planes, density },
+                    _ => ObjectSource::Beads { density },
+                };
+                state.send(&Command::SetObjects(source));
+            }
+            ui.weak("of pixels").on_hover_text(hint);
+        });
+    }
+    if !matches!(design.objects, ObjectSource::BeadsMax { .. }) {
+        labelled(ui, "Mean", |ui| {
+            let photons = number_field(ui, design.mean_photons, 0.01..=1e7, 1.0, 2, "", "Mean photons");
+            if let Some(photons) = photons {
+                state.send(&Command::SetMeanPhotons(photons));
+            }
+            ui.weak("photons per pixel");
+        });
+    }
+    if let Some(scene) = state.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
+        ui.weak(scene.value.set.describe());
+        for notice in scene.value.set.notices() {
+            ui.colored_label(ui.visuals().warn_fg_color, notice);
+        }
+    } else if let Some(busy) = &state.live.busy {
+        ui.weak(busy);
+    } else if let Some((_, failure)) = &state.live.failure {
+        ui.colored_label(ui.visuals().error_fg_color, failure);
+    }
+}
+
+fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
+    ui.strong("Sensor");
+    ui.add_space(2.0);
+    let sigma = design.noise.read_sigma().unwrap_or(5.0);
+    labelled(ui, "Noise", |ui| {
+        for (text, hint, noise) in [
+            ("Shot", "Photon counting, Poisson", Noise::Shot),
+            ("Read", "Gaussian, the same everywhere", Noise::Read { sigma }),
+            ("Both", "Photon counting and read noise", Noise::ShotRead { sigma }),
+            ("None", "Noiseless; information is then unbounded", Noise::None),
+        ] {
+            let selected = std::mem::discriminant(&noise) == std::mem::discriminant(&design.noise);
+            let response = ui.selectable_label(selected, text).on_hover_text(hint);
+            name_widget(&response, &format!("{text} noise"));
+            if response.clicked() && !selected {
+                state.send(&Command::SetNoise(noise));
+            }
+        }
+    });
+    if design.noise.read_sigma().is_some() {
+        labelled(ui, "Read noise", |ui| {
+            if let Some(sigma) = number_field(ui, sigma, 0.05..=1e5, 0.1, 2, "", "Read noise sigma") {
+                let noise =
+                    if design.noise.has_shot_noise() { Noise::ShotRead { sigma } } else { Noise::Read { sigma } };
+                state.send(&Command::SetNoise(noise));
+            }
+            ui.weak("photons, standard deviation");
+        });
+    }
+    labelled(ui, "Background", |ui| {
+        if let Some(photons) = number_field(ui, design.bias_photons, 0.0..=1e7, 0.5, 2, "", "Background photons") {
+            state.send(&Command::SetBias(photons));
+        }
+        ui.weak("photons per pixel");
+    });
+    labelled(ui, "Seed", |ui| {
+        if let Some(seed) = number_field(ui, design.seed as f64, 0.0..=9e15, 0.1, 0, "", "Seed") {
+            state.send(&Command::SetSeed(seed.round() as u64));
+        }
+        if ui.button("New").on_hover_text("Draws other objects and other noise").clicked() {
+            state.send(&Command::SetSeed(design.seed.wrapping_add(1) % 9_000_000_000_000_000));
+        }
+    });
+}
+
+/// A setting with its name in front, names aligned.
+fn labelled(ui: &mut Ui, name: &str, add: impl FnOnce(&mut Ui)) {
+    ui.horizontal(|ui| {
+        ui.set_min_height(22.0);
+        ui.allocate_ui_with_layout(egui::vec2(78.0, 18.0), egui::Layout::left_to_right(egui::Align::Center), |ui| {
+            ui.set_min_width(78.0);
+            ui.label(name);
+        });
+        add(ui);
+    });
+}

@@ -1,0 +1,226 @@
+//! What the panels share: the workbench, what is selected and shown, and where the pointer is.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use crate::optics::Lenslet;
+use crate::workbench::{Colormap, Command, Curve, Job, Live, Workbench};
+
+use super::dialogs::{Dialogs, Purpose};
+use super::image_view::{ImageView, Palettes};
+use super::messages::{Messages, Severity};
+
+/// The state of the window. Panels read it, and change the design only through [`State::send`].
+pub struct State {
+    /// The open design and its worker.
+    pub bench: Workbench,
+    /// Results as of this frame.
+    pub live: Live,
+    /// Indices of the selected lenslets.
+    pub selection: BTreeSet<usize>,
+    /// The pictures.
+    pub views: Views,
+    /// Colours of all maps.
+    pub palettes: Palettes,
+    /// Which of the live objects is shown.
+    pub sample: usize,
+    /// Whether the measurement is shown with noise.
+    pub noisy: bool,
+    /// Whether the transfer function is shown as a map.
+    pub mtf_as_map: bool,
+    /// The value under the pointer, for the status bar.
+    pub hover: Option<String>,
+    /// Information after each edit.
+    pub trail: Trail,
+    /// What was told.
+    pub messages: Messages,
+    /// Open dialogs.
+    pub dialogs: Dialogs,
+    /// The drag on the mask canvas, if one is going on.
+    pub drag: Option<MaskDrag>,
+    /// What waits for an answer about unsaved changes.
+    pub leaving: Option<Leaving>,
+    /// Seed of the last random start.
+    random_start: Option<u64>,
+}
+
+/// What would leave the open design behind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Leave {
+    /// Starting from the default design.
+    New,
+    /// Asking for a design file.
+    Open,
+    /// Opening a design file that was dropped on the window.
+    OpenFile(PathBuf),
+    /// Closing the window.
+    Close,
+}
+
+/// A question about unsaved changes.
+pub struct Leaving {
+    /// What waits.
+    pub what: Leave,
+    /// The answer was to save; as soon as the file is written, it goes on.
+    pub saving: bool,
+}
+
+/// The pictures, each with its own colours and limits.
+pub struct Views {
+    /// Point spread function under the lenslets.
+    pub psf: ImageView,
+    /// One object.
+    pub object: ImageView,
+    /// One measurement.
+    pub measurement: ImageView,
+    /// Two-dimensional transfer function.
+    pub mtf: ImageView,
+}
+
+/// A drag on the mask canvas.
+pub enum MaskDrag {
+    /// Lenslets are moved: their state when the drag began, and the pointer's place then, in PSF pixels.
+    Move {
+        /// Indices and lenslets.
+        from: Vec<(usize, Lenslet)>,
+        /// Pointer (x, y).
+        start: (f64, f64),
+    },
+    /// A box is drawn around lenslets, from this pointer place in PSF pixels.
+    Select {
+        /// Pointer (x, y).
+        start: (f64, f64),
+        /// What was selected before and stays so.
+        kept: BTreeSet<usize>,
+    },
+}
+
+/// Information of past edits.
+#[derive(Default)]
+pub struct Trail {
+    /// (revision, Gaussian bound, ceiling), oldest first.
+    pub points: Vec<(u64, f64, Option<f64>)>,
+}
+
+impl Trail {
+    const KEPT: usize = 400;
+
+    /// Notes the information of a revision, once.
+    pub fn note(&mut self, revision: u64, bound: f64, ceiling: Option<f64>) {
+        if self.points.last().is_some_and(|last| last.0 == revision) {
+            return;
+        }
+        if self.points.len() >= Self::KEPT {
+            self.points.remove(0);
+        }
+        self.points.push((revision, bound, ceiling));
+    }
+
+    /// The trail as columns for a file.
+    pub fn curve(&self) -> Curve {
+        Curve {
+            header: ["revision", "gaussian_bound_bits_per_pixel", "ceiling_bits_per_pixel"].map(String::from).to_vec(),
+            rows: self
+                .points
+                .iter()
+                .map(|&(revision, bound, ceiling)| vec![revision as f64, bound, ceiling.unwrap_or(f64::NAN)])
+                .collect(),
+        }
+    }
+}
+
+impl State {
+    /// The state of a new window on a workbench.
+    pub fn new(bench: Workbench) -> Self {
+        let live = bench.live();
+        Self {
+            bench,
+            live,
+            selection: BTreeSet::new(),
+            views: Views {
+                psf: ImageView::new("PSF", "", Colormap::Viridis),
+                object: ImageView::new("Object", "photons", Colormap::Gray),
+                measurement: ImageView::new("Measurement", "photons", Colormap::Gray),
+                mtf: ImageView::new("MTF map", "", Colormap::Viridis),
+            },
+            palettes: Palettes::default(),
+            sample: 0,
+            noisy: true,
+            mtf_as_map: false,
+            hover: None,
+            trail: Trail::default(),
+            messages: Messages::default(),
+            dialogs: Dialogs::default(),
+            drag: None,
+            leaving: None,
+            random_start: None,
+        }
+    }
+
+    /// Does what leaves the open design behind, at once or after a question about unsaved changes.
+    pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
+        if self.bench.is_dirty() {
+            self.leaving = Some(Leaving { what, saving: false });
+        } else {
+            self.leave(ctx, what);
+        }
+    }
+
+    /// Leaves the open design behind.
+    pub fn leave(&mut self, ctx: &egui::Context, what: Leave) {
+        self.leaving = None;
+        match what {
+            Leave::New => {
+                self.bench.open_default();
+                self.selection.clear();
+            }
+            Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
+            Leave::OpenFile(path) => self.bench.submit(Job::OpenDesign(path)),
+            Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+        }
+    }
+
+    /// A seed that the last random start did not have; the design's own at first.
+    pub fn next_random_start(&mut self, seed: u64) -> u64 {
+        let next = self.random_start.map_or(seed, |last| last.wrapping_add(1));
+        self.random_start = Some(next);
+        next
+    }
+
+    /// Changes the design; a refusal is told.
+    pub fn send(&mut self, command: &Command) {
+        if let Err(error) = self.bench.apply(command) {
+            self.messages.push(Severity::Failure, error.to_string());
+            return;
+        }
+        match command {
+            Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
+            Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } => self.selection.clear(),
+            _ => {}
+        }
+    }
+
+    /// Lenslets of the open design.
+    pub fn lenslet_count(&self) -> usize {
+        self.bench.design().encoder.lenslets().map_or(0, |array| array.lenslets.len())
+    }
+
+    /// The selected lenslets with their indices.
+    pub fn selected_lenslets(&self) -> Vec<(usize, Lenslet)> {
+        let Some(array) = self.bench.design().encoder.lenslets() else { return Vec::new() };
+        self.selection.iter().filter_map(|&index| Some((index, *array.lenslets.get(index)?))).collect()
+    }
+
+    /// Deletes the selected lenslets.
+    pub fn delete_selection(&mut self) {
+        let indices: Vec<usize> = self.selection.iter().copied().collect();
+        if !indices.is_empty() {
+            self.send(&Command::DeleteLenslets(indices));
+        }
+    }
+
+    /// Whether a result of this revision is that of the open design.
+    pub fn is_current(&self, revision: u64) -> bool {
+        revision == self.bench.revision()
+    }
+}

@@ -1,0 +1,110 @@
+//! Opens the real window.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use super::app::Studio;
+use crate::workbench::Design;
+
+/// Which graphics interface draws the window.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum RendererChoice {
+    /// OpenGL; also the faster one where the processor draws.
+    #[default]
+    Glow,
+    /// Vulkan, Metal or DirectX 12.
+    Wgpu,
+}
+
+impl RendererChoice {
+    fn other(self) -> Self {
+        match self {
+            Self::Glow => Self::Wgpu,
+            Self::Wgpu => Self::Glow,
+        }
+    }
+
+    fn renderer(self) -> eframe::Renderer {
+        match self {
+            Self::Glow => eframe::Renderer::Glow,
+            Self::Wgpu => eframe::Renderer::Wgpu,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Glow => "OpenGL (glow)",
+            Self::Wgpu => "wgpu",
+        }
+    }
+}
+
+/// Why there is no window.
+#[derive(Debug, Error)]
+pub enum WindowError {
+    /// Neither renderer starts.
+    #[error(
+        "no window could be opened: {first_name}: {first}; {second_name}: {second}; \
+         check that a display is running (DISPLAY or WAYLAND_DISPLAY), or use a subcommand such as `export`"
+    )]
+    NoRenderer {
+        /// Name of the renderer that was tried first.
+        first_name: &'static str,
+        /// Its error.
+        first: String,
+        /// Name of the other.
+        second_name: &'static str,
+        /// Its error.
+        second: String,
+    },
+}
+
+/// Opens the window on a design and returns when it is closed. Where `renderer` does not start, the other is tried and
+/// a message in the window says so.
+///
+/// # Errors
+/// [`WindowError`] where neither starts.
+pub fn open_window(design: Design, path: Option<PathBuf>, renderer: RendererChoice) -> Result<(), WindowError> {
+    let Err(first) = run(design.clone(), path.clone(), renderer, None) else { return Ok(()) };
+    let other = renderer.other();
+    let notice =
+        format!("{} did not start ({first}); the window is drawn by {} instead.", renderer.name(), other.name());
+    run(design, path, other, Some(notice)).map_err(|second| WindowError::NoRenderer {
+        first_name: renderer.name(),
+        first: first.to_string(),
+        second_name: other.name(),
+        second: second.to_string(),
+    })
+}
+
+fn run(
+    design: Design,
+    path: Option<PathBuf>,
+    renderer: RendererChoice,
+    notice: Option<String>,
+) -> Result<(), eframe::Error> {
+    let options = eframe::NativeOptions {
+        viewport: egui::ViewportBuilder::default()
+            .with_title("Lenslet Studio")
+            .with_app_id("lenslet-studio")
+            .with_inner_size([1280.0, 800.0])
+            .with_min_inner_size([400.0, 300.0])
+            .with_drag_and_drop(true),
+        renderer: renderer.renderer(),
+        // A failed first renderer must return, so that the second can be tried.
+        run_and_return: true,
+        ..eframe::NativeOptions::default()
+    };
+    eframe::run_native(
+        "lenslet-studio",
+        options,
+        Box::new(move |creation| {
+            let mut studio = Studio::new(&creation.egui_ctx, design, path)?;
+            if let Some(notice) = notice {
+                studio.tell(notice);
+            }
+            Ok(Box::new(studio))
+        }),
+    )
+}

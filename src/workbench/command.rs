@@ -1,0 +1,178 @@
+//! Everything that changes a design, as one enum: menu, canvas, table and command line send these and nothing else.
+
+use thiserror::Error;
+
+use super::design::{Design, DesignError};
+use crate::objects::ObjectSource;
+use crate::optics::{Encoder, Lenslet, LensletArray, Limits};
+use crate::sensor::Noise;
+
+/// A change of the open design.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Adds a lenslet at the end of the array.
+    AddLenslet(Lenslet),
+    /// Deletes lenslets by index.
+    DeleteLenslets(Vec<usize>),
+    /// Replaces lenslets by index; `what` is the parameter that the gesture changes.
+    ChangeLenslets {
+        /// The parameter.
+        what: LensletChange,
+        /// Indices and their new lenslets.
+        lenslets: Vec<(usize, Lenslet)>,
+    },
+    /// Puts another encoder in place; `name` says which ("9 heuristic lenslets").
+    ReplaceEncoder {
+        /// What it is called in the menu and the log.
+        name: String,
+        /// The encoder.
+        encoder: Encoder,
+    },
+    /// Images other objects.
+    SetObjects(ObjectSource),
+    /// Scales the objects to another mean, photons per pixel.
+    SetMeanPhotons(f64),
+    /// Changes the background, photons per pixel.
+    SetBias(f64),
+    /// Changes the noise.
+    SetNoise(Noise),
+    /// Draws other objects, noise and patches.
+    SetSeed(u64),
+    /// Changes what can be manufactured.
+    SetLimits(Limits),
+}
+
+/// The parameter that a gesture on lenslets changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LensletChange {
+    /// The centre.
+    Position,
+    /// The spot.
+    Width,
+    /// The share of light.
+    Weight,
+    /// The plane in focus.
+    Plane,
+}
+
+/// Why a command was refused; the design is as it was.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum CommandError {
+    /// The command edits lenslets and there are none.
+    #[error("{0} has no lenslets to edit; choose a lenslet preset first")]
+    NoLenslets(String),
+    /// An index that no lenslet has.
+    #[error("there is no lenslet {number}; the mask has {count}")]
+    Index {
+        /// Number, counted from 1.
+        number: usize,
+        /// Lenslets there are.
+        count: usize,
+    },
+    /// The changed design could not be computed.
+    #[error(transparent)]
+    Design(#[from] DesignError),
+}
+
+impl Command {
+    /// What the command does, for menu and log.
+    pub fn label(&self) -> String {
+        let several = |verb: &str, count: usize| match count {
+            1 => format!("{verb} lenslet"),
+            count => format!("{verb} {count} lenslets"),
+        };
+        match self {
+            Self::AddLenslet(_) => "Add lenslet".into(),
+            Self::DeleteLenslets(indices) => several("Delete", indices.len()),
+            Self::ChangeLenslets { what, lenslets } => match what {
+                LensletChange::Position => several("Move", lenslets.len()),
+                LensletChange::Width => several("Change width of", lenslets.len()),
+                LensletChange::Weight => several("Change weight of", lenslets.len()),
+                LensletChange::Plane => several("Refocus", lenslets.len()),
+            },
+            Self::ReplaceEncoder { name, .. } => format!("Use {name}"),
+            Self::SetObjects(source) => format!("Image {source}"),
+            Self::SetMeanPhotons(photons) => format!("Set mean to {photons} photons"),
+            Self::SetBias(photons) => format!("Set background to {photons} photons"),
+            Self::SetNoise(noise) => format!("Set noise to {noise}"),
+            Self::SetSeed(seed) => format!("Set seed to {seed}"),
+            Self::SetLimits(_) => "Change limits".into(),
+        }
+    }
+
+    /// The design after this command.
+    ///
+    /// # Errors
+    /// [`CommandError`] where the result would not be a design.
+    pub fn applied_to(&self, design: &Design) -> Result<Design, CommandError> {
+        let mut changed = design.clone();
+        match self {
+            Self::AddLenslet(lenslet) => lenslets_of(&mut changed)?.lenslets.push(*lenslet),
+            Self::DeleteLenslets(indices) => {
+                let array = lenslets_of(&mut changed)?;
+                for &index in indices {
+                    check_index(array, index)?;
+                }
+                let mut index = 0;
+                array.lenslets.retain(|_| {
+                    index += 1;
+                    !indices.contains(&(index - 1))
+                });
+            }
+            Self::ChangeLenslets { lenslets, .. } => {
+                let array = lenslets_of(&mut changed)?;
+                for &(index, lenslet) in lenslets {
+                    check_index(array, index)?;
+                    array.lenslets[index] = lenslet;
+                }
+            }
+            Self::ReplaceEncoder { encoder, .. } => changed.encoder = encoder.clone(),
+            Self::SetObjects(source) => changed.objects = source.clone(),
+            Self::SetMeanPhotons(photons) => changed.mean_photons = *photons,
+            Self::SetBias(photons) => changed.bias_photons = *photons,
+            Self::SetNoise(noise) => changed.noise = *noise,
+            Self::SetSeed(seed) => changed.seed = *seed,
+            Self::SetLimits(limits) => changed.limits = *limits,
+        }
+        changed.check()?;
+        Ok(changed)
+    }
+}
+
+fn lenslets_of(design: &mut Design) -> Result<&mut LensletArray, CommandError> {
+    let name = design.encoder.describe();
+    match &mut design.encoder {
+        Encoder::Lenslets(array) => Ok(array),
+        Encoder::Diffuser(_) | Encoder::Image(_) => Err(CommandError::NoLenslets(name)),
+    }
+}
+
+fn check_index(array: &LensletArray, index: usize) -> Result<(), CommandError> {
+    let count = array.lenslets.len();
+    if index < count { Ok(()) } else { Err(CommandError::Index { number: index + 1, count }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deleting_keeps_the_others_in_order() {
+        let design = Design::default();
+        let before = design.encoder.lenslets().unwrap().lenslets.clone();
+        let after = Command::DeleteLenslets(vec![7, 0, 3]).applied_to(&design).unwrap();
+        let expected: Vec<_> = [1, 2, 4, 5, 6, 8].map(|index| before[index]).to_vec();
+        assert_eq!(after.encoder.lenslets().unwrap().lenslets, expected);
+    }
+
+    #[test]
+    fn a_refused_command_says_why() {
+        let design = Design::default();
+        let all = Command::DeleteLenslets((0..9).collect());
+        assert!(all.applied_to(&design).unwrap_err().to_string().contains("no lenslet"));
+        let beyond = Command::DeleteLenslets(vec![9]).applied_to(&design).unwrap_err();
+        assert_eq!(beyond, CommandError::Index { number: 10, count: 9 });
+        let dark = Command::SetMeanPhotons(f64::NAN).applied_to(&design);
+        assert!(matches!(dark, Err(CommandError::Design(DesignError::Setting { .. }))));
+    }
+}

@@ -1,0 +1,189 @@
+//! The document: a design and everything that its numbers depend on, and the JSON file that holds it.
+
+use std::path::Path;
+
+use ndarray::{Array3, Axis};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::formats::{FormatError, read_json, write_json};
+use crate::objects::ObjectSource;
+use crate::optics::{Encoder, LensletError, Limits, heuristic_layout};
+use crate::sensor::{DEFAULT_BIAS, Noise};
+
+/// A design: the mask, the scenes it looks at, the sensor behind it, and the seed of every random draw.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Design {
+    /// What stands before the sensor.
+    pub encoder: Encoder,
+    /// What is imaged.
+    pub objects: ObjectSource,
+    /// Mean of the objects in photons per pixel, where their source leaves it open.
+    pub mean_photons: f64,
+    /// Background light in photons per pixel.
+    pub bias_photons: f64,
+    /// Noise of the sensor.
+    pub noise: Noise,
+    /// Seed of objects, noise and patches.
+    pub seed: u64,
+    /// What can be manufactured.
+    #[serde(default)]
+    pub limits: Limits,
+}
+
+impl Default for Design {
+    /// Nine heuristic lenslets before beads of density 0.02, shot noise: the published setting.
+    fn default() -> Self {
+        Self {
+            encoder: Encoder::Lenslets(heuristic_layout(9)),
+            objects: ObjectSource::Beads { density: 0.02 },
+            mean_photons: 100.0,
+            bias_photons: DEFAULT_BIAS,
+            noise: Noise::Shot,
+            seed: 1,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// Why a design cannot be used.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum DesignError {
+    /// The mask cannot be rendered.
+    #[error(transparent)]
+    Lenslets(#[from] LensletError),
+    /// A number is out of its range.
+    #[error("{name} is {found}; expected {expected}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+}
+
+impl Design {
+    /// Largest mean or background in photons per pixel.
+    pub const MAX_PHOTONS: f64 = 1e7;
+
+    /// Whether this design can be computed.
+    ///
+    /// # Errors
+    /// [`DesignError`] names the first setting that cannot be.
+    pub fn check(&self) -> Result<(), DesignError> {
+        if let Encoder::Lenslets(array) = &self.encoder {
+            array.check()?;
+        }
+        if !(self.mean_photons > 0.0 && self.mean_photons <= Self::MAX_PHOTONS) {
+            let expected = "more than 0 and at most 1e7 photons per pixel";
+            return Err(DesignError::Setting { name: "mean_photons", found: self.mean_photons, expected });
+        }
+        if !(self.bias_photons >= 0.0 && self.bias_photons <= Self::MAX_PHOTONS) {
+            let expected = "0 to 1e7 photons per pixel";
+            return Err(DesignError::Setting { name: "bias_photons", found: self.bias_photons, expected });
+        }
+        if !(self.limits.min_sigma_px >= 0.1 && self.limits.min_sigma_px <= 1000.0) {
+            let expected = "0.1 to 1000 pixels";
+            return Err(DesignError::Setting { name: "min_sigma_px", found: self.limits.min_sigma_px, expected });
+        }
+        if !(self.limits.central_share > 0.0 && self.limits.central_share <= 1.0) {
+            let expected = "more than 0 and at most 1";
+            return Err(DesignError::Setting { name: "central_share", found: self.limits.central_share, expected });
+        }
+        Ok(())
+    }
+
+    /// Reads a design file.
+    ///
+    /// # Errors
+    /// [`DesignFileError`] says what the file is instead.
+    pub fn open(path: &Path) -> Result<Self, DesignFileError> {
+        let value: serde_json::Value = read_json(path)?;
+        let refuse = |found: String, advice: &'static str| DesignFileError::Refused {
+            path: path.display().to_string(),
+            found,
+            advice,
+        };
+        match value.get("format").and_then(serde_json::Value::as_str) {
+            Some(FORMAT) => {}
+            Some(other) => {
+                return Err(refuse(format!("format {other:?}"), "choose a file saved as a design"));
+            }
+            None => return Err(refuse("no format entry".into(), "choose a file saved as a design")),
+        }
+        match value.get("format_version").and_then(serde_json::Value::as_u64) {
+            Some(FORMAT_VERSION) => {}
+            Some(newer) if newer > FORMAT_VERSION => {
+                return Err(refuse(
+                    format!("version {newer}, written by a newer Lenslet Studio"),
+                    "update this program to open it",
+                ));
+            }
+            _ => return Err(refuse("no usable format_version".into(), "restore it from a backup")),
+        }
+        let design: Self = serde_json::from_value(value)
+            .map_err(|error| refuse(error.to_string(), "correct the entry or restore the file from a backup"))?;
+        design.check().map_err(|error| refuse(error.to_string(), "correct the entry"))?;
+        Ok(design)
+    }
+
+    /// Writes a design file, with the PSF it renders to for other programs; safely, so that the file is either the
+    /// old one or the new one, whole.
+    ///
+    /// # Errors
+    /// [`DesignFileError`] where the design cannot be rendered or the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), DesignFileError> {
+        let psf = self.psf(1)?;
+        write_json(path, &DesignFile { format: FORMAT, format_version: FORMAT_VERSION, design: self, psf: rows_of(&psf) })?;
+        Ok(())
+    }
+
+    /// The PSF, shape (planes, rows, cols), over at least `planes` planes and all that the lenslets are focused on.
+    ///
+    /// # Errors
+    /// [`DesignError`] where the mask cannot be rendered.
+    pub fn psf(&self, planes: usize) -> Result<Array3<f64>, DesignError> {
+        let planes = planes.max(self.encoder.lenslets().map_or(1, crate::optics::LensletArray::planes));
+        Ok(self.encoder.psf(planes)?)
+    }
+}
+
+const FORMAT: &str = "lenslet-studio/design";
+const FORMAT_VERSION: u64 = 1;
+
+/// What stands in a design file. The PSF is for other programs: opening renders it anew from the encoder.
+#[derive(Serialize)]
+struct DesignFile<'a> {
+    format: &'static str,
+    format_version: u64,
+    #[serde(flatten)]
+    design: &'a Design,
+    psf: Vec<Vec<Vec<f64>>>,
+}
+
+fn rows_of(psf: &Array3<f64>) -> Vec<Vec<Vec<f64>>> {
+    psf.axis_iter(Axis(0)).map(|plane| plane.rows().into_iter().map(|row| row.to_vec()).collect()).collect()
+}
+
+/// Why a design file was not read or written.
+#[derive(Debug, Error)]
+pub enum DesignFileError {
+    /// The file cannot be read, parsed or written.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// The design in memory cannot be saved.
+    #[error(transparent)]
+    Design(#[from] DesignError),
+    /// The file is JSON, but not a design that this version knows.
+    #[error("{path}: expected a Lenslet Studio design of version 1, found {found}; {advice}")]
+    Refused {
+        /// The file.
+        path: String,
+        /// What it holds.
+        found: String,
+        /// What to do.
+        advice: &'static str,
+    },
+}

@@ -1,0 +1,253 @@
+//! What one design does to one set of objects: the computation behind every mouse move, step by step.
+//!
+//! Steps that depend on the objects alone ([`Scene`]) or on the objects and the shape of the PSF ([`SceneOptics`]) are
+//! kept between edits, so that an edit costs one PSF, the products with spectra that are known, and what follows.
+
+use std::ops::ControlFlow;
+
+use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
+use thiserror::Error;
+
+use super::design::{Design, DesignError};
+use crate::information::{
+    AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, Protocol, bootstrap_interval,
+};
+use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Progress, Split};
+use crate::optics::{Mtf, modulation_transfer};
+use crate::sensor::{Convolution, ObjectSpectra, SensorError};
+use crate::sparsity::{TamuraSummary, tamura_of_stack};
+
+/// Objects that are measured for every edit.
+pub const LIVE_COUNT: usize = 64;
+
+/// Side in pixels of the patch that live information refers to.
+pub const LIVE_PATCH: usize = 32;
+
+/// Why a design has no numbers.
+#[derive(Debug, Error)]
+pub enum EvaluationError {
+    /// The design itself.
+    #[error(transparent)]
+    Design(#[from] DesignError),
+    /// The objects.
+    #[error(transparent)]
+    Objects(#[from] ObjectError),
+    /// Objects and PSF together.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// The estimate.
+    #[error(transparent)]
+    Information(#[from] InformationError),
+}
+
+/// A PSF and its transfer function.
+#[derive(Clone, Debug)]
+pub struct Optics {
+    /// Shape (planes, rows, cols).
+    pub psf: Array3<f64>,
+    /// The PSF as the sensor sees it, all planes together, shape (rows, cols).
+    pub image: Array2<f32>,
+    /// Of all planes together.
+    pub mtf: Mtf,
+}
+
+impl Optics {
+    /// Renders the PSF of a design.
+    ///
+    /// # Errors
+    /// [`DesignError`] where the mask cannot be rendered.
+    pub fn of(design: &Design, planes: usize) -> Result<Self, DesignError> {
+        let psf = design.psf(planes)?;
+        let sum = psf.sum_axis(Axis(0));
+        Ok(Self { image: sum.mapv(|value| value as f32), mtf: modulation_transfer(sum.view()), psf })
+    }
+}
+
+/// Objects ready to be measured.
+pub struct Scene {
+    source: ObjectSource,
+    mean_photons: f64,
+    seed: u64,
+    /// The whole set.
+    pub set: ObjectSet,
+    /// [`LIVE_COUNT`] of its objects, shape (n, planes, rows, cols), photons per pixel.
+    pub objects: Array4<f32>,
+    /// Tamura coefficient of the noiseless objects, first plane.
+    pub tamura: TamuraSummary,
+}
+
+impl Scene {
+    /// Opens the objects of a design. `watch` hears of progress and may break off, which ends in
+    /// [`ObjectError::Cancelled`].
+    ///
+    /// # Errors
+    /// [`ObjectError`] where the objects cannot be read.
+    pub fn open(
+        design: &Design,
+        watch: &dyn Fn(Progress) -> ControlFlow<()>,
+    ) -> Result<Self, ObjectError> {
+        let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
+        let set = ObjectSet::open_with(&design.objects, &options, watch)?;
+        Self::of_set(set, design)
+    }
+
+    fn of_set(set: ObjectSet, design: &Design) -> Result<Self, ObjectError> {
+        let objects = set.objects(Split::All, LIVE_COUNT, design.seed)?;
+        let coefficients = tamura_of_stack(objects.index_axis(Axis(1), 0));
+        let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[]))
+            .unwrap_or(TamuraSummary { mean: 0.0, sd: 0.0, count: 0 });
+        Ok(Self {
+            source: design.objects.clone(),
+            mean_photons: design.mean_photons,
+            seed: design.seed,
+            set,
+            objects,
+            tamura,
+        })
+    }
+
+    /// Whether two designs look at the same objects.
+    pub fn same_objects(one: &Design, other: &Design) -> bool {
+        one.objects == other.objects && one.mean_photons == other.mean_photons && one.seed == other.seed
+    }
+
+    /// Whether this scene is the one that the design looks at.
+    pub fn serves(&self, design: &Design) -> bool {
+        self.source == design.objects && self.mean_photons == design.mean_photons && self.seed == design.seed
+    }
+}
+
+/// What can be computed once for a scene and a shape of PSF.
+pub struct SceneOptics {
+    psf_shape: (usize, usize),
+    plan: Convolution,
+    spectra: ObjectSpectra,
+    analytic: AnalyticGaussian,
+    /// Ceilings and the spot of one bead, where the objects are beads that leave something to learn.
+    beads: Option<(BeadCeiling, Array2<f64>)>,
+    patch: (usize, usize),
+}
+
+/// Measurements of the live objects.
+#[derive(Clone, Debug)]
+pub struct Measurements {
+    /// Encoded images with background, shape (n, rows, cols), photons per pixel.
+    pub noiseless: Array3<f32>,
+    /// With noise.
+    pub noisy: Array3<f32>,
+    /// Tamura coefficient of the noisy measurements' patches, the published sensor TC.
+    pub tamura: TamuraSummary,
+}
+
+/// The live information of a design: upper bounds, in bits per pixel, under the default protocol.
+#[derive(Clone, Debug)]
+pub struct LiveInformation {
+    /// The Gaussian bound.
+    pub gaussian: GaussianBound,
+    /// 95 % interval of the bound: of the mean noise entropy over the live measurements.
+    pub interval_95: [f64; 2],
+    /// Object-entropy ceiling, where the objects' entropy is known.
+    pub ceiling: Option<Ceiling>,
+    /// Rows and columns of the patch that both refer to.
+    pub patch: (usize, usize),
+}
+
+impl LiveInformation {
+    /// The Gaussian bound of an infinitely large patch.
+    pub fn infinite_patch_bits(&self) -> f64 {
+        self.gaussian.spectral_entropy - self.gaussian.entropy_y_given_x
+    }
+
+    /// The ceiling, bits per pixel.
+    pub fn ceiling_bits(&self) -> Option<f64> {
+        self.ceiling.as_ref().map(|ceiling| ceiling.bits_per_pixel)
+    }
+}
+
+impl SceneOptics {
+    /// Prepares a scene for PSFs of shape (rows, cols).
+    ///
+    /// # Errors
+    /// [`SensorError`] where the objects are smaller than the PSF; [`InformationError`] where their covariance is none.
+    pub fn new(scene: &Scene, psf_shape: (usize, usize)) -> Result<Self, EvaluationError> {
+        let plan = Convolution::new(scene.set.field(), psf_shape)?;
+        let spectra = plan.object_spectra(scene.objects.view())?;
+        let (rows, cols) = plan.measurement_shape();
+        let patch = (rows.min(LIVE_PATCH), cols.min(LIVE_PATCH));
+        let reach = patch.0.max(patch.1) + psf_shape.0.max(psf_shape.1) - 2;
+        let analytic = AnalyticGaussian::new(&scene.set.autocovariance(reach), psf_shape, patch)?;
+        // Beads on every pixel (probability 1) hold no information; there is no ceiling to compute then.
+        let beads = scene.set.bead_prior().filter(|prior| prior.probability < 1.0);
+        let beads = beads.map(|prior| Ok((BeadCeiling::new(prior.probability)?, prior.spot)));
+        let beads = beads.transpose().map_err(|error: InformationError| error)?;
+        Ok(Self { psf_shape, plan, spectra, analytic, beads, patch })
+    }
+
+    /// Whether PSFs of this shape are served.
+    pub fn serves(&self, psf_shape: (usize, usize)) -> bool {
+        self.psf_shape == psf_shape
+    }
+
+    /// Measures the live objects through a PSF.
+    ///
+    /// # Errors
+    /// [`SensorError`] where the PSF is of another shape.
+    pub fn measure(&self, design: &Design, optics: &Optics, scene: &Scene) -> Result<Measurements, EvaluationError> {
+        let planes = scene.set.planes();
+        let seen = optics.psf.slice(ndarray::s![..planes, .., ..]);
+        let noiseless = self.plan.with_psf(seen)?.measure_spectra(&self.spectra, design.bias_photons)?;
+        let noisy = design.noise.draw(noiseless.view(), design.seed);
+        // The published sensor TC is that of patches; one central patch per measurement, cut where it was before the
+        // edit, so that edits are compared on the same places.
+        let (rows, cols) = self.plan.measurement_shape();
+        let (top, left) = ((rows - self.patch.0) / 2, (cols - self.patch.1) / 2);
+        let patches = noisy.slice(ndarray::s![.., top..top + self.patch.0, left..left + self.patch.1]);
+        let coefficients = tamura_of_stack(patches);
+        let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[]))
+            .unwrap_or(TamuraSummary { mean: 0.0, sd: 0.0, count: 0 });
+        Ok(Measurements { noiseless, noisy, tamura })
+    }
+
+    /// The bounds on the information of a PSF's measurements.
+    ///
+    /// # Errors
+    /// [`InformationError`] where there is no noise, so that information is unbounded.
+    pub fn information(
+        &self,
+        design: &Design,
+        optics: &Optics,
+        scene: &Scene,
+        measurements: &Measurements,
+    ) -> Result<LiveInformation, EvaluationError> {
+        let seen = optics.psf.slice(ndarray::s![..scene.set.planes(), .., ..]);
+        let per_image = self.entropies(design, measurements)?;
+        let entropy_y_given_x = per_image.iter().sum::<f64>() / per_image.len().max(1) as f64;
+        let mean = scene.set.mean() * seen.sum() + design.bias_photons;
+        let gaussian = self.analytic.evaluate(seen, mean, design.noise, entropy_y_given_x)?;
+        let interval_95 = bootstrap_interval(&[gaussian.entropy_y], &per_image, design.seed)?;
+        let ceiling = match &self.beads {
+            Some((table, spot)) => {
+                let on_sensor = spots_on_sensor(spot, seen);
+                Some(table.evaluate(on_sensor.view(), design.bias_photons, self.patch, design.noise)?)
+            }
+            None => None,
+        };
+        Ok(LiveInformation { gaussian, interval_95, ceiling, patch: self.patch })
+    }
+
+    /// Noise entropy of each live measurement, bits per pixel.
+    fn entropies(&self, design: &Design, measurements: &Measurements) -> Result<Vec<f64>, InformationError> {
+        NoiseEntropy::new(design.noise, Protocol::Default)?.patch_bits(measurements.noiseless.view())
+    }
+}
+
+/// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
+fn spots_on_sensor(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
+    let (planes, rows, cols) = psf.dim();
+    let (spot_rows, spot_cols) = spot.dim();
+    let mut on_sensor = Array3::zeros((planes, rows + spot_rows - 1, cols + spot_cols - 1));
+    for ((row, col), &photons) in spot.indexed_iter() {
+        on_sensor.slice_mut(ndarray::s![.., row..row + rows, col..col + cols]).scaled_add(photons, &psf);
+    }
+    on_sensor
+}

@@ -1,0 +1,164 @@
+//! Jobs that touch files: the same for window and command line.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use ndarray::{Array2, Array3};
+
+use super::colormap::Colormap;
+use super::design::Design;
+use super::export::{self, Curve, MeasurementFormat};
+use crate::objects::ObjectSource;
+use crate::optics::{Encoder, import_psf};
+
+/// Work that the window hands to the worker.
+#[derive(Clone, Debug)]
+pub enum Job {
+    /// Reads a design file.
+    OpenDesign(PathBuf),
+    /// Writes a design file.
+    SaveDesign {
+        /// The design as it was when it was asked for.
+        design: Arc<Design>,
+        /// Its revision.
+        revision: u64,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Opens the objects of `design`, which is the open design with other objects.
+    OpenObjects {
+        /// The design as it would be.
+        design: Arc<Design>,
+    },
+    /// Reads a PSF picture, resampled to `side` pixels where that is given.
+    ImportPsf {
+        /// The file.
+        path: PathBuf,
+        /// Rows and columns to resample to.
+        side: Option<usize>,
+    },
+    /// Writes the PSF in every format, the design and the lenslets into a folder.
+    ExportDesign {
+        /// The design.
+        design: Arc<Design>,
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// Writes objects and measurements into a folder.
+    ExportMeasurements {
+        /// Objects, shape (n, rows, cols).
+        objects: Array3<f32>,
+        /// Encoded images, shape (n, rows, cols).
+        noiseless: Array3<f32>,
+        /// Noisy measurements, shape (n, rows, cols).
+        noisy: Array3<f32>,
+        /// The files to write.
+        format: MeasurementFormat,
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// Writes what a view shows as a PNG, one pixel per pixel.
+    ExportView {
+        /// Shape (rows, cols).
+        image: Array2<f32>,
+        /// Values drawn in the first and the last colour.
+        limits: (f32, f32),
+        /// The colours.
+        colormap: Colormap,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Writes a curve as CSV.
+    ExportCurve {
+        /// The curve.
+        curve: Curve,
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// What came of a job.
+#[derive(Clone, Debug)]
+pub enum Outcome {
+    /// A design file was read.
+    Opened {
+        /// What it holds.
+        design: Box<Design>,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A design file was written.
+    Saved {
+        /// Revision of the design that was written.
+        revision: u64,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Objects were opened and can be used.
+    ObjectsOpened {
+        /// Their source.
+        source: ObjectSource,
+        /// What the reader of the files should know.
+        notices: Vec<String>,
+    },
+    /// A PSF picture was read.
+    PsfImported {
+        /// The encoder made of it.
+        encoder: Encoder,
+    },
+    /// Files were written.
+    Exported {
+        /// The files.
+        files: Vec<PathBuf>,
+    },
+}
+
+impl Job {
+    /// Does the work. [`Job::OpenObjects`] only proves that the objects can be opened; the worker keeps them instead.
+    ///
+    /// # Errors
+    /// One sentence for the person who asked.
+    pub fn run(&self) -> Result<Outcome, String> {
+        match self {
+            Self::OpenDesign(path) => {
+                let design = Box::new(Design::open(path).map_err(|error| error.to_string())?);
+                Ok(Outcome::Opened { design, path: path.clone() })
+            }
+            Self::SaveDesign { design, revision, path } => {
+                design.save(path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Saved { revision: *revision, path: path.clone() })
+            }
+            Self::OpenObjects { design } => {
+                let scene = super::Scene::open(design, &|_| std::ops::ControlFlow::Continue(()))
+                    .map_err(|error| error.to_string())?;
+                let notices = scene.set.notices().to_vec();
+                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices })
+            }
+            Self::ImportPsf { path, side } => {
+                let image = import_psf(path, *side).map_err(|error| error.to_string())?;
+                Ok(Outcome::PsfImported { encoder: Encoder::Image(image) })
+            }
+            Self::ExportDesign { design, folder } => {
+                let files = export::export_design(design, folder).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files })
+            }
+            Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {
+                let stacks = [
+                    ("objects", objects.view()),
+                    ("noiseless", noiseless.view()),
+                    ("measurements", noisy.view()),
+                ];
+                let files = export::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files })
+            }
+            Self::ExportView { image, limits, colormap, path } => {
+                colormap.write_png(image.view(), *limits, path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+            Self::ExportCurve { curve, path } => {
+                curve.write(path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+        }
+    }
+}

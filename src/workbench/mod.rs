@@ -1,0 +1,22 @@
+//! The workbench: the open design, the commands that change it, the worker that computes what it does, and files.
+//! It knows no window.
+
+mod bench;
+mod colormap;
+mod command;
+mod design;
+mod evaluation;
+mod export;
+mod jobs;
+mod worker;
+
+pub use bench::Workbench;
+pub use colormap::Colormap;
+pub use command::{Command, CommandError, LensletChange};
+pub use design::{Design, DesignError, DesignFileError};
+pub use evaluation::{
+    EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
+};
+pub use export::{Curve, MeasurementFormat, export_design, export_measurements};
+pub use jobs::{Job, Outcome};
+pub use worker::{Live, Stamped, Worker};

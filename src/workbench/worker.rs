@@ -1,0 +1,333 @@
+//! The worker: one named thread on which everything is computed and every file is read or written.
+//!
+//! Evaluations of the design are latest-wins: a newer design takes the place of one that still waits, and what was
+//! computed from an older one carries its revision, so nobody mistakes it for current. Jobs (files) are done one after
+//! the other, in between. A panic is caught at the thread's edge and told as a failure; the thread goes on.
+
+use std::any::Any;
+use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use super::design::Design;
+use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
+use super::jobs::{Job, Outcome};
+use crate::objects::{ObjectError, Progress};
+use crate::sensor::Convolution;
+
+/// A result and the revision of the design it was computed from.
+#[derive(Debug)]
+pub struct Stamped<T> {
+    /// The revision.
+    pub revision: u64,
+    /// The result, shared.
+    pub value: Arc<T>,
+}
+
+impl<T> Clone for Stamped<T> {
+    fn clone(&self) -> Self {
+        Self { revision: self.revision, value: Arc::clone(&self.value) }
+    }
+}
+
+/// The latest result of every step; steps arrive one by one.
+#[derive(Clone, Default)]
+pub struct Live {
+    /// PSF and transfer function.
+    pub optics: Option<Stamped<Optics>>,
+    /// The objects.
+    pub scene: Option<Stamped<Scene>>,
+    /// The measurements.
+    pub measurements: Option<Stamped<Measurements>>,
+    /// The information.
+    pub information: Option<Stamped<LiveInformation>>,
+    /// Why the newest design has no numbers.
+    pub failure: Option<(u64, String)>,
+    /// What takes long at the moment ("Reading objects: 1200 of 10000").
+    pub busy: Option<String>,
+    /// Seconds that the last complete evaluation took.
+    pub seconds: f64,
+}
+
+/// Handle of the worker thread; dropping it ends the thread after the job in hand.
+pub struct Worker {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    mailbox: Mutex<Mailbox>,
+    arrived: Condvar,
+    results: Mutex<Results>,
+    /// Tells the window that there is something new.
+    wake: Box<dyn Fn() + Send + Sync>,
+}
+
+#[derive(Default)]
+struct Mailbox {
+    evaluate: Option<(u64, Arc<Design>)>,
+    jobs: VecDeque<Job>,
+    quit: bool,
+}
+
+#[derive(Default)]
+struct Results {
+    live: Live,
+    outcomes: Vec<Result<Outcome, String>>,
+    /// Jobs handed over and not yet answered.
+    open_jobs: usize,
+}
+
+/// A mutex whose holder panicked still holds whole values here: every critical section only moves values.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Worker {
+    /// Starts the thread. `wake` is called from it whenever there is something new to show.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared {
+            mailbox: Mutex::default(),
+            arrived: Condvar::new(),
+            results: Mutex::default(),
+            wake: Box::new(wake),
+        });
+        let own = Arc::clone(&shared);
+        let thread = std::thread::Builder::new().name("lenslet-worker".into()).spawn(move || run(&own))?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// Asks for the numbers of a design; takes the place of a request that still waits.
+    pub fn evaluate(&self, revision: u64, design: Arc<Design>) {
+        lock(&self.shared.mailbox).evaluate = Some((revision, design));
+        self.shared.arrived.notify_one();
+    }
+
+    /// Hands over a job.
+    pub fn submit(&self, job: Job) {
+        lock(&self.shared.results).open_jobs += 1;
+        lock(&self.shared.mailbox).jobs.push_back(job);
+        self.shared.arrived.notify_one();
+    }
+
+    /// The latest results.
+    pub fn live(&self) -> Live {
+        lock(&self.shared.results).live.clone()
+    }
+
+    /// Answers to jobs since the last call, oldest first.
+    pub fn take_outcomes(&self) -> Vec<Result<Outcome, String>> {
+        std::mem::take(&mut lock(&self.shared.results).outcomes)
+    }
+
+    /// Whether a job has not been answered yet.
+    pub fn has_open_jobs(&self) -> bool {
+        lock(&self.shared.results).open_jobs > 0
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        lock(&self.shared.mailbox).quit = true;
+        self.shared.arrived.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // The thread catches its own panics, so joining fails only where the system killed it.
+            let _ = thread.join();
+        }
+    }
+}
+
+enum Task {
+    Evaluate(u64, Arc<Design>),
+    Job(Job),
+}
+
+fn run(shared: &Shared) {
+    // One core is left to the window.
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(cores.saturating_sub(1).max(1))
+        .thread_name(|index| format!("lenslet-compute-{index}"))
+        .build();
+    let mut evaluator = Evaluator::default();
+    let mut job_is_due = false;
+    while let Some(task) = next_task(shared, &mut job_is_due) {
+        let mut work = || match task {
+            Task::Evaluate(revision, ref design) => evaluator.evaluate(revision, design, shared),
+            Task::Job(ref job) => {
+                let outcome = evaluator.run_job(job, shared);
+                let mut results = lock(&shared.results);
+                results.outcomes.push(outcome);
+                results.open_jobs -= 1;
+            }
+        };
+        let done = catch_unwind(AssertUnwindSafe(|| match &pool {
+            Ok(pool) => pool.install(&mut work),
+            Err(_) => work(),
+        }));
+        if let Err(panic) = done {
+            let text = format!("an internal error stopped this computation: {}", panic_text(panic.as_ref()));
+            // What the computation had built may be half done.
+            evaluator = Evaluator::default();
+            let mut results = lock(&shared.results);
+            results.live.busy = None;
+            match task {
+                Task::Evaluate(revision, _) => results.live.failure = Some((revision, text)),
+                Task::Job(_) => {
+                    results.outcomes.push(Err(text));
+                    results.open_jobs -= 1;
+                }
+            }
+        }
+        (shared.wake)();
+    }
+}
+
+/// Waits for the next task; evaluations and jobs take turns where both wait. `None` ends the thread.
+fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
+    let mut mailbox = lock(&shared.mailbox);
+    loop {
+        // A job was promised an answer, a save above all: the thread ends only when there is none left.
+        if mailbox.quit && mailbox.jobs.is_empty() {
+            return None;
+        }
+        if mailbox.quit || *job_is_due || mailbox.evaluate.is_none() {
+            *job_is_due = false;
+            if let Some(job) = mailbox.jobs.pop_front() {
+                return Some(Task::Job(job));
+            }
+        }
+        if let Some((revision, design)) = mailbox.evaluate.take() {
+            *job_is_due = true;
+            return Some(Task::Evaluate(revision, design));
+        }
+        mailbox = shared.arrived.wait(mailbox).unwrap_or_else(PoisonError::into_inner);
+    }
+}
+
+fn panic_text(panic: &(dyn Any + Send)) -> String {
+    panic
+        .downcast_ref::<&str>()
+        .map(ToString::to_string)
+        .or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no reason given".into())
+}
+
+/// What is kept between evaluations.
+#[derive(Default)]
+struct Evaluator {
+    optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
+    scene: Option<Arc<Scene>>,
+    scene_optics: Option<(Arc<Scene>, SceneOptics)>,
+}
+
+impl Evaluator {
+    fn evaluate(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) {
+        let start = std::time::Instant::now();
+        let outcome = self.steps(revision, design, shared);
+        let mut results = lock(&shared.results);
+        match outcome {
+            Ok(()) => {
+                results.live.failure = None;
+                results.live.seconds = start.elapsed().as_secs_f64();
+            }
+            // A newer design, which waits in the mailbox, looks at other objects.
+            Err(EvaluationError::Objects(ObjectError::Cancelled)) => {}
+            Err(error) => results.live.failure = Some((revision, error.to_string())),
+        }
+    }
+
+    fn steps(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) -> Result<(), EvaluationError> {
+        let publish = |change: &dyn Fn(&mut Live)| {
+            change(&mut lock(&shared.results).live);
+            (shared.wake)();
+        };
+        let planes = self.scene.as_ref().filter(|scene| scene.serves(design)).map_or(1, |scene| scene.set.planes());
+        let optics = self.optics(design, planes, revision, shared)?;
+        let scene = self.scene(design, revision, shared)?;
+        // Opening the objects may have told that they have more planes.
+        let optics =
+            if scene.set.planes() > planes { self.optics(design, scene.set.planes(), revision, shared)? } else { optics };
+        publish(&|live| live.scene = Some(Stamped { revision, value: Arc::clone(&scene) }));
+        let shape = design.encoder.grid();
+        let known = self.scene_optics.as_ref();
+        if !known.is_some_and(|(of, prepared)| Arc::ptr_eq(of, &scene) && prepared.serves(shape)) {
+            self.scene_optics = Some((Arc::clone(&scene), SceneOptics::new(&scene, shape)?));
+        }
+        let Some((_, prepared)) = &self.scene_optics else { return Ok(()) };
+        let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
+        publish(&|live| live.measurements = Some(Stamped { revision, value: Arc::clone(&measurements) }));
+        let information = Arc::new(prepared.information(design, &optics, &scene, &measurements)?);
+        publish(&|live| live.information = Some(Stamped { revision, value: Arc::clone(&information) }));
+        Ok(())
+    }
+
+    /// Renders and publishes the PSF, unless the last one is of this very mask.
+    fn optics(
+        &mut self,
+        design: &Arc<Design>,
+        planes: usize,
+        revision: u64,
+        shared: &Shared,
+    ) -> Result<Arc<Optics>, EvaluationError> {
+        let optics = match &self.optics {
+            Some((of, known, optics)) if of.encoder == design.encoder && *known == planes => Arc::clone(optics),
+            _ => {
+                let optics = Arc::new(Optics::of(design, planes)?);
+                self.optics = Some((Arc::clone(design), planes, Arc::clone(&optics)));
+                optics
+            }
+        };
+        lock(&shared.results).live.optics = Some(Stamped { revision, value: Arc::clone(&optics) });
+        (shared.wake)();
+        Ok(optics)
+    }
+
+    /// The objects of the design, opened where they are not at hand.
+    fn scene(&mut self, design: &Design, revision: u64, shared: &Shared) -> Result<Arc<Scene>, EvaluationError> {
+        if let Some(scene) = self.scene.as_ref().filter(|scene| scene.serves(design)) {
+            return Ok(Arc::clone(scene));
+        }
+        let newest = std::cell::Cell::new(revision);
+        let watch = |progress: Progress| {
+            lock(&shared.results).live.busy = Some(progress.to_string());
+            // The mask may be edited while objects are read: the PSF follows at once.
+            let waiting = lock(&shared.mailbox).evaluate.clone();
+            if let Some((newer, wanted)) = waiting.filter(|(newer, _)| *newer > newest.get()) {
+                if !Scene::same_objects(design, &wanted) {
+                    return ControlFlow::Break(());
+                }
+                newest.set(newer);
+                if let Ok(optics) = Optics::of(&wanted, 1) {
+                    lock(&shared.results).live.optics = Some(Stamped { revision: newer, value: Arc::new(optics) });
+                }
+            }
+            (shared.wake)();
+            if lock(&shared.mailbox).quit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let scene = Scene::open(design, &watch);
+        lock(&shared.results).live.busy = None;
+        let scene = Arc::new(scene?);
+        self.scene = Some(Arc::clone(&scene));
+        Ok(scene)
+    }
+
+    fn run_job(&mut self, job: &Job, shared: &Shared) -> Result<Outcome, String> {
+        match job {
+            // The one job that leaves something behind for evaluations: the objects, if they can be opened.
+            Job::OpenObjects { design } => {
+                let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
+                let scene = self.scene(design, revision, shared).map_err(|error| error.to_string())?;
+                Convolution::new(scene.set.field(), design.encoder.grid())
+                    .map_err(|error| format!("{}: {error}", design.objects))?;
+                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })
+            }
+            other => other.run(),
+        }
+    }
+}
