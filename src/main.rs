@@ -1,2 +1,5 @@
-//! Lenslet Studio.
-fn main() {}
+//! Lenslet Studio: the window, or one subcommand.
+
+fn main() -> anyhow::Result<()> {
+    Ok(lenslet_studio::studio::open_window(Default::default(), None, Default::default())?)
+}

@@ -6,7 +6,7 @@ use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
 
 use super::actions::{self, Action};
-use super::dialogs::{self, Purpose};
+use super::dialogs;
 use super::layout::{Pane, Rooms, default_layout};
 use super::messages::Severity;
 use super::state::{Leave, State};
@@ -157,7 +157,7 @@ impl Studio {
         // A save that was cancelled or failed leaves the question open.
         leaving.saving = false;
         let what = leaving.what.clone();
-        egui::Modal::new(egui::Id::new("unsaved changes")).show(ctx, |ui| {
+        egui::Modal::new(egui::Id::unique("unsaved changes")).show(ctx, |ui| {
             ui.set_width(340.0);
             ui.heading("Save your changes?");
             ui.label(format!("{} has changes that are not in a file.", file_name(self.state.bench.path())));
@@ -181,7 +181,7 @@ impl Studio {
     }
 
     fn take_dropped_files(&mut self, ctx: &egui::Context) {
-        let Some(path) = ctx.input(|input| input.raw.dropped_files.iter().find_map(|file| file.path.clone())) else {
+        let Some(path) = ctx.input(|input| Some(input.raw.dropped_files.first()?.path().to_path_buf())) else {
             return;
         };
         match kind_of(&path) {
@@ -193,7 +193,7 @@ impl Studio {
 
     fn ask_about_dropped(&mut self, ctx: &egui::Context) {
         let Some(path) = self.dropped.clone() else { return };
-        egui::Modal::new(egui::Id::new("dropped file")).show(ctx, |ui| {
+        egui::Modal::new(egui::Id::unique("dropped file")).show(ctx, |ui| {
             ui.set_width(340.0);
             ui.heading(format!("Use {}", file_name(Some(&path))));
             ui.add_space(8.0);
@@ -310,7 +310,7 @@ fn show_drop_hint(ctx: &egui::Context) {
     if ctx.input(|input| input.raw.hovered_files.is_empty()) {
         return;
     }
-    let painter = ctx.layer_painter(egui::LayerId::new(egui::Order::Foreground, egui::Id::new("drop hint")));
+    let painter = ctx.layer_painter(egui::LayerId::new(egui::Order::Foreground, egui::Id::unique("drop hint")));
     let rect = ctx.content_rect();
     painter.rect_filled(rect, 0.0, egui::Color32::from_black_alpha(160));
     painter.text(

@@ -165,7 +165,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     }
     let mut done = false;
     let mut cancelled = false;
-    egui::Modal::new(egui::Id::new("path question")).show(ctx, |ui| {
+    egui::Modal::new(egui::Id::unique("path question")).show(ctx, |ui| {
         ui.set_width(480.0_f32.min(ui.ctx().content_rect().width() - 40.0));
         ui.heading(question.purpose.title());
         ui.add_space(4.0);

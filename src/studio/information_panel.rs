@@ -1,9 +1,7 @@
-//! Information and sparsity: what the design's numbers are, what they rest on, and how past edits fared.
+//! Information and sparsity: what the design's numbers are and what they rest on.
 
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
-use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
-use super::dialogs::Purpose;
 use super::image_view::{placeholder, significant};
 use super::state::State;
 use crate::workbench::LiveInformation;
@@ -32,8 +30,6 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.add_space(4.0);
         ui.separator();
         tamura(ui, state);
-        ui.separator();
-        trail(ui, state);
     });
 }
 
@@ -84,7 +80,7 @@ fn bound_bar(ui: &mut Ui, information: &LiveInformation) {
     painter.rect_filled(bar(0.0, end), 2.0, ui.visuals().extreme_bg_color);
     let allowed = gaussian.min(ceiling.unwrap_or(gaussian)).max(0.0);
     painter.rect_filled(bar(0.0, allowed), 2.0, ui.visuals().selection.bg_fill);
-    let mut mark = |bits: f64, colour: Color32| {
+    let mark = |bits: f64, colour: Color32| {
         painter.vline(at(bits), top - 3.0..=top + 15.0, Stroke::new(2.0, colour));
     };
     mark(gaussian, GAUSSIAN);
@@ -97,8 +93,10 @@ fn bound_bar(ui: &mut Ui, information: &LiveInformation) {
     response.on_hover_text(text);
 }
 
-const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
-const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
+/// Colour of the Gaussian bound.
+pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
+/// Colour of the ceiling.
+pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
 
 /// The next round number above `value`.
 fn nice_end(value: f64) -> f64 {
@@ -208,31 +206,4 @@ fn tamura(ui: &mut Ui, state: &State) {
     if let Some(objects) = objects {
         painter.circle_stroke(pos2(at(objects.mean), axis), 4.5, Stroke::new(1.5, weak));
     }
-}
-
-/// Bounds after each edit.
-fn trail(ui: &mut Ui, state: &mut State) {
-    ui.horizontal(|ui| {
-        ui.label("Past edits");
-        if ui.small_button("Export trail...").clicked() {
-            let curve = state.trail.curve();
-            state.dialogs.ask(Purpose::ExportCurve { curve, name: "information.csv" }, state.bench.path());
-        }
-    });
-    let points = |value: &dyn Fn(&(u64, f64, Option<f64>)) -> Option<f64>| -> PlotPoints<'static> {
-        let points = state.trail.points.iter().enumerate();
-        points.filter_map(|(edit, point)| Some([edit as f64, value(point)?])).collect::<Vec<_>>().into()
-    };
-    let bound = points(&|point| Some(point.1));
-    let ceiling = points(&|point| point.2);
-    Plot::new("Information of past edits")
-        .height(ui.available_height().max(96.0))
-        .legend(Legend::default().position(Corner::LeftBottom))
-        .include_y(0.0)
-        .allow_scroll(false)
-        .y_axis_label("bits per pixel")
-        .show(ui, |plot| {
-            plot.line(Line::new("Gaussian bound", bound).color(GAUSSIAN).width(2.0));
-            plot.line(Line::new("ceiling", ceiling).color(CEILING).width(2.0));
-        });
 }

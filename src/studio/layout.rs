@@ -3,7 +3,7 @@
 use egui_tiles::{Behavior, Container, Linear, LinearDir, SimplificationOptions, TileId, Tiles, Tree, UiResponse};
 
 use super::state::State;
-use super::{information_panel, lenslet_table, mask_canvas, mtf_panel, sample_panels, scene_panel};
+use super::{history_panel, information_panel, lenslet_table, mask_canvas, mtf_panel, sample_panels, scene_panel};
 
 /// A room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +22,8 @@ pub enum Pane {
     Information,
     /// Modulation transfer function.
     Mtf,
+    /// Information of past edits.
+    History,
 }
 
 impl Pane {
@@ -34,6 +36,7 @@ impl Pane {
             Self::Scene => "Scene and sensor",
             Self::Information => "Information",
             Self::Mtf => "MTF",
+            Self::History => "History",
         }
     }
 }
@@ -58,10 +61,11 @@ pub fn default_layout() -> Tree<Pane> {
         let information = tiles.insert_tab_tile(vec![information]);
         let scene = tiles.insert_pane(Pane::Scene);
         let mtf = tiles.insert_pane(Pane::Mtf);
-        let below = tiles.insert_tab_tile(vec![scene, mtf]);
+        let history = tiles.insert_pane(Pane::History);
+        let below = tiles.insert_tab_tile(vec![scene, mtf, history]);
         let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
         linear.children = vec![information, below];
-        linear.shares.set_share(information, 1.35);
+        linear.shares.set_share(information, 1.15);
         linear.shares.set_share(below, 1.0);
         tiles.insert_container(Container::Linear(linear))
     };
@@ -71,7 +75,7 @@ pub fn default_layout() -> Tree<Pane> {
     row.shares.set_share(middle, 1.05);
     row.shares.set_share(right, 1.15);
     let root = tiles.insert_container(Container::Linear(row));
-    Tree::new("rooms", root, tiles)
+    Tree::new(egui::Id::unique("rooms"), root, tiles)
 }
 
 /// Draws the rooms.
@@ -90,6 +94,7 @@ impl Behavior<Pane> for Rooms<'_> {
                 Pane::Scene => scene_panel::show(ui, self.0),
                 Pane::Information => information_panel::show(ui, self.0),
                 Pane::Mtf => mtf_panel::show(ui, self.0),
+                Pane::History => history_panel::show(ui, self.0),
             }
         });
         UiResponse::None

@@ -146,7 +146,7 @@ fn handle(
     let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
     let reach = radius.clamp(MIN_HANDLE, 24.0);
     let rect = Rect::from_center_size(centre, Vec2::splat(2.0 * reach));
-    let id = ui.id().with(("lenslet", index));
+    let id = ui.scope_id().with(("lenslet", index));
     let response = ui.interact(rect, id, Sense::click_and_drag());
     let name = format!("Lenslet {}", index + 1);
     let selected = state.selection.contains(&index);
@@ -342,7 +342,7 @@ fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray) {
 fn a_handle_or_nothing_has_focus(ui: &Ui, array: &LensletArray) -> bool {
     match ui.memory(egui::Memory::focused) {
         None => true,
-        Some(id) => (0..array.lenslets.len()).any(|index| ui.id().with(("lenslet", index)) == id),
+        Some(id) => (0..array.lenslets.len()).any(|index| ui.scope_id().with(("lenslet", index)) == id),
     }
 }
 

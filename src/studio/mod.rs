@@ -3,6 +3,7 @@
 mod actions;
 mod app;
 mod dialogs;
+mod history_panel;
 mod image_view;
 mod information_panel;
 mod layout;

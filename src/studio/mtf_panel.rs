@@ -4,7 +4,7 @@ use egui::{Sense, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
-use super::image_view::{placeholder, toolbar};
+use super::image_view::{name_widget, placeholder, toolbar};
 use super::state::State;
 use crate::optics::Mtf;
 use crate::workbench::Curve;
@@ -21,8 +21,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.selectable_value(&mut state.mtf_as_map, true, "Map");
         if state.mtf_as_map {
             state.views.mtf.colormap_menu(ui);
-        } else if ui.small_button("Export CSV...").clicked() {
-            state.dialogs.ask(Purpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+        } else {
+            let export = ui.small_button("Export CSV...");
+            name_widget(&export, "Export MTF as CSV");
+            if export.clicked() {
+                state.dialogs.ask(Purpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+            }
         }
     });
     if state.mtf_as_map {

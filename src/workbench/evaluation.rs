@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use super::design::{Design, DesignError};
 use crate::information::{
-    AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, Protocol, bootstrap_interval,
+    AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Progress, Split};
 use crate::optics::{Mtf, modulation_transfer};
@@ -218,11 +218,14 @@ impl SceneOptics {
         optics: &Optics,
         scene: &Scene,
         measurements: &Measurements,
+        noise_entropy: &NoiseEntropy,
     ) -> Result<LiveInformation, EvaluationError> {
         let seen = optics.psf.slice(ndarray::s![..scene.set.planes(), .., ..]);
-        let per_image = self.entropies(design, measurements)?;
+        let per_image = noise_entropy.patch_bits(measurements.noiseless.view())?;
         let entropy_y_given_x = per_image.iter().sum::<f64>() / per_image.len().max(1) as f64;
-        let mean = scene.set.mean() * seen.sum() + design.bias_photons;
+        // Where the sensor looks, beads are not thinned out by the border, as the mean over whole objects is.
+        let mean_object = scene.set.bead_prior().map_or(scene.set.mean(), |prior| prior.probability * prior.spot.sum());
+        let mean = mean_object * seen.sum() + design.bias_photons;
         let gaussian = self.analytic.evaluate(seen, mean, design.noise, entropy_y_given_x)?;
         let interval_95 = bootstrap_interval(&[gaussian.entropy_y], &per_image, design.seed)?;
         let ceiling = match &self.beads {
@@ -233,11 +236,6 @@ impl SceneOptics {
             None => None,
         };
         Ok(LiveInformation { gaussian, interval_95, ceiling, patch: self.patch })
-    }
-
-    /// Noise entropy of each live measurement, bits per pixel.
-    fn entropies(&self, design: &Design, measurements: &Measurements) -> Result<Vec<f64>, InformationError> {
-        NoiseEntropy::new(design.noise, Protocol::Default)?.patch_bits(measurements.noiseless.view())
     }
 }
 

@@ -14,8 +14,9 @@ use std::thread::JoinHandle;
 use super::design::Design;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
 use super::jobs::{Job, Outcome};
+use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
-use crate::sensor::Convolution;
+use crate::sensor::{Convolution, Noise};
 
 /// A result and the revision of the design it was computed from.
 #[derive(Debug)]
@@ -224,6 +225,7 @@ struct Evaluator {
     optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
     scene: Option<Arc<Scene>>,
     scene_optics: Option<(Arc<Scene>, SceneOptics)>,
+    noise_entropy: Option<(Noise, NoiseEntropy)>,
 }
 
 impl Evaluator {
@@ -262,7 +264,16 @@ impl Evaluator {
         let Some((_, prepared)) = &self.scene_optics else { return Ok(()) };
         let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
         publish(&|live| live.measurements = Some(Stamped { revision, value: Arc::clone(&measurements) }));
-        let information = Arc::new(prepared.information(design, &optics, &scene, &measurements)?);
+        // Tables of the noise's entropy are worth keeping while the noise stays the same.
+        let noise_entropy = match &self.noise_entropy {
+            Some((noise, known)) if *noise == design.noise => known,
+            _ => {
+                let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
+                &self.noise_entropy.insert((design.noise, entropy)).1
+            }
+        };
+        let information =
+            Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
         publish(&|live| live.information = Some(Stamped { revision, value: Arc::clone(&information) }));
         Ok(())
     }
