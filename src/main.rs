@@ -1,5 +1,5 @@
 //! Lenslet Studio: the window, or one subcommand.
 
-fn main() -> anyhow::Result<()> {
-    Ok(lenslet_studio::studio::open_window(Default::default(), None, Default::default())?)
+fn main() -> std::process::ExitCode {
+    lenslet_studio::cli::run()
 }

@@ -1,0 +1,135 @@
+//! Encoders as they are named on the command line.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::{Context, bail};
+
+use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, import_psf, random_layout};
+use crate::workbench::Design;
+
+/// An encoder named by `--lenslets`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum EncoderChoice {
+    /// `heuristic:9`
+    Heuristic(usize),
+    /// `random:25`, with the seed of `--seed`.
+    Random(usize),
+    /// `depth:5`
+    Depth(usize),
+    /// `diffuser:32`, with the seed of `--seed`.
+    Diffuser(usize),
+    /// `psf:FILE`, or `psf:FILE@32` resampled to 32 pixels.
+    Psf(PathBuf, Option<usize>),
+    /// `design:FILE`: the mask of a design file.
+    Design(PathBuf),
+}
+
+const CHOICES: &str =
+    "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), or design:FILE";
+
+impl FromStr for EncoderChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("lenslets {text:?}: expected {CHOICES}");
+        let (kind, rest) = text.split_once(':').ok_or_else(wrong)?;
+        let count = |range: std::ops::RangeInclusive<usize>| match rest.parse::<usize>() {
+            Ok(count) if range.contains(&count) => Ok(count),
+            _ => Err(format!("lenslets {text:?}: expected {} to {} after {kind}:", range.start(), range.end())),
+        };
+        match kind {
+            "heuristic" => count(1..=9).map(Self::Heuristic),
+            "random" => count(1..=crate::optics::LensletArray::MAX_LENSLETS).map(Self::Random),
+            "depth" => count(1..=5).map(Self::Depth),
+            "diffuser" => count(1..=Diffuser::GRID).map(Self::Diffuser),
+            "psf" if !rest.is_empty() => Ok(match rest.rsplit_once('@') {
+                Some((path, side)) if !path.is_empty() => {
+                    let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
+                    Self::Psf(path.into(), Some(side.ok_or_else(|| {
+                        format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @")
+                    })?))
+                }
+                _ => Self::Psf(rest.into(), None),
+            }),
+            "design" if !rest.is_empty() => Ok(Self::Design(rest.into())),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+impl EncoderChoice {
+    /// Makes or reads the encoder.
+    pub fn encoder(&self, seed: u64) -> anyhow::Result<Encoder> {
+        Ok(match self {
+            Self::Heuristic(count) => Encoder::Lenslets(heuristic_layout(*count)),
+            Self::Random(count) => Encoder::Lenslets(random_layout(*count, seed)),
+            Self::Depth(count) => Encoder::Lenslets(depth_layout(*count)),
+            Self::Diffuser(aperture_px) => Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed }),
+            Self::Psf(path, side) => Encoder::Image(import_psf(path, *side)?),
+            Self::Design(path) => Design::open(path)?.encoder,
+        })
+    }
+}
+
+/// The patch of an estimate: `32`, `16x24` (rows x cols), or `sensor` for the whole measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PatchChoice {
+    /// Rows and columns in pixels.
+    Shape(usize, usize),
+    /// The whole measurement.
+    Sensor,
+}
+
+impl FromStr for PatchChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let side = |text: &str| text.parse::<usize>().ok().filter(|&side| side > 0);
+        let shape = match text.split_once('x') {
+            _ if text == "sensor" => return Ok(Self::Sensor),
+            Some((rows, cols)) => side(rows).zip(side(cols)),
+            None => side(text).map(|side| (side, side)),
+        };
+        shape
+            .map(|(rows, cols)| Self::Shape(rows, cols))
+            .ok_or_else(|| format!("patch {text:?}: expected pixels such as 32, rows x cols such as 16x24, or sensor"))
+    }
+}
+
+/// Refuses a folder that cannot be one, before anything long is computed.
+pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
+    if folder.exists() && !folder.is_dir() {
+        bail!("{}: expected a folder to write into, found a file; choose another name", folder.display());
+    }
+    crate::formats::create_folder(folder).context("the output folder cannot be made")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn encoders_are_read_from_their_names() {
+        for (text, expected) in [
+            ("heuristic:9", EncoderChoice::Heuristic(9)),
+            ("random:25", EncoderChoice::Random(25)),
+            ("psf:a/b.npy", EncoderChoice::Psf("a/b.npy".into(), None)),
+            ("psf:a@b.png@48", EncoderChoice::Psf("a@b.png".into(), Some(48))),
+            ("diffuser:16", EncoderChoice::Diffuser(16)),
+        ] {
+            assert_eq!(text.parse(), Ok(expected));
+        }
+        for wrong in ["", "9", "heuristic:0", "heuristic:10", "random:x", "psf:", "psf:a@0", "lens:1"] {
+            assert!(wrong.parse::<EncoderChoice>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn patches_are_read_from_their_names() {
+        assert_eq!("32".parse(), Ok(PatchChoice::Shape(32, 32)));
+        assert_eq!("16x24".parse(), Ok(PatchChoice::Shape(16, 24)));
+        assert_eq!("sensor".parse(), Ok(PatchChoice::Sensor));
+        assert!("0".parse::<PatchChoice>().is_err() && "x".parse::<PatchChoice>().is_err());
+    }
+}

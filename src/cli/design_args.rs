@@ -1,0 +1,73 @@
+//! Flags that say which design a command is about.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::choices::EncoderChoice;
+use crate::objects::ObjectSource;
+use crate::sensor::Noise;
+use crate::workbench::Design;
+
+/// A design: a file, flags, or a file with some entries replaced by flags.
+#[derive(Args, Debug)]
+pub struct DesignArgs {
+    /// Design file; flags replace its entries. Without one, flags replace entries of the default design.
+    design: Option<PathBuf>,
+
+    /// The mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (psf:FILE@32 resamples),
+    /// or design:FILE.
+    #[arg(long, value_name = "MASK")]
+    lenslets: Option<EncoderChoice>,
+
+    /// Seed of random masks, objects, noise and patches.
+    #[arg(long)]
+    seed: Option<u64>,
+}
+
+/// What the mask looks at, and the sensor behind it.
+#[derive(Args, Debug)]
+pub struct SceneArgs {
+    /// The objects: beads:DENSITY, beads-max:DENSITY, volume:PLANES:DENSITY, idx:FILE, cifar:FILE, images:FOLDER, or
+    /// stack:FILE.
+    #[arg(long, value_name = "OBJECTS")]
+    objects: Option<ObjectSource>,
+
+    /// Mean of the objects, photons per pixel.
+    #[arg(long, value_name = "PHOTONS")]
+    mean_photons: Option<f64>,
+
+    /// Background, photons per pixel.
+    #[arg(long, value_name = "PHOTONS")]
+    bias: Option<f64>,
+
+    /// Noise of the sensor: shot, read:SIGMA, shot+read:SIGMA or none.
+    #[arg(long)]
+    noise: Option<Noise>,
+}
+
+impl DesignArgs {
+    /// The design, with the scene replaced where `scene` says so.
+    pub fn design(&self, scene: Option<&SceneArgs>) -> anyhow::Result<Design> {
+        let mut design = match &self.design {
+            Some(path) => Design::open(path)?,
+            None => Design::default(),
+        };
+        if let Some(seed) = self.seed {
+            design.seed = seed;
+        }
+        if let Some(choice) = &self.lenslets {
+            design.encoder = choice.encoder(design.seed)?;
+        }
+        if let Some(scene) = scene {
+            if let Some(objects) = &scene.objects {
+                design.objects = objects.clone();
+            }
+            design.mean_photons = scene.mean_photons.unwrap_or(design.mean_photons);
+            design.bias_photons = scene.bias.unwrap_or(design.bias_photons);
+            design.noise = scene.noise.unwrap_or(design.noise);
+        }
+        design.check()?;
+        Ok(design)
+    }
+}

@@ -1,0 +1,64 @@
+//! `export`: what a design is, in files.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::choices::check_folder;
+use super::design_args::DesignArgs;
+use super::{Failure, print_json};
+use crate::workbench::{Colormap, export_design};
+
+/// Arguments of `export`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(flatten)]
+    design: DesignArgs,
+
+    /// Folder to write into; it is made if need be.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+
+    /// Also write psf-COLOURS.png in these colours.
+    #[arg(long, value_enum)]
+    colormap: Option<Colormap>,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Exported {
+    encoder: String,
+    psf_rows: usize,
+    psf_cols: usize,
+    files: Vec<PathBuf>,
+}
+
+impl Arguments {
+    /// Does it.
+    pub fn run(self) -> Result<(), Failure> {
+        let design = self.design.design(None)?;
+        check_folder(&self.out)?;
+        let mut files = export_design(&design, &self.out)?;
+        if let Some(colormap) = self.colormap {
+            let image = design.psf(1)?.sum_axis(ndarray::Axis(0)).mapv(|value| value as f32);
+            let peak = image.iter().copied().fold(0.0, f32::max);
+            let path = self.out.join(format!("psf-{}.png", colormap.to_string().to_lowercase()));
+            colormap.write_png(image.view(), (0.0, peak), &path)?;
+            files.push(path);
+        }
+        let (psf_rows, psf_cols) = design.encoder.grid();
+        let result = Exported { encoder: design.encoder.describe(), psf_rows, psf_cols, files };
+        if self.json {
+            return print_json(&result);
+        }
+        println!("{}, PSF of {psf_rows} x {psf_cols} px", result.encoder);
+        for file in &result.files {
+            println!("{}", file.display());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,127 @@
+//! The command line: the same computations and files as the window, without one.
+//!
+//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 2 bad input or usage,
+//! 1 anything else.
+
+mod choices;
+mod design_args;
+mod estimate;
+mod export;
+mod headless;
+mod measure;
+mod tamura;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use serde::Serialize;
+
+/// Design lensless cameras by the information their measurements carry.
+///
+/// Without a subcommand the studio opens its window, on DESIGN where one is given.
+#[derive(Debug, Parser)]
+#[command(name = "lenslet-studio", version, args_conflicts_with_subcommands = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+
+    /// Design file to open in the window.
+    design: Option<PathBuf>,
+
+    /// Draw the window by OpenGL (glow) or by Vulkan, Metal or DirectX (wgpu); the other is tried where one fails.
+    #[cfg(feature = "studio")]
+    #[arg(long, value_enum, default_value_t)]
+    renderer: crate::studio::RendererChoice,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Write the PSF as PNG, TIFF and NPY, the design as JSON and the lenslets as CSV.
+    Export(export::Arguments),
+    /// Draw objects and measure them: objects, noiseless and noisy measurements as NPY or TIFF.
+    Measure(measure::Arguments),
+    /// Tamura coefficient of NPY, TIFF or picture files.
+    Tamura(tamura::Arguments),
+    /// Estimate the information of a design's measurements, in bits per pixel.
+    Estimate(estimate::Arguments),
+    /// Print a completion script for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// What stopped a command, by exit code.
+#[derive(Debug)]
+enum Failure {
+    /// Bad input, usage, or a file that cannot be read or written: code 2.
+    Input(anyhow::Error),
+    /// Anything else: code 1. Only the window fails so.
+    #[cfg_attr(not(feature = "studio"), expect(dead_code, reason = "only the window fails so"))]
+    Other(anyhow::Error),
+}
+
+/// Every error of the library is about what it was given: files, settings, designs.
+impl<E: Into<anyhow::Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Input(error.into())
+    }
+}
+
+/// Runs the program with the arguments it was started with.
+pub fn run() -> ExitCode {
+    let arguments = Arguments::parse();
+    // A panic is a bug: its message is printed by the default hook, and the code is not one that means something else.
+    match std::panic::catch_unwind(|| dispatch(arguments)) {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(Failure::Input(error))) => {
+            eprintln!("lenslet-studio: {error:#}");
+            ExitCode::from(2)
+        }
+        Ok(Err(Failure::Other(error))) => {
+            eprintln!("lenslet-studio: {error:#}");
+            ExitCode::FAILURE
+        }
+        Err(_) => ExitCode::FAILURE,
+    }
+}
+
+fn dispatch(arguments: Arguments) -> Result<(), Failure> {
+    match arguments.command {
+        Some(Command::Export(arguments)) => arguments.run(),
+        Some(Command::Measure(arguments)) => arguments.run(),
+        Some(Command::Tamura(arguments)) => arguments.run(),
+        Some(Command::Estimate(arguments)) => arguments.run(),
+        Some(Command::Completions { shell }) => {
+            clap_complete::generate(shell, &mut Arguments::command(), "lenslet-studio", &mut std::io::stdout());
+            Ok(())
+        }
+        None => open(arguments),
+    }
+}
+
+/// Opens the window; without a display, runs headless.
+#[cfg(feature = "studio")]
+fn open(arguments: Arguments) -> Result<(), Failure> {
+    let design = headless::design(arguments.design.as_deref())?;
+    if !headless::has_display() {
+        eprintln!("No display was found, so there is no window; the design is computed here instead.");
+        return headless::run(&design);
+    }
+    crate::studio::open_window(design, arguments.design, arguments.renderer)
+        .map_err(|error| Failure::Other(error.into()))
+}
+
+/// A build without the window runs headless.
+#[cfg(not(feature = "studio"))]
+fn open(arguments: Arguments) -> Result<(), Failure> {
+    eprintln!("This build has no window; the design is computed here instead.");
+    headless::run(&headless::design(arguments.design.as_deref())?)
+}
+
+/// Prints a result as JSON.
+fn print_json(result: &impl Serialize) -> Result<(), Failure> {
+    println!("{}", serde_json::to_string_pretty(result)?);
+    Ok(())
+}

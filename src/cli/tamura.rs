@@ -1,0 +1,70 @@
+//! `tamura`: sparsity of pictures and stacks.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use ndarray::Axis;
+use serde::Serialize;
+
+use super::{Failure, print_json};
+use crate::formats::read_picture_or_array;
+use crate::sparsity::{TamuraSummary, tamura_of_stack};
+
+/// Arguments of `tamura`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// NPY, NPZ, TIFF or picture files; stacks count picture by picture.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Mean and spread over pictures.
+#[derive(Serialize)]
+pub struct Summary {
+    /// Mean.
+    pub mean: f64,
+    /// Sample standard deviation.
+    pub sd: f64,
+    /// Pictures.
+    pub count: usize,
+}
+
+impl Summary {
+    /// Of the coefficients of single pictures.
+    pub fn of(values: &[f64]) -> anyhow::Result<Self> {
+        let summary = TamuraSummary::of(values);
+        let TamuraSummary { mean, sd, count } = summary.ok_or_else(|| anyhow::anyhow!("there is no picture to rate"))?;
+        Ok(Self { mean, sd, count })
+    }
+}
+
+impl Arguments {
+    /// Does it.
+    pub fn run(self) -> Result<(), Failure> {
+        let mut values = Vec::new();
+        for path in &self.files {
+            let stack = read_picture_or_array(path)?;
+            for (page, picture) in stack.axis_iter(Axis(0)).enumerate() {
+                if let Some(((row, col), value)) = picture.indexed_iter().find(|(_, value)| !value.is_finite()) {
+                    return Err(anyhow::anyhow!(
+                        "{}: expected finite values, found {value} in picture {page} at row {row}, column {col}; \
+                         repair or leave out that picture",
+                        path.display()
+                    )
+                    .into());
+                }
+            }
+            values.extend(tamura_of_stack(stack.view()));
+        }
+        let summary = Summary::of(&values)?;
+        if self.json {
+            return print_json(&summary);
+        }
+        println!("Tamura coefficient {:.6} (sd {:.6}) over {} pictures", summary.mean, summary.sd, summary.count);
+        Ok(())
+    }
+}

@@ -1,0 +1,204 @@
+//! Estimates of a design's information from patches of simulated measurements.
+
+use ndarray::{Array3, Axis, concatenate};
+
+use super::design::Design;
+use super::evaluation::{EvaluationError, ceiling_of};
+use super::simulation::{convolver, derived_seed, open_set};
+use crate::information::{
+    AnalyticGaussian, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, Protocol,
+    Provenance, Trial, TrialSettings, gaussian_estimate,
+};
+use crate::objects::{ObjectSet, Split};
+use crate::sensor::{Convolver, Noise, Patches};
+
+/// Which Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GaussianModel {
+    /// Stationary, fitted to patches.
+    Stationary,
+    /// Full covariance, fitted to patches.
+    Full,
+    /// Of the covariance that objects and PSF have; patches serve the noise entropy alone.
+    Analytic,
+}
+
+/// What is to be estimated, and how carefully.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EstimateRequest {
+    /// The density model.
+    pub model: GaussianModel,
+    /// The protocol.
+    pub protocol: Protocol,
+    /// Rows and columns of a patch in pixels; `None` takes whole measurements.
+    pub patch: Option<(usize, usize)>,
+    /// Patches to fit.
+    pub patches_train: usize,
+    /// Held-out patches to score.
+    pub patches_test: usize,
+    /// Repetitions; trial t uses seed + t.
+    pub trials: usize,
+}
+
+/// Told what is being done and how far it is: (step, done, total).
+pub type Progress<'a> = &'a mut dyn FnMut(&str, usize, usize);
+
+/// Objects that are drawn and measured at a time: enough to keep threads busy, few enough to stay small.
+const BATCH: usize = 500;
+
+/// Estimates the information of a design's measurements.
+///
+/// Every patch is cut from an object of its own, so that patches are independent. Under the default protocol no base
+/// image is in both training and test; under the paper's all are in both, as published.
+///
+/// # Errors
+/// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
+pub fn estimate(
+    design: &Design,
+    request: &EstimateRequest,
+    progress: Progress<'_>,
+) -> Result<Estimate, EvaluationError> {
+    // Without noise there is nothing to estimate; better told before the objects are read.
+    NoiseEntropy::new(design.noise, request.protocol)?;
+    progress("Reading objects", 0, 1);
+    let set = open_set(design)?;
+    let convolver = convolver(design, &set)?;
+    let patch = request.patch.unwrap_or_else(|| convolver.plan().measurement_shape());
+    let source = PatchSource { design, set: &set, convolver: &convolver, patch, protocol: request.protocol };
+    let trials = (0..request.trials.max(1) as u64)
+        .map(|trial| {
+            let seed = design.seed.wrapping_add(trial);
+            match request.model {
+                GaussianModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, progress),
+                GaussianModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
+                GaussianModel::Analytic => analytic(&source, request, seed, progress),
+            }
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let psf = design.psf(set.planes())?;
+    let ceiling = ceiling_of(design, &set, psf.view(), patch)?.map(|ceiling| ceiling.bits_per_pixel);
+    let provenance = Provenance {
+        bias: design.bias_photons,
+        objects: design.objects.to_string(),
+        objects_fingerprint: set.fingerprint(),
+        encoder: design.encoder.describe(),
+        ceiling,
+        notes: set.notices().to_vec(),
+    };
+    Ok(Estimate::new(&trials, provenance)?)
+}
+
+fn fitted(
+    source: &PatchSource<'_>,
+    request: &EstimateRequest,
+    covariance: Covariance,
+    seed: u64,
+    progress: Progress<'_>,
+) -> Result<Trial, EvaluationError> {
+    let (train, test) = source.splits();
+    let (_, train) = source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", progress)?;
+    let (clean, test) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
+    progress("Fitting", 0, 1);
+    Ok(gaussian_estimate(&GaussianRequest {
+        train: train.view(),
+        test: test.view(),
+        test_clean: Some(clean.view()),
+        covariance,
+        noise: source.design.noise,
+        protocol: request.protocol,
+        seed,
+    })?)
+}
+
+fn analytic(
+    source: &PatchSource<'_>,
+    request: &EstimateRequest,
+    seed: u64,
+    progress: Progress<'_>,
+) -> Result<Trial, EvaluationError> {
+    let start = std::time::Instant::now();
+    let (design, set, patch) = (source.design, source.set, source.patch);
+    let (_, test) = source.splits();
+    let (clean, _) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
+    progress("Bounding", 0, 1);
+    let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
+    let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
+    let grid = design.encoder.grid();
+    let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
+    let psf = design.psf(set.planes())?;
+    let seen = psf.slice(ndarray::s![..set.planes(), .., ..]);
+    let mean = super::evaluation::mean_measurement(design, set, seen);
+    let bound = AnalyticGaussian::new(&set.autocovariance(reach), grid, patch)?.evaluate(
+        seen,
+        mean,
+        design.noise,
+        entropy_y_given_x,
+    )?;
+    let settings = TrialSettings {
+        estimator: Estimator::GaussianAnalytic,
+        protocol: request.protocol,
+        noise: design.noise,
+        patch,
+        patches_train: 0,
+        seed,
+    };
+    let entropy_y = vec![bound.entropy_y; per_patch.len()];
+    Ok(Trial::from_patches(settings, &entropy_y, &per_patch, start.elapsed().as_secs_f64(), Vec::new())?)
+}
+
+/// Where patches come from.
+struct PatchSource<'a> {
+    design: &'a Design,
+    set: &'a ObjectSet,
+    convolver: &'a Convolver,
+    patch: (usize, usize),
+    protocol: Protocol,
+}
+
+impl PatchSource<'_> {
+    /// Parts of the set to train and to test on.
+    fn splits(&self) -> (Split, Split) {
+        match self.protocol {
+            Protocol::Default => (Split::Train, Split::Test),
+            Protocol::Paper => (Split::All, Split::All),
+        }
+    }
+
+    /// Noiseless and noisy patches, each of an object of its own.
+    fn draw(
+        &self,
+        split: Split,
+        count: usize,
+        seed: u64,
+        step: &str,
+        progress: Progress<'_>,
+    ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
+        if count == 0 {
+            let (rows, cols) = self.patch;
+            return Err(InformationError::TooFewPatches { model: step_model(step), needed: 1, found: 0, pixels: rows * cols }.into());
+        }
+        let mut parts = Vec::new();
+        for first in (0..count).step_by(BATCH) {
+            progress(step, first, count);
+            let batch = BATCH.min(count - first);
+            let batch_seed = derived_seed(seed, first as u64);
+            let objects = self.set.objects(split, batch, batch_seed)?;
+            let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
+            parts.push(Patches::one_each(encoded.dim(), self.patch, batch_seed)?.cut(encoded.view()));
+        }
+        let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
+        // The parts have one shape, and there is at least one.
+        let clean = concatenate(Axis(0), &views).unwrap_or_else(|_| Array3::zeros((0, self.patch.0, self.patch.1)));
+        let mut noisy = self.design.noise.draw(clean.view(), derived_seed(seed, u64::MAX));
+        if self.protocol == Protocol::Paper && matches!(self.design.noise, Noise::Read { .. }) {
+            // As published: read noise does not take a pixel below 0.
+            noisy.mapv_inplace(|value| value.max(0.0));
+        }
+        Ok((clean, noisy))
+    }
+}
+
+/// What patches of a step are for, in messages.
+fn step_model(step: &str) -> &'static str {
+    if step.starts_with("Train") { "the fit" } else { "the test" }
+}
