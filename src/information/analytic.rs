@@ -186,3 +186,105 @@ fn noise_variance(noise: Noise, mean_measurement: f64) -> Result<f64, Informatio
         Noise::ShotRead { sigma } => Ok(mean_measurement + sigma * sigma),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_beads::{bead_autocovariance, bead_spot, convolve, encoded_image, heuristic_psf};
+    use super::super::{NoiseEntropy, Protocol};
+    use super::*;
+    use ndarray::{Array3, Axis};
+
+    #[test]
+    fn heuristic_layouts_have_the_known_bounds() {
+        // Entropies from a separate program with a dense 1024 x 1024 covariance, and its bounds in two digits, whose
+        // entropy of the noise was sampled from 67 images.
+        let entropies =
+            [6.541_412, 6.331_623, 6.246_759, 6.183_491, 6.132_315, 6.099_807, 6.067_565, 6.045_001, 6.020_008];
+        let bounds = [1.72, 1.25, 1.05, 0.93, 0.85, 0.78, 0.74, 0.70, 0.67];
+        let spectral_limits = [6.448_849, 6.201_716, 6.150_308];
+        let probability = 0.02;
+        let model = AnalyticGaussian::new(&bead_autocovariance(probability, 62), (32, 32), (32, 32)).unwrap();
+        let noise = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
+        for i in 0..9 {
+            let spot = bead_spot(i + 1, probability);
+            let sampled = (0..120).map(|seed| {
+                let image = encoded_image(&spot, probability, 96, seed);
+                noise.mean_bits(image.view()).unwrap()
+            });
+            let entropy_y_given_x = sampled.sum::<f64>() / 120.0;
+            let psf = heuristic_psf(i + 1).insert_axis(Axis(0));
+            let bound = model.evaluate(psf.view(), 110.0, Noise::Shot, entropy_y_given_x).unwrap();
+            assert!((bound.entropy_y - entropies[i]).abs() < 1e-4, "{}: {}", i + 1, bound.entropy_y);
+            // The sampling errors of either noise entropy are about 0.01 bit.
+            assert!((bound.bits_per_pixel - bounds[i]).abs() < 0.03, "{}: {}", i + 1, bound.bits_per_pixel);
+            if let Some(limit) = spectral_limits.get(i) {
+                assert!((bound.spectral_entropy - limit).abs() < 2e-3, "{}: {}", i + 1, bound.spectral_entropy);
+            }
+        }
+    }
+
+    #[test]
+    fn signal_autocovariance_is_the_plain_correlation_summed_over_planes() {
+        let objects = bead_autocovariance(0.1, 20);
+        let psf = Array3::from_shape_fn((2, 4, 6), |(p, r, c)| ((p * 7 + r * 5 + c * 3) % 11) as f64 / 10.0);
+        let model = AnalyticGaussian::new(&objects, (4, 6), (5, 3)).unwrap();
+        let found = model.signal_autocovariance(psf.view()).unwrap();
+        let mut expected = Array2::<f64>::zeros((9, 5));
+        for plane in psf.outer_iter() {
+            let mut turned = plane.to_owned();
+            turned.invert_axis(Axis(0));
+            turned.invert_axis(Axis(1));
+            let correlation = convolve(&plane.to_owned(), &turned);
+            for ((i, j), value) in expected.indexed_iter_mut() {
+                for ((r, c), weight) in correlation.indexed_iter() {
+                    *value += weight * objects[[20 + i + 3 - 4 - r, 20 + j + 5 - 2 - c]];
+                }
+            }
+        }
+        for (a, b) in found.iter().zip(&expected) {
+            assert!((a - b).abs() < 1e-9 * expected[[4, 2]], "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn spectral_limit_is_approached_from_above() {
+        let psf = heuristic_psf(3).insert_axis(Axis(0));
+        let bound = |patch: usize| {
+            let objects = bead_autocovariance(0.05, 126);
+            let model = AnalyticGaussian::new(&objects, (32, 32), (patch, patch)).unwrap();
+            model.evaluate(psf.view(), 110.0, Noise::ShotRead { sigma: 3.0 }, 5.0).unwrap()
+        };
+        let (small, middle, large) = (bound(8), bound(16), bound(40));
+        assert!(small.entropy_y > middle.entropy_y && middle.entropy_y > large.entropy_y);
+        assert!(large.entropy_y > large.spectral_entropy);
+        assert!(large.entropy_y - large.spectral_entropy < 0.5 * (middle.entropy_y - middle.spectral_entropy));
+    }
+
+    #[test]
+    fn a_blind_mask_measures_the_noise_alone() {
+        let model = AnalyticGaussian::new(&bead_autocovariance(0.1, 12), (3, 3), (6, 6)).unwrap();
+        let dark = Array3::<f64>::zeros((1, 3, 3));
+        let read = Noise::Read { sigma: 4.0 };
+        let bound = model.evaluate(dark.view(), 10.0, read, gaussian_entropy(16.0)).unwrap();
+        assert!(bound.bits_per_pixel.abs() < 1e-12);
+        assert!((bound.spectral_entropy - gaussian_entropy(16.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn bad_requests_get_reasons() {
+        let objects = bead_autocovariance(0.1, 12);
+        let lags = AnalyticGaussian::new(&objects, (8, 8), (7, 7)).err();
+        assert_eq!(lags, Some(InformationError::Lags { needed: 13, rows: 25, cols: 25 }));
+        assert!(AnalyticGaussian::new(&objects, (0, 8), (7, 7)).is_err());
+        assert!(AnalyticGaussian::new(&objects, (8, 8), (0, 5)).is_err());
+        let model = AnalyticGaussian::new(&objects, (3, 3), (5, 5)).unwrap();
+        let psf = Array3::from_elem((1, 3, 3), 1.0 / 9.0);
+        let wrong = Array3::from_elem((1, 3, 4), 1.0 / 12.0);
+        assert!(matches!(
+            model.evaluate(wrong.view(), 10.0, Noise::Shot, 0.0),
+            Err(InformationError::SpotShape { found_cols: 4, .. })
+        ));
+        assert_eq!(model.evaluate(psf.view(), 10.0, Noise::None, 0.0), Err(InformationError::NoNoise));
+        assert!(model.evaluate(psf.view(), f64::NAN, Noise::Shot, 0.0).is_err());
+    }
+}

@@ -2,6 +2,8 @@
 
 mod analytic;
 mod block_toeplitz;
+mod bootstrap;
+mod ceiling;
 mod conditional;
 mod dense;
 mod error;
@@ -11,9 +13,13 @@ mod interpolation;
 mod poisson;
 mod poisson_gaussian;
 mod stationary;
+#[cfg(test)]
+mod test_beads;
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
+pub use bootstrap::bootstrap_interval;
+pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
