@@ -196,20 +196,30 @@ mod tests {
 
     #[test]
     fn heuristic_layouts_have_the_known_bounds() {
-        let known = [1.72, 1.25, 1.05, 0.93, 0.85, 0.78, 0.74, 0.70, 0.67];
+        // Entropies from a separate program with a dense 1024 x 1024 covariance, and its bounds in two digits, whose
+        // entropy of the noise was sampled from 67 images.
+        let entropies =
+            [6.541_412, 6.331_623, 6.246_759, 6.183_491, 6.132_315, 6.099_807, 6.067_565, 6.045_001, 6.020_008];
+        let bounds = [1.72, 1.25, 1.05, 0.93, 0.85, 0.78, 0.74, 0.70, 0.67];
+        let spectral_limits = [6.448_849, 6.201_716, 6.150_308];
         let probability = 0.02;
         let model = AnalyticGaussian::new(&bead_autocovariance(probability, 62), (32, 32), (32, 32)).unwrap();
         let noise = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
-        for (i, expected) in known.into_iter().enumerate() {
+        for i in 0..9 {
             let spot = bead_spot(i + 1, probability);
-            let images =
-                (0..40).map(|seed| noise.mean_bits(encoded_image(&spot, probability, 96, seed).view()).unwrap());
-            let entropy_y_given_x = images.sum::<f64>() / 40.0;
+            let sampled = (0..120).map(|seed| {
+                let image = encoded_image(&spot, probability, 96, seed);
+                noise.mean_bits(image.view()).unwrap()
+            });
+            let entropy_y_given_x = sampled.sum::<f64>() / 120.0;
             let psf = heuristic_psf(i + 1).insert_axis(Axis(0));
             let bound = model.evaluate(psf.view(), 110.0, Noise::Shot, entropy_y_given_x).unwrap();
-            // Two printed digits, and the sampling error of forty images.
-            assert!((bound.bits_per_pixel - expected).abs() < 0.015, "{}: {}", i + 1, bound.bits_per_pixel);
-            assert!(bound.spectral_entropy < bound.entropy_y);
+            assert!((bound.entropy_y - entropies[i]).abs() < 1e-4, "{}: {}", i + 1, bound.entropy_y);
+            // The sampling errors of either noise entropy are about 0.01 bit.
+            assert!((bound.bits_per_pixel - bounds[i]).abs() < 0.03, "{}: {}", i + 1, bound.bits_per_pixel);
+            if let Some(limit) = spectral_limits.get(i) {
+                assert!((bound.spectral_entropy - limit).abs() < 2e-3, "{}: {}", i + 1, bound.spectral_entropy);
+            }
         }
     }
 

@@ -7,6 +7,8 @@ use super::InformationError;
 
 /// Resamplings of each of the two terms.
 const RESAMPLINGS: u64 = 100;
+/// First random stream, far from those that number patches under the same seed.
+const FIRST_STREAM: u64 = 1 << 48;
 
 /// 95 % interval of the mean of `cross_entropy` minus the mean of `entropy_y_given_x`, both per test patch and in one
 /// unit (bits per pixel).
@@ -26,8 +28,8 @@ pub fn bootstrap_interval(
     if cross_entropy.is_empty() || entropy_y_given_x.is_empty() {
         return Err(InformationError::Empty);
     }
-    let first = resampled_means(cross_entropy, seed, 0);
-    let second = resampled_means(entropy_y_given_x, seed, RESAMPLINGS);
+    let first = resampled_means(cross_entropy, seed, FIRST_STREAM);
+    let second = resampled_means(entropy_y_given_x, seed, FIRST_STREAM + RESAMPLINGS);
     let mut differences: Vec<f64> = first.iter().flat_map(|a| second.iter().map(move |b| a - b)).collect();
     differences.sort_by(f64::total_cmp);
     Ok([percentile(&differences, 0.025), percentile(&differences, 0.975)])

@@ -7,14 +7,17 @@ mod ceiling;
 mod conditional;
 mod dense;
 mod error;
+mod estimate;
 mod fourier;
 mod gaussian;
+mod gaussian_estimate;
 mod interpolation;
 mod poisson;
 mod poisson_gaussian;
 mod stationary;
 #[cfg(test)]
 mod test_beads;
+mod trial;
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
@@ -23,6 +26,9 @@ pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
+pub use estimate::{Estimate, Provenance};
 pub use gaussian::FullGaussian;
+pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
 pub use poisson::poisson_entropy;
 pub use stationary::StationaryGaussian;
+pub use trial::{Estimator, Trial, TrialSettings};

@@ -1,0 +1,269 @@
+//! The estimate: a number of bits per pixel that carries everything needed to judge and to repeat it.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Estimator, InformationError, Protocol, Trial};
+use crate::sensor::Noise;
+
+/// Value of the `format` field.
+const FORMAT: &str = "lenslet-studio/estimate";
+/// Newest `format_version` this program writes and reads.
+const FORMAT_VERSION: u32 = 1;
+
+/// Where the measurements of an estimate come from, and what is known about the truth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Provenance {
+    /// Background of the measurements, photons per pixel.
+    pub bias: f64,
+    /// The object set, for a reader.
+    pub objects: String,
+    /// Fingerprint of the object set, for a machine.
+    pub objects_fingerprint: String,
+    /// The encoder, for a reader.
+    pub encoder: String,
+    /// A bound on the truth, bits per pixel, where the object entropy is known ([`super::Ceiling`]).
+    pub ceiling: Option<f64>,
+    /// Anything else a reader must know.
+    pub notes: Vec<String>,
+}
+
+/// Mutual information between scenes and measured patches, bits per pixel, with all that belongs to it.
+///
+/// Made from trials by [`Estimate::new`] or read by [`Estimate::from_json`], never as a bare number.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Always "lenslet-studio/estimate".
+    pub format: String,
+    /// Version of the fields.
+    pub format_version: u32,
+    /// The smallest of the trials, bits per pixel: all are upper bounds, so the smallest is the best.
+    pub bits_per_pixel: f64,
+    /// 95 % interval (low, high) of that trial, bits per pixel; it covers the choice of test patches only.
+    pub interval_95: [f64; 2],
+    /// Cross-entropy of the measurements under the model, bits per pixel.
+    pub entropy_y: f64,
+    /// Entropy of the noise, bits per pixel.
+    pub entropy_y_given_x: f64,
+    /// A bound on the truth, bits per pixel, where the object entropy is known.
+    pub ceiling: Option<f64>,
+    /// The density model.
+    pub estimator: Estimator,
+    /// How entropies were taken.
+    pub protocol: Protocol,
+    /// Patch shape [rows, cols], pixels.
+    pub patch: [usize; 2],
+    /// Patches the model was fitted to.
+    pub patches_train: usize,
+    /// Held-out patches it was scored on.
+    pub patches_test: usize,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// Background of the measurements, photons per pixel.
+    pub bias: f64,
+    /// Number of trials.
+    pub trials: usize,
+    /// Largest minus smallest trial, bits per pixel; 0 for one trial.
+    pub trial_spread: f64,
+    /// Seed of the smallest trial.
+    pub seed: u64,
+    /// Time of all trials, seconds.
+    pub seconds: f64,
+    /// The object set, for a reader.
+    pub objects: String,
+    /// Fingerprint of the object set, for a machine.
+    pub objects_fingerprint: String,
+    /// The encoder, for a reader.
+    pub encoder: String,
+    /// What a reader must know.
+    pub notes: Vec<String>,
+    /// Keeps others from putting an estimate together by hand.
+    #[serde(skip)]
+    sealed: Sealed,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sealed;
+
+impl Estimate {
+    /// Combines trials of the same settings: the smallest with its own interval, and the spread of all.
+    ///
+    /// An estimate above the ceiling gets a note that says so.
+    ///
+    /// # Errors
+    /// Without a trial, or when the trials differ in estimator, protocol, noise, patch or numbers of patches.
+    pub fn new(trials: &[Trial], provenance: Provenance) -> Result<Self, InformationError> {
+        let best = trials.iter().min_by(|a, b| a.bits_per_pixel().total_cmp(&b.bits_per_pixel()));
+        let best = best.ok_or(InformationError::Empty)?;
+        for trial in trials {
+            check_alike(best, trial)?;
+        }
+        let largest = trials.iter().map(Trial::bits_per_pixel).fold(best.bits_per_pixel(), f64::max);
+        let settings = *best.settings();
+        let Provenance { bias, objects, objects_fingerprint, encoder, ceiling, notes: given } = provenance;
+        let mut notes = best.notes().to_vec();
+        notes.extend(given);
+        if let Some(ceiling) = ceiling.filter(|&ceiling| best.bits_per_pixel() > ceiling) {
+            notes.push(format!(
+                "the estimate lies above the ceiling: {:.3} of at most {ceiling:.3} bits per pixel; the density model \
+                 is loose for these objects, so do not rank designs by it",
+                best.bits_per_pixel()
+            ));
+        }
+        Ok(Self {
+            format: FORMAT.to_owned(),
+            format_version: FORMAT_VERSION,
+            bits_per_pixel: best.bits_per_pixel(),
+            interval_95: best.interval_95(),
+            entropy_y: best.entropy_y(),
+            entropy_y_given_x: best.entropy_y_given_x(),
+            ceiling,
+            estimator: settings.estimator,
+            protocol: settings.protocol,
+            patch: [settings.patch.0, settings.patch.1],
+            patches_train: settings.patches_train,
+            patches_test: best.patches_test(),
+            noise: settings.noise,
+            bias,
+            trials: trials.len(),
+            trial_spread: largest - best.bits_per_pixel(),
+            seed: settings.seed,
+            seconds: trials.iter().map(Trial::seconds).sum(),
+            objects,
+            objects_fingerprint,
+            encoder,
+            notes,
+            sealed: Sealed,
+        })
+    }
+
+    /// Whether the estimate lies above the ceiling, where one is known.
+    pub fn above_ceiling(&self) -> bool {
+        self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)
+    }
+
+    /// Reads an estimate from JSON.
+    ///
+    /// # Errors
+    /// When the text is not an estimate, or one of a newer format than this program knows.
+    pub fn from_json(text: &str) -> Result<Self, InformationError> {
+        #[derive(Deserialize)]
+        struct Header {
+            format: String,
+            format_version: u32,
+        }
+        let wrong = |error: serde_json::Error| InformationError::Format { reason: error.to_string() };
+        let header: Header = serde_json::from_str(text).map_err(wrong)?;
+        if header.format != FORMAT {
+            let reason = format!("expected the format \"{FORMAT}\", found \"{}\"", header.format);
+            return Err(InformationError::Format { reason });
+        }
+        if header.format_version == 0 || header.format_version > FORMAT_VERSION {
+            let found = header.format_version;
+            let reason = format!(
+                "format version {found} is not known to this program, which reads up to {FORMAT_VERSION}; use a newer \
+                 Lenslet Studio"
+            );
+            return Err(InformationError::Format { reason });
+        }
+        serde_json::from_str(text).map_err(wrong)
+    }
+}
+
+fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
+    let (first, second) = (a.settings(), b.settings());
+    let what = if first.estimator != second.estimator {
+        "estimator"
+    } else if first.protocol != second.protocol {
+        "protocol"
+    } else if first.noise != second.noise {
+        "noise"
+    } else if first.patch != second.patch {
+        "patch"
+    } else if (first.patches_train, a.patches_test()) != (second.patches_train, b.patches_test()) {
+        "the number of patches"
+    } else {
+        return Ok(());
+    };
+    Err(InformationError::TrialsDiffer { what })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::TrialSettings;
+    use super::*;
+
+    fn trial(bits: f64, seed: u64, protocol: Protocol) -> Trial {
+        let settings = TrialSettings {
+            estimator: Estimator::GaussianFull,
+            protocol,
+            noise: Noise::ShotRead { sigma: 2.5 },
+            patch: (16, 24),
+            patches_train: 1000,
+            seed,
+        };
+        let entropy_y = [5.0 + bits, 5.2 + bits, 4.8 + bits];
+        Trial::from_patches(settings, &entropy_y, &[5.0, 5.0, 5.0], 0.5, vec![format!("note {seed}")]).unwrap()
+    }
+
+    fn provenance() -> Provenance {
+        Provenance {
+            bias: 10.0,
+            objects: "beads, density 0.02".to_owned(),
+            objects_fingerprint: "abc".to_owned(),
+            encoder: "4 lenslets".to_owned(),
+            ceiling: Some(0.45),
+            notes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_smallest_trial_is_reported_with_its_own_interval_and_the_spread() {
+        let trials =
+            [trial(0.5, 1, Protocol::Default), trial(0.4, 2, Protocol::Default), trial(0.43, 3, Protocol::Default)];
+        let estimate = Estimate::new(&trials, provenance()).unwrap();
+        assert!((estimate.bits_per_pixel - 0.4).abs() < 1e-12);
+        assert!((estimate.trial_spread - 0.1).abs() < 1e-12);
+        assert_eq!((estimate.seed, estimate.trials, estimate.patches_test), (2, 3, 3));
+        assert_eq!(estimate.interval_95, trials[1].interval_95());
+        assert!((estimate.seconds - 1.5).abs() < 1e-12);
+        assert!(!estimate.above_ceiling());
+        assert_eq!(estimate.notes, ["note 2"]);
+    }
+
+    #[test]
+    fn an_estimate_above_the_ceiling_says_so() {
+        let estimate = Estimate::new(&[trial(0.5, 1, Protocol::Default)], provenance()).unwrap();
+        assert!(estimate.above_ceiling());
+        assert!(estimate.notes[1].starts_with("the estimate lies above the ceiling: 0.500 of at most 0.450"));
+    }
+
+    #[test]
+    fn different_trials_are_not_mixed() {
+        let mixed = [trial(0.5, 1, Protocol::Default), trial(0.4, 2, Protocol::Paper)];
+        assert_eq!(Estimate::new(&mixed, provenance()), Err(InformationError::TrialsDiffer { what: "protocol" }));
+        assert_eq!(Estimate::new(&[], provenance()), Err(InformationError::Empty));
+    }
+
+    #[test]
+    fn json_comes_back_and_starts_with_its_format() {
+        let estimate = Estimate::new(&[trial(1.0 / 3.0, u64::MAX, Protocol::Paper)], provenance()).unwrap();
+        let text = serde_json::to_string(&estimate).unwrap();
+        assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate\",\"format_version\":1,\"bits_per_pixel\":"));
+        assert!(text.contains("\"estimator\":\"gaussian-full\"") && text.contains("\"protocol\":\"paper\""));
+        assert_eq!(Estimate::from_json(&text).unwrap(), estimate);
+        assert_eq!(serde_json::to_string(&estimate.estimator).unwrap(), format!("\"{}\"", estimate.estimator));
+    }
+
+    #[test]
+    fn strangers_and_newer_versions_are_refused_in_words() {
+        let estimate = Estimate::new(&[trial(0.3, 1, Protocol::Default)], provenance()).unwrap();
+        let text = serde_json::to_string(&estimate).unwrap();
+        let newer = text.replace("\"format_version\":1", "\"format_version\":9");
+        let message = Estimate::from_json(&newer).unwrap_err().to_string();
+        assert!(message.contains("version 9") && message.contains("newer Lenslet Studio"), "{message}");
+        let other = text.replace("lenslet-studio/estimate", "lenslet-studio/project");
+        assert!(Estimate::from_json(&other).unwrap_err().to_string().contains("lenslet-studio/project"));
+        assert!(Estimate::from_json("[1, 2").is_err());
+        assert!(Estimate::from_json("{\"format\":\"lenslet-studio/estimate\",\"format_version\":1}").is_err());
+    }
+}

@@ -1,0 +1,208 @@
+//! Information from noisy patches by a fitted Gaussian model.
+
+use std::time::Instant;
+
+use ndarray::{Array3, ArrayView3, Axis};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::dense::check_patches;
+use super::gaussian::check_scored;
+use super::{
+    Estimator, FullGaussian, InformationError, NoiseEntropy, Protocol, StationaryGaussian, Trial, TrialSettings,
+};
+use crate::sensor::Noise;
+
+/// First random stream of the test patches; training patches count from 0.
+const TEST_STREAM: u64 = 1 << 32;
+
+/// What a fitted Gaussian knows of the covariance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Covariance {
+    /// It depends on the lag between pixels only.
+    #[default]
+    Stationary,
+    /// Every pair of pixels has its own.
+    Full,
+}
+
+/// Patches and settings of one Gaussian trial.
+#[derive(Clone, Copy, Debug)]
+pub struct GaussianRequest<'a> {
+    /// Noisy patches to fit, photons per pixel, shape (n, rows, cols).
+    pub train: ArrayView3<'a, f32>,
+    /// Noisy patches to score, photons per pixel, of scenes that the training patches do not show, shape (m, rows, cols).
+    pub test: ArrayView3<'a, f32>,
+    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones stand in for the
+    /// means, negative values as 0; fair above about 10 photons.
+    pub test_clean: Option<ArrayView3<'a, f32>>,
+    /// The model.
+    pub covariance: Covariance,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// How entropies are taken.
+    pub protocol: Protocol,
+    /// Seed of dequantisation and bootstraps.
+    pub seed: u64,
+}
+
+/// Fits a Gaussian to noisy patches and bounds the information from above by its cross-entropy on held-out patches.
+///
+/// `I <= -E log2 p(y) - H(Y|X)`, bits per pixel. Whole counts have probabilities, the model has a density: a uniform
+/// number between 0 and 1 is added to every pixel, whose entropy of 0 bit leaves `H(Y)` as it is, and so the
+/// cross-entropy of the sum is an upper bound on `H(Y)`. The default protocol does so for shot noise alone, whose
+/// measurements are whole counts; the paper protocol always does, also to the continuous values of read noise.
+///
+/// # Errors
+/// For patches of different shapes, too few or unsuitable ones (see [`FullGaussian::fit`] and
+/// [`StationaryGaussian::fit`]), or noise without a finite entropy (see [`NoiseEntropy`]).
+pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, InformationError> {
+    let started = Instant::now();
+    let GaussianRequest { train, test, test_clean, covariance, noise, protocol, seed } = *request;
+    let entropy = NoiseEntropy::new(noise, protocol)?;
+    let (patches_train, rows, cols) = check_patches(train, "training patches")?;
+    check_scored(test, (rows, cols))?;
+    let pixels = rows * cols;
+    if test.is_empty() {
+        return Err(InformationError::TooFewPatches { model: "a held-out test", needed: 1, found: 0, pixels });
+    }
+    let mut notes = Vec::new();
+    let entropy_y_given_x = match test_clean {
+        Some(clean) => {
+            check_clean(clean, test)?;
+            entropy.patch_bits(clean)?
+        }
+        None => {
+            notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+            entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
+        }
+    };
+
+    let dequantise = protocol == Protocol::Paper || noise == Noise::Shot;
+    if dequantise && !(whole(train) && whole(test)) {
+        notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
+    }
+    let (train, test) = if dequantise {
+        (dequantised(train, seed, 0), dequantised(test, seed, TEST_STREAM))
+    } else {
+        (train.to_owned(), test.to_owned())
+    };
+    let (estimator, log2_densities) = match covariance {
+        Covariance::Stationary => {
+            let model = StationaryGaussian::fit(train.view())?;
+            if model.taper() > 0.0 {
+                let share = 100.0 * model.taper();
+                notes.push(format!("a taper of {share:.1} % made the fitted covariance positive definite"));
+            }
+            (Estimator::GaussianStationary, model.log2_densities(test.view())?)
+        }
+        Covariance::Full => (Estimator::GaussianFull, FullGaussian::fit(train.view())?.log2_densities(test.view())?),
+    };
+    let cross_entropy: Vec<f64> = log2_densities.iter().map(|bits| -bits / pixels as f64).collect();
+    let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
+    Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, started.elapsed().as_secs_f64(), notes)
+}
+
+fn check_clean(clean: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+    let (count, found_rows, found_cols) = clean.dim();
+    let (noisy, rows, cols) = test.dim();
+    if (found_rows, found_cols) != (rows, cols) {
+        return Err(InformationError::PatchShape { what: "clean patches", rows, cols, found_rows, found_cols });
+    }
+    if count != noisy {
+        return Err(InformationError::PatchCount { noisy, clean: count });
+    }
+    Ok(())
+}
+
+fn whole(patches: ArrayView3<'_, f32>) -> bool {
+    patches.iter().all(|y| y.fract() == 0.0)
+}
+
+/// The patches plus uniform numbers from 0 to 1; one random stream for each patch.
+fn dequantised(patches: ArrayView3<'_, f32>, seed: u64, first_stream: u64) -> Array3<f32> {
+    let mut out = patches.to_owned();
+    let each: Vec<_> = out.axis_iter_mut(Axis(0)).enumerate().collect();
+    each.into_par_iter().for_each(|(index, mut patch)| {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(first_stream + index as u64);
+        patch.iter_mut().for_each(|y| *y += rng.random::<f32>());
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn counts(count: usize, seed: u64) -> Array3<f32> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        Array3::from_shape_simple_fn((count, 4, 4), || rng.random_range(20..60_u8).into())
+    }
+
+    fn request<'a>(train: &'a Array3<f32>, test: &'a Array3<f32>) -> GaussianRequest<'a> {
+        GaussianRequest {
+            train: train.view(),
+            test: test.view(),
+            test_clean: Some(test.view()),
+            covariance: Covariance::Stationary,
+            noise: Noise::Shot,
+            protocol: Protocol::Default,
+            seed: 1,
+        }
+    }
+
+    #[test]
+    fn the_seed_alone_decides() {
+        let (train, test) = (counts(200, 1), counts(60, 2));
+        let run = |seed, threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let request = GaussianRequest { seed, ..request(&train, &test) };
+            let trial = pool.install(|| gaussian_estimate(&request).unwrap());
+            (trial.bits_per_pixel(), trial.interval_95())
+        };
+        assert_eq!(run(1, 1), run(1, 3));
+        assert_ne!(run(1, 1), run(2, 1));
+    }
+
+    #[test]
+    fn dequantisation_stays_below_the_next_count_and_differs_between_sets() {
+        let patches = counts(10, 3);
+        let (train, test) = (dequantised(patches.view(), 5, 0), dequantised(patches.view(), 5, TEST_STREAM));
+        assert_eq!(train.mapv(f32::floor), patches);
+        assert_ne!(train, test);
+    }
+
+    #[test]
+    fn stand_ins_and_fractions_are_noted() {
+        let (train, test) = (counts(200, 1), counts(60, 2));
+        assert!(gaussian_estimate(&request(&train, &test)).unwrap().notes().is_empty());
+        let stand_in = GaussianRequest { test_clean: None, ..request(&train, &test) };
+        let trial = gaussian_estimate(&stand_in).unwrap();
+        assert!(trial.notes()[0].contains("stand in"));
+        // Here the clean images given above are the measurements, so nothing else changes.
+        assert!(trial.bits_per_pixel() == gaussian_estimate(&request(&train, &test)).unwrap().bits_per_pixel());
+        let scaled = train.mapv(|y| y * 0.7);
+        assert!(gaussian_estimate(&request(&scaled, &test)).unwrap().notes()[0].contains("not whole counts"));
+        let read = GaussianRequest { noise: Noise::Read { sigma: 2.0 }, ..request(&scaled, &test) };
+        assert!(gaussian_estimate(&read).unwrap().notes().is_empty(), "continuous data stay as they are");
+    }
+
+    #[test]
+    fn bad_requests_get_reasons() {
+        let (train, test) = (counts(200, 1), counts(60, 2));
+        let fails = |request: GaussianRequest<'_>| gaussian_estimate(&request).unwrap_err();
+        assert_eq!(fails(GaussianRequest { noise: Noise::None, ..request(&train, &test) }), InformationError::NoNoise);
+        let wide = Array3::zeros((60, 4, 5));
+        assert!(matches!(fails(request(&train, &wide)), InformationError::PatchShape { .. }));
+        let clean = Some(train.view());
+        let found = fails(GaussianRequest { test_clean: clean, ..request(&train, &test) });
+        assert_eq!(found, InformationError::PatchCount { noisy: 60, clean: 200 });
+        let none = Array3::zeros((0, 4, 4));
+        assert!(matches!(fails(request(&train, &none)), InformationError::TooFewPatches { .. }));
+        assert!(matches!(fails(request(&none, &test)), InformationError::TooFewPatches { .. }));
+    }
+}

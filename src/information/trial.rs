@@ -1,0 +1,155 @@
+//! One trial of an estimator: a number with its interval and the settings it belongs to.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::{GaussianBound, InformationError, Protocol, bootstrap_interval};
+use crate::sensor::Noise;
+
+/// The density model behind an estimate. The serialised names are stable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Estimator {
+    /// Gaussian with one mean and a covariance by lag, fitted to patches.
+    GaussianStationary,
+    /// Gaussian with a mean per pixel and a full covariance, fitted to patches.
+    GaussianFull,
+    /// Gaussian of the exact covariance, without samples.
+    GaussianAnalytic,
+}
+
+impl fmt::Display for Estimator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::GaussianStationary => "gaussian-stationary",
+            Self::GaussianFull => "gaussian-full",
+            Self::GaussianAnalytic => "gaussian-analytic",
+        })
+    }
+}
+
+/// What a trial was made with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrialSettings {
+    /// The density model.
+    pub estimator: Estimator,
+    /// How entropies were taken.
+    pub protocol: Protocol,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// Patch shape (rows, cols), pixels.
+    pub patch: (usize, usize),
+    /// Patches the model was fitted to; 0 for none.
+    pub patches_train: usize,
+    /// Seed of this trial.
+    pub seed: u64,
+}
+
+/// The result of one trial; made by an estimator, combined with others into an [`super::Estimate`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trial {
+    settings: TrialSettings,
+    patches_test: usize,
+    entropy_y: f64,
+    entropy_y_given_x: f64,
+    interval_95: [f64; 2],
+    seconds: f64,
+    notes: Vec<String>,
+}
+
+impl Trial {
+    /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each.
+    ///
+    /// `seconds` is the time it took; `notes` say what a reader must know.
+    ///
+    /// # Errors
+    /// When a list is empty, their lengths differ, or a value is not finite.
+    pub fn from_patches(
+        settings: TrialSettings,
+        cross_entropy: &[f64],
+        entropy_y_given_x: &[f64],
+        seconds: f64,
+        notes: Vec<String>,
+    ) -> Result<Self, InformationError> {
+        if cross_entropy.len() != entropy_y_given_x.len() {
+            let (noisy, clean) = (cross_entropy.len(), entropy_y_given_x.len());
+            return Err(InformationError::PatchCount { noisy, clean });
+        }
+        Self::new(settings, cross_entropy, entropy_y_given_x, seconds, notes)
+    }
+
+    /// The trial of a bound that needs no samples; `entropy_y_given_x` holds bits per pixel for each clean image and
+    /// gives the interval.
+    ///
+    /// # Errors
+    /// When there is no image, or a value is not finite.
+    pub fn from_bound(
+        settings: TrialSettings,
+        bound: &GaussianBound,
+        entropy_y_given_x: &[f64],
+        seconds: f64,
+        notes: Vec<String>,
+    ) -> Result<Self, InformationError> {
+        Self::new(settings, &[bound.entropy_y], entropy_y_given_x, seconds, notes)
+    }
+
+    fn new(
+        settings: TrialSettings,
+        entropy_y: &[f64],
+        entropy_y_given_x: &[f64],
+        seconds: f64,
+        notes: Vec<String>,
+    ) -> Result<Self, InformationError> {
+        for (what, values) in [("log-densities", entropy_y), ("noise entropies", entropy_y_given_x)] {
+            if let Some(patch) = values.iter().position(|value| !value.is_finite()) {
+                return Err(InformationError::NotFinite { what, patch });
+            }
+        }
+        let interval_95 = bootstrap_interval(entropy_y, entropy_y_given_x, settings.seed)?;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let (patches_test, entropy_y, entropy_y_given_x) =
+            (entropy_y_given_x.len(), mean(entropy_y), mean(entropy_y_given_x));
+        Ok(Self { settings, patches_test, entropy_y, entropy_y_given_x, interval_95, seconds, notes })
+    }
+
+    /// The estimate of this trial, bits per pixel.
+    pub fn bits_per_pixel(&self) -> f64 {
+        self.entropy_y - self.entropy_y_given_x
+    }
+
+    /// Its 95 % interval (low, high), bits per pixel; see [`bootstrap_interval`] for what it covers.
+    pub fn interval_95(&self) -> [f64; 2] {
+        self.interval_95
+    }
+
+    /// Entropy of the measurement, or an upper bound on it, bits per pixel.
+    pub fn entropy_y(&self) -> f64 {
+        self.entropy_y
+    }
+
+    /// Entropy of the noise, bits per pixel.
+    pub fn entropy_y_given_x(&self) -> f64 {
+        self.entropy_y_given_x
+    }
+
+    /// What it was made with.
+    pub fn settings(&self) -> &TrialSettings {
+        &self.settings
+    }
+
+    /// Held-out patches, or clean images of a bound without samples.
+    pub fn patches_test(&self) -> usize {
+        self.patches_test
+    }
+
+    /// Time it took, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    /// What a reader must know.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}
