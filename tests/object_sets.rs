@@ -245,6 +245,22 @@ fn options_outside_their_range_are_refused() {
 }
 
 #[test]
+fn images_too_long_for_a_tile_are_refused_and_sets_can_be_shared() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.idx");
+    let header = [0, 0, 8, 3, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 8, 0];
+    std::fs::write(&path, [&header[..], &[1; 2048]].concat()).unwrap();
+    let error = ObjectSet::open(&ObjectSource::Idx(path.clone()), &ObjectOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("found 1 x 2048 px"), "{error}");
+    let source = ObjectSource::Images(path.with_extension("npy"));
+    write_array(&path.with_extension("npy"), Array2::<f32>::ones((1, 2048)).view()).unwrap();
+    let set = std::sync::Arc::new(ObjectSet::open(&source, &ObjectOptions::default()).unwrap());
+    let other = std::sync::Arc::clone(&set);
+    let drawn = std::thread::spawn(move || other.objects(Split::All, 1, 0).unwrap()).join().unwrap();
+    assert_eq!(drawn, set.objects(Split::All, 1, 0).unwrap());
+}
+
+#[test]
 fn real_images_have_the_published_tamura_coefficients() {
     // The coefficients the paper gives for image sets are those of the single images, before padding and tiling.
     // The CIFAR images here are copies after JPEG, those of Fashion-MNIST a part, the mean of which is uncertain.

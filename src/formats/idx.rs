@@ -6,6 +6,7 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, magic, open, read_values};
+use super::npy_header::element_count;
 use super::{FormatError, PixelStack, Samples};
 
 const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
@@ -46,11 +47,10 @@ fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) 
         0x0E => 8,
         _ => return Err(malformed("an IDX number type (08, 09, 0b, 0c, 0d, 0e)", format!("{kind:02x}"))),
     };
-    let count = pages.checked_mul(rows).and_then(|product| product.checked_mul(cols));
-    let bytes = count.and_then(|count| count.checked_mul(width)).and_then(|bytes| u64::try_from(bytes).ok());
-    let (Some(count), Some(bytes)) = (count, bytes) else {
+    let Some(count) = element_count(&[pages, rows, cols], width) else {
         return Err(malformed("images that fit into memory", format!("{pages} of {rows} x {cols} px")));
     };
+    let bytes = (count * width) as u64;
     if bytes > most.saturating_sub(16) {
         return Err(malformed(
             "a file as long as its header says",
@@ -144,6 +144,7 @@ mod tests {
             (gzip(&[header(8, 1, 2, 2), zeros].concat()), "more than 20 bytes"),
             (gzip(&header(8, u32::MAX, 2000, 2000)), "too few bytes"),
             (header(8, u32::MAX, u32::MAX, u32::MAX), "fit into memory"),
+            (header(8, 0, u32::MAX, u32::MAX), "fit into memory"),
             ([&[0, 0, 8, 1][..], &[0; 12]].concat(), "1 axes"),
             (b"P5 28 28 255 and more".to_vec(), "an IDX file"),
         ] {

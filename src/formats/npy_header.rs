@@ -84,6 +84,13 @@ pub(super) struct NpyHeader {
     pub(super) count: usize,
 }
 
+/// Product of the axes, if an array of them can be addressed: as `ndarray` asks, also without its empty axes.
+pub(super) fn element_count(shape: &[usize], width: usize) -> Option<usize> {
+    let bytes = shape.iter().try_fold(width, |product, &axis| product.checked_mul(axis.max(1)))?;
+    isize::try_from(bytes).ok()?;
+    Some(shape.iter().product())
+}
+
 /// What was expected and what was found instead.
 pub(super) type Mismatch = (String, String);
 
@@ -160,8 +167,7 @@ impl NpyHeader {
         };
         let element = Element::from_descr(&descr[1..]).ok_or_else(unknown)?;
         let too_large = || mismatch("an array that fits into memory", format!("shape {shape:?}"));
-        let count = shape.iter().try_fold(1_usize, |product, &axis| product.checked_mul(axis)).ok_or_else(too_large)?;
-        count.checked_mul(element.width()).ok_or_else(too_large)?;
+        let count = element_count(&shape, element.width()).ok_or_else(too_large)?;
         Ok(Self { element, big_endian, fortran_order, shape, count })
     }
 
@@ -280,6 +286,7 @@ mod tests {
             (b"{'descr': '<f4', 'fortran_order': False, 'shape': (-1,)}", "length of an axis"),
             (b"{'descr': '<f4', 'fortran_order': False, 'shape': (4294967296, 4294967296)}", "fits into memory"),
             (b"{'descr': '<f8', 'fortran_order': False, 'shape': (4611686018427387904,)}", "fits into memory"),
+            (b"{'descr': '|u1', 'fortran_order': False, 'shape': (0, 4294967296, 4294967296)}", "fits into memory"),
         ] {
             let (told, _) = NpyHeader::parse(text).unwrap_err();
             assert!(told.contains(expected), "{told}");

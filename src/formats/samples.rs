@@ -54,6 +54,10 @@ impl Samples {
 
     /// Adds the pixels of `other` behind these; both become `f32` where their types differ.
     pub fn append(&mut self, other: Samples) {
+        if self.is_empty() {
+            *self = other;
+            return;
+        }
         match (&mut *self, other) {
             (Self::U8(values), Self::U8(more)) => values.extend(more),
             (Self::U16(values), Self::U16(more)) => values.extend(more),
@@ -61,12 +65,8 @@ impl Samples {
             (_, more) if more.is_empty() => {}
             (_, more) => {
                 let mut values = std::mem::replace(self, Self::F32(Vec::new())).into_f32();
-                if values.is_empty() {
-                    *self = more;
-                } else {
-                    values.extend(more.into_f32());
-                    *self = Self::F32(values);
-                }
+                values.extend(more.into_f32());
+                *self = Self::F32(values);
             }
         }
     }

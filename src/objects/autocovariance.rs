@@ -6,8 +6,10 @@ use ndarray::Array2;
 use rayon::prelude::*;
 use rustfft::{Fft, FftPlanner, num_complex::Complex64};
 
-/// Sums are formed over this many parts whatever the number of threads, so that they do not depend on it.
-const PARTS: usize = 16;
+/// Most parts that sums are formed over; they do not depend on the number of threads, so neither do the sums.
+const MOST_PARTS: usize = 16;
+/// All parts together hold about this many values of a spectrum.
+const MOST_PART_VALUES: usize = 1 << 25;
 
 /// Two-dimensional transform of a fixed grid, unnormalised; the forward one leaves its result transposed.
 struct Fft2 {
@@ -63,12 +65,13 @@ pub(super) fn summed_autocorrelation(
     let (grid_rows, grid_cols) = (fast_length(rows + row_lag), fast_length(cols + col_lag));
     let fft = Fft2::new(grid_rows, grid_cols);
     let pairs = count.div_ceil(2);
-    let sums: Vec<Vec<f64>> = (0..PARTS.min(pairs))
+    let parts = (MOST_PART_VALUES / (grid_rows * grid_cols)).clamp(1, MOST_PARTS).min(pairs);
+    let sums: Vec<Vec<f64>> = (0..parts)
         .into_par_iter()
         .map(|part| {
             let mut power = vec![0.0; grid_rows * grid_cols];
             let mut grid = vec![Complex64::ZERO; grid_rows * grid_cols];
-            for pair in (part..pairs).step_by(PARTS) {
+            for pair in (part..pairs).step_by(parts) {
                 // Two real pictures share one complex transform: the autocorrelation of a + ib has the real part
                 // of those of a and b added.
                 grid.fill(Complex64::ZERO);

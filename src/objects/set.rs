@@ -18,6 +18,8 @@ use super::split::Parts;
 use super::whole::WholePictures;
 use super::{BeadPrior, ObjectError, ObjectSource, Split};
 
+/// Longest side of an image that is made into mosaics, px.
+const LONGEST_TILE_PX: usize = 1024;
 /// Longest side of an object, px.
 const LONGEST_FIELD_PX: usize = 16_384;
 
@@ -286,6 +288,11 @@ fn one_file(
 }
 
 fn mosaic(path: &Path, stacks: Vec<PixelStack>, mean: f64) -> Result<Content, ObjectError> {
+    if let Some(stack) = stacks.iter().find(|stack| stack.rows.max(stack.cols) > LONGEST_TILE_PX) {
+        let expected = format!("images of at most {LONGEST_TILE_PX} px a side for mosaics");
+        let found = format!("{} x {} px", stack.rows, stack.cols);
+        return Err(FormatError::malformed(path, expected, found, "open them with images: or stack: instead").into());
+    }
     let mosaic = Mosaic::new(stacks, mean).ok_or_else(|| dark(path))?;
     let parts = Parts::new(mosaic.images());
     Ok(Content::Mosaic(mosaic, parts))
