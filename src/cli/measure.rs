@@ -63,22 +63,16 @@ impl Arguments {
         check_folder(&self.out)?;
         let (set, simulated) = simulate(&design, self.count)?;
         let format = if self.tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
-        let (noiseless, noisy) = (simulated.noiseless.view(), simulated.noisy.view());
-        let mut files = if set.planes() == 1 {
-            let objects = simulated.objects.index_axis(Axis(1), 0);
-            export_measurements(
-                &[("objects", objects.into_dyn()), ("noiseless", noiseless.into_dyn()), ("measurements", noisy.into_dyn())],
-                format,
-                &self.out,
-            )?
-        } else {
-            let objects = simulated.objects.view();
-            export_measurements(
-                &[("objects", objects.into_dyn()), ("noiseless", noiseless.into_dyn()), ("measurements", noisy.into_dyn())],
-                format,
-                &self.out,
-            )?
+        let objects = match set.planes() {
+            1 => simulated.objects.index_axis(Axis(1), 0).into_dyn(),
+            _ => simulated.objects.view().into_dyn(),
         };
+        let stacks = [
+            ("objects", objects),
+            ("noiseless", simulated.noiseless.view().into_dyn()),
+            ("measurements", simulated.noisy.view().into_dyn()),
+        ];
+        let mut files = export_measurements(&stacks, format, &self.out)?;
         let record = self.out.join("design.json");
         design.save(&record)?;
         files.push(record);
@@ -89,7 +83,7 @@ impl Arguments {
             encoder: design.encoder.describe(),
             noise: design.noise.to_string(),
             seed: design.seed,
-            object_shape: simulated.objects.shape().iter().copied().filter(|&side| side > 1).collect(),
+            object_shape: stacks[0].1.shape().to_vec(),
             measurement_shape: simulated.noisy.shape().to_vec(),
             tamura,
             notices: set.notices().to_vec(),

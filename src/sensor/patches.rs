@@ -46,6 +46,18 @@ impl Patches {
         Ok(Self { shape, corners })
     }
 
+    /// Draws one place per image, in the order of the images: patches that share no object.
+    ///
+    /// # Errors
+    /// As [`Patches::draw`].
+    pub fn one_each(stack: (usize, usize, usize), shape: (usize, usize), seed: u64) -> Result<Self, SensorError> {
+        let mut patches = Self::draw(stack, shape, stack.0, seed)?;
+        for (image, corner) in patches.corners.iter_mut().enumerate() {
+            corner.0 = image;
+        }
+        Ok(patches)
+    }
+
     /// Cuts the patches out of a stack of the dimensions they were drawn for; shape (count, rows, cols).
     ///
     /// # Panics

@@ -9,7 +9,7 @@ use ndarray::{Array3, ArrayView2};
 use crate::formats::{self, FormatError};
 
 /// A map from values to colours.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Colormap {
     /// Black to white.
     Gray,

@@ -176,10 +176,7 @@ impl SceneOptics {
         let patch = (rows.min(LIVE_PATCH), cols.min(LIVE_PATCH));
         let reach = patch.0.max(patch.1) + psf_shape.0.max(psf_shape.1) - 2;
         let analytic = AnalyticGaussian::new(&scene.set.autocovariance(reach), psf_shape, patch)?;
-        // Beads on every pixel (probability 1) hold no information; there is no ceiling to compute then.
-        let beads = scene.set.bead_prior().filter(|prior| prior.probability < 1.0);
-        let beads = beads.map(|prior| Ok((BeadCeiling::new(prior.probability)?, prior.spot)));
-        let beads = beads.transpose().map_err(|error: InformationError| error)?;
+        let beads = bead_ceiling(&scene.set)?;
         Ok(Self { psf_shape, plan, spectra, analytic, beads, patch })
     }
 
@@ -223,9 +220,7 @@ impl SceneOptics {
         let seen = optics.psf.slice(ndarray::s![..scene.set.planes(), .., ..]);
         let per_image = noise_entropy.patch_bits(measurements.noiseless.view())?;
         let entropy_y_given_x = per_image.iter().sum::<f64>() / per_image.len().max(1) as f64;
-        // Where the sensor looks, beads are not thinned out by the border, as the mean over whole objects is.
-        let mean_object = scene.set.bead_prior().map_or(scene.set.mean(), |prior| prior.probability * prior.spot.sum());
-        let mean = mean_object * seen.sum() + design.bias_photons;
+        let mean = mean_measurement(design, &scene.set, seen);
         let gaussian = self.analytic.evaluate(seen, mean, design.noise, entropy_y_given_x)?;
         let interval_95 = bootstrap_interval(&[gaussian.entropy_y], &per_image, design.seed)?;
         let ceiling = match &self.beads {
@@ -237,6 +232,34 @@ impl SceneOptics {
         };
         Ok(LiveInformation { gaussian, interval_95, ceiling, patch: self.patch })
     }
+}
+
+/// Mean of the measurements in photons per pixel, background included.
+pub(super) fn mean_measurement(design: &Design, set: &ObjectSet, psf: ArrayView3<'_, f64>) -> f64 {
+    // Where the sensor looks, beads are not thinned out by the border as they are in the mean over whole objects.
+    let mean_object = set.bead_prior().map_or(set.mean(), |prior| prior.probability * prior.spot.sum());
+    mean_object * psf.sum() + design.bias_photons
+}
+
+/// Tables for the ceiling of a set of objects; `None` where their entropy is not known, or is 0 (a bead on every pixel).
+fn bead_ceiling(set: &ObjectSet) -> Result<Option<(BeadCeiling, Array2<f64>)>, InformationError> {
+    let prior = set.bead_prior().filter(|prior| prior.probability < 1.0);
+    prior.map(|prior| Ok((BeadCeiling::new(prior.probability)?, prior.spot))).transpose()
+}
+
+/// The object-entropy ceiling of a patch, where the objects' entropy is known.
+pub(super) fn ceiling_of(
+    design: &Design,
+    set: &ObjectSet,
+    psf: ArrayView3<'_, f64>,
+    patch: (usize, usize),
+) -> Result<Option<Ceiling>, InformationError> {
+    let seen = psf.slice_move(ndarray::s![..set.planes(), .., ..]);
+    let beads = bead_ceiling(set)?;
+    let ceiling = beads.map(|(table, spot)| {
+        table.evaluate(spots_on_sensor(&spot, seen).view(), design.bias_photons, patch, design.noise)
+    });
+    ceiling.transpose()
 }
 
 /// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.

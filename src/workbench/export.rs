@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ndarray::{ArrayView3, Axis};
+use ndarray::{ArrayViewD, Axis};
 use thiserror::Error;
 
 use super::design::{Design, DesignError, DesignFileError};
@@ -76,12 +76,13 @@ pub enum MeasurementFormat {
     Tiff,
 }
 
-/// Writes named stacks, shape (n, rows, cols), into `folder`, which is made if need be.
+/// Writes named stacks, shape (n, rows, cols) or (n, planes, rows, cols), into `folder`, which is made if need be. TIFF
+/// has one page per plane.
 ///
 /// # Errors
 /// [`ExportError`] names the file that could not be written.
 pub fn export_measurements(
-    stacks: &[(&str, ArrayView3<'_, f32>)],
+    stacks: &[(&str, ArrayViewD<'_, f32>)],
     format: MeasurementFormat,
     folder: &Path,
 ) -> Result<Vec<PathBuf>, ExportError> {
@@ -94,7 +95,13 @@ pub fn export_measurements(
         };
         match format {
             MeasurementFormat::Npy => formats::write_array(&path, stack.view())?,
-            MeasurementFormat::Tiff => formats::write_tiff(&path, stack.view())?,
+            MeasurementFormat::Tiff => {
+                let sides = stack.shape();
+                let (rows, cols) = (sides[sides.len() - 2], sides[sides.len() - 1]);
+                // As many pages as hold all pixels, so the shape always fits.
+                let pages = stack.to_shape((stack.len() / (rows * cols).max(1), rows, cols)).map_err(std::io::Error::other);
+                formats::write_tiff(&path, pages.map_err(|error| FormatError::from_write(&path, error))?.view())?;
+            }
         }
         files.push(path);
     }

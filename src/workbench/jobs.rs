@@ -144,9 +144,9 @@ impl Job {
             }
             Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {
                 let stacks = [
-                    ("objects", objects.view()),
-                    ("noiseless", noiseless.view()),
-                    ("measurements", noisy.view()),
+                    ("objects", objects.view().into_dyn()),
+                    ("noiseless", noiseless.view().into_dyn()),
+                    ("measurements", noisy.view().into_dyn()),
                 ];
                 let files = export::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files })

@@ -5,18 +5,22 @@ mod bench;
 mod colormap;
 mod command;
 mod design;
+mod estimation;
 mod evaluation;
 mod export;
 mod jobs;
+mod simulation;
 mod worker;
 
 pub use bench::Workbench;
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
+pub use estimation::{EstimateRequest, GaussianModel, estimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
 pub use export::{Curve, MeasurementFormat, export_design, export_measurements};
 pub use jobs::{Job, Outcome};
+pub use simulation::{Simulated, simulate};
 pub use worker::{Live, Stamped, Worker};
