@@ -63,7 +63,10 @@ impl AnalyticGaussian {
                 found_cols,
             });
         }
-        check_lags(object_autocovariance, (patch.0 + psf_rows - 1, patch.1 + psf_cols - 1))?;
+        check_lags(
+            object_autocovariance,
+            (patch.0.saturating_add(psf_rows - 1), patch.1.saturating_add(psf_cols - 1)),
+        )?;
         if patch.0 == 0 || patch.1 == 0 {
             return Err(InformationError::PatchSize { rows: patch.0, cols: patch.1, limit: super::MAX_PATCH_PIXELS });
         }

@@ -5,11 +5,11 @@
 //! when the others hold no bead: their light adds nothing but noise.
 //!
 //! For one bead, take a Gaussian channel of unit variance whose two inputs lie
-//! `d^2 = sum over the patch of (added photons)^2 / bias` apart. It tells at least as much as the Poisson counts do, for
-//! every p. Proof: let the counts have mean `bias + a q X`, add a Gaussian observation of squared separation
+//! `d^2 = sum over the patch of (added photons)^2 / bias` apart. It tells at least as much as the Poisson counts do,
+//! for every p. Proof: let the counts have mean `bias + a q X`, add a Gaussian observation of squared separation
 //! `(1 - a^2) q^2 / bias`, and raise a from 0 to 1. With the posterior probability `w` of a bead, the counts gain
 //! information at the rate `E[q w ln((bias + a q) / (bias + a q w))] <= (a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and
-//! Verdu 2008) and the Gaussian observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdu
+//! Verdú 2008) and the Gaussian observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú
 //! 2005), so the total falls from the Gaussian channel's information to that of the counts.
 //!
 //! With read noise the separation is measured in the Fisher information of a pixel at the bias level: `1 / sigma^2` for
@@ -75,8 +75,8 @@ impl BeadCeiling {
 
     /// The ceiling of one encoder.
     ///
-    /// - `spot`: photons that one bead adds on an infinite sensor (bead convolved with the point spread function), shape
-    ///   (planes, rows, cols);
+    /// - `spot`: photons that one bead adds on an infinite sensor (bead convolved with the point spread function),
+    ///   shape (planes, rows, cols);
     /// - `bias`: photons per pixel where there is no bead; 0 makes every bead that touches the patch count in full;
     /// - `patch`: (rows, cols), up to the whole sensor.
     ///
@@ -371,7 +371,7 @@ mod tests {
         assert!(series.is_sorted_by(|a, b| a > b), "{series:?}");
         assert!((series[0] - of(3.0, Noise::Shot).bits_per_pixel).abs() < 1e-9);
         assert!(of(0.0, Noise::ShotRead { sigma: 2.0 }).bits_per_pixel < dark.bits_per_pixel);
-        assert!(of(9.0, Noise::Read { sigma: 3.0 }).bits_per_pixel == of(9.0, Noise::Shot).bits_per_pixel);
+        assert_eq!(of(9.0, Noise::Read { sigma: 3.0 }), of(9.0, Noise::Shot), "one variance");
     }
 
     #[test]

@@ -224,7 +224,7 @@ mod tests {
         assert!((estimate.bits_per_pixel - 0.4).abs() < 1e-12);
         assert!((estimate.trial_spread - 0.1).abs() < 1e-12);
         assert_eq!((estimate.seed, estimate.trials, estimate.patches_test), (2, 3, 3));
-        assert_eq!(estimate.interval_95, trials[1].interval_95());
+        assert_eq!(estimate.interval_95.map(f64::to_bits), trials[1].interval_95().map(f64::to_bits));
         assert!((estimate.seconds - 1.5).abs() < 1e-12);
         assert!(!estimate.above_ceiling());
         assert_eq!(estimate.notes, ["note 2"]);

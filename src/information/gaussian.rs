@@ -39,7 +39,9 @@ impl FullGaussian {
                 *sum += f64::from(value);
             }
         }
-        mean.iter_mut().for_each(|sum| *sum /= count as f64);
+        for sum in &mut mean {
+            *sum /= count as f64;
+        }
 
         let mut covariance = Mat::<f64>::zeros(pixels, pixels);
         let mut centred = Mat::<f64>::zeros(pixels, BATCH.min(count));
@@ -122,6 +124,17 @@ mod tests {
         let model = FullGaussian::fit(patches.view()).unwrap();
         let mean = model.log2_densities(patches.view()).unwrap().mean().unwrap();
         assert!((mean + model.differential_entropy_bits()).abs() < 1e-7, "{mean}");
+    }
+
+    #[test]
+    fn the_fit_does_not_depend_on_the_number_of_threads() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let patches = Array3::from_shape_simple_fn((700, 20, 20), || rng.sample::<f32, _>(StandardNormal));
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| FullGaussian::fit(patches.view()).unwrap().log2_densities(patches.view()).unwrap())
+        };
+        assert_eq!(run(1), run(3));
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Information in bits: entropies of the noise, Gaussian models, ceiling, intervals, the estimate.
 
+#![allow(clippy::needless_pass_by_value, reason = "array views are passed by value, as ndarray itself does")]
+
 mod analytic;
 mod block_toeplitz;
 mod bootstrap;

@@ -147,7 +147,9 @@ impl Mixture {
         weights.reverse();
         weights.append(&mut upwards);
         let total: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|weight| *weight /= total);
+        for weight in &mut weights {
+            *weight /= total;
+        }
         Self { sigma, first: k, weights }
     }
 
@@ -237,7 +239,7 @@ mod tests {
 
     #[test]
     fn table_and_series_agree_with_brute_force() {
-        for sigma in [0.05, 0.095, 0.2, 0.45, 0.8, 2.0, 5.0, 30.0] {
+        for sigma in [0.05, 0.0899, 0.0901, 0.2, 0.45, 0.8, 2.0, 5.0, 30.0] {
             let entropy = PoissonGaussianEntropy::new(sigma);
             for x in [1e-4, 0.03, 0.4, 1.7, 10.0, 33.3, 95.9, 96.1, 140.0, 700.0] {
                 let (found, expected) = (entropy.bits(x), entropy_by_brute_force(x, sigma));
