@@ -161,13 +161,16 @@ fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
     }
 }
 
-/// The Mask menu: selection and presets.
-pub fn mask_menu(ui: &mut egui::Ui, state: &mut State) {
+/// The Edit menu.
+pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     let editable = state.lenslet_count() > 0;
     entry(ui, state, Action::SelectAll, editable);
     let deletable = !state.selection.is_empty();
     entry(ui, state, Action::Delete, deletable);
-    ui.separator();
+}
+
+/// The Presets menu: masks to start from.
+pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
     let mut chosen = None;
     ui.menu_button("Heuristic lenslets", |ui| {
         for count in 1..=9 {

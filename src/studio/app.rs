@@ -58,8 +58,7 @@ impl Studio {
         }
         state.live = state.bench.live();
         if let Some(information) = state.live.information.as_ref() {
-            let bound = information.value.gaussian.bits_per_pixel;
-            state.trail.note(information.revision, bound, information.value.ceiling_bits());
+            state.trail.note(information.revision, &information.value, state.bench.design());
         }
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
@@ -96,6 +95,7 @@ impl Studio {
     pub fn ui(&mut self, ui: &mut Ui) {
         self.state.hover = None;
         Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
+        self.state.messages.banner(ui);
         // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
         // room is taken first, its text drawn last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
@@ -113,7 +113,8 @@ impl Studio {
     fn menu_bar(&mut self, ui: &mut Ui) {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button("File", |ui| actions::file_menu(ui, &mut self.state));
-            ui.menu_button("Mask", |ui| actions::mask_menu(ui, &mut self.state));
+            ui.menu_button("Edit", |ui| actions::edit_menu(ui, &mut self.state));
+            ui.menu_button("Presets", |ui| actions::presets_menu(ui, &mut self.state));
             ui.menu_button("View", |ui| self.view_menu(ui));
             ui.separator();
             let design = self.state.bench.design();
@@ -292,16 +293,15 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
         } else if state.bench.is_computing() {
             "Computing".into()
         } else {
-            format!("Up to date, {:.0} ms per edit", 1e3 * state.live.seconds)
+            format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
         };
         ui.weak(work);
         ui.separator();
-        ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| match &state.hover {
-            Some(hover) => {
-                ui.add(egui::Label::new(hover).truncate());
-            }
-            None => state.messages.status_line(ui),
-        });
+        if let Some(hover) = &state.hover {
+            ui.label(hover);
+            ui.separator();
+        }
+        ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| state.messages.status_line(ui));
     });
 }
 

@@ -4,9 +4,9 @@ use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
-use super::image_view::{name_widget, toolbar};
+use super::image_view::{name_widget, placeholder, toolbar};
 use super::information_panel::{CEILING, GAUSSIAN};
-use super::state::State;
+use super::state::{State, TrailPoint};
 
 /// Shows the bounds after each edit.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -19,12 +19,10 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             state.dialogs.ask(Purpose::ExportCurve { curve, name: "information.csv" }, state.bench.path());
         }
     });
-    let points = |value: &dyn Fn(&(u64, f64, Option<f64>)) -> Option<f64>| -> PlotPoints<'static> {
-        let points = state.trail.points.iter().enumerate();
-        points.filter_map(|(edit, point)| Some([edit as f64, value(point)?])).collect::<Vec<_>>().into()
-    };
-    let bound = points(&|point| Some(point.1));
-    let ceiling = points(&|point| point.2);
+    if state.trail.points.is_empty() {
+        placeholder(ui, "The bounds of every edit will be drawn here.");
+        return;
+    }
     Plot::new("Information of past edits")
         .legend(Legend::default().position(Corner::LeftBottom))
         .include_y(0.0)
@@ -32,7 +30,17 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .x_axis_label("edit")
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
-            plot.line(Line::new("Gaussian bound", bound).color(GAUSSIAN).width(2.0));
-            plot.line(Line::new("ceiling", ceiling).color(CEILING).width(2.0));
+            let mut first = 0;
+            // A gap where the scene or the sensor changed: numbers on its two sides are not comparable.
+            for run in state.trail.runs() {
+                let line = |value: &dyn Fn(&TrailPoint) -> Option<f64>| -> PlotPoints<'static> {
+                    let points = run.iter().enumerate();
+                    points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
+                };
+                let (bound, ceiling) = (line(&|point| Some(point.bound)), line(&|point| point.ceiling));
+                plot.line(Line::new("Gaussian bound", bound).color(GAUSSIAN).width(2.0));
+                plot.line(Line::new("ceiling", ceiling).color(CEILING).width(2.0));
+                first += run.len();
+            }
         });
 }

@@ -11,7 +11,7 @@ use crate::workbench::{Command, LensletChange};
 pub fn show(ui: &mut Ui, state: &mut State) {
     let design = state.bench.design().clone();
     let Some(array) = design.encoder.lenslets() else {
-        placeholder(ui, &format!("{} has no lenslets. Choose a preset in the Mask menu to edit some.", design.encoder.describe()));
+        placeholder(ui, &format!("{} has no lenslets. The Presets menu has some to edit.", design.encoder.describe()));
         return;
     };
     ui.horizontal(|ui| {

@@ -23,6 +23,8 @@ struct Message {
 #[derive(Default)]
 pub struct Messages {
     entries: Vec<Message>,
+    /// The newest failure, until it is dismissed or something succeeds.
+    failure: Option<String>,
     /// Whether the log window is open.
     pub log_open: bool,
 }
@@ -34,6 +36,11 @@ impl Messages {
     /// Adds a message. The same message again is not repeated.
     pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
         let text = text.into();
+        match severity {
+            Severity::Failure => self.failure = Some(text.clone()),
+            Severity::Done => self.failure = None,
+            Severity::Notice => {}
+        }
         if self.entries.last().is_some_and(|last| last.text == text) {
             return;
         }
@@ -41,6 +48,25 @@ impl Messages {
             self.entries.remove(0);
         }
         self.entries.push(Message { severity, text });
+    }
+
+    /// A strip with the newest failure in full, which cannot be overlooked.
+    pub fn banner(&mut self, ui: &mut Ui) {
+        let Some(failure) = &self.failure else { return };
+        let colour = ui.visuals().error_fg_color;
+        let frame = egui::Frame::new().fill(colour.gamma_multiply(0.15)).inner_margin(egui::Margin::symmetric(8, 5));
+        let mut dismissed = false;
+        egui::Panel::top("failure").frame(frame).show(ui, |ui| {
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                dismissed = ui.button("Dismiss").clicked();
+                ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                    ui.add(egui::Label::new(RichText::new(failure).color(colour)).wrap());
+                });
+            });
+        });
+        if dismissed {
+            self.failure = None;
+        }
     }
 
     /// The newest message on one line; a click opens the log.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use crate::optics::Lenslet;
-use crate::workbench::{Colormap, Command, Curve, Job, Live, Workbench};
+use crate::workbench::{Colormap, Command, Curve, Design, Job, Live, LiveInformation, Workbench};
 
 use super::dialogs::{Dialogs, Purpose};
 use super::image_view::{ImageView, Palettes};
@@ -98,32 +98,69 @@ pub enum MaskDrag {
 /// Information of past edits.
 #[derive(Default)]
 pub struct Trail {
-    /// (revision, Gaussian bound, ceiling), oldest first.
-    pub points: Vec<(u64, f64, Option<f64>)>,
+    /// Oldest first.
+    pub points: Vec<TrailPoint>,
+    /// Scene and sensor of the last point.
+    setting: String,
+}
+
+/// Information after one edit, bits per pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrailPoint {
+    /// Revision of the design.
+    pub revision: u64,
+    /// Gaussian bound.
+    pub bound: f64,
+    /// Object-entropy ceiling.
+    pub ceiling: Option<f64>,
+    /// Counts scenes and sensors: points of different ones are not comparable.
+    pub setting: usize,
 }
 
 impl Trail {
     const KEPT: usize = 400;
 
-    /// Notes the information of a revision, once.
-    pub fn note(&mut self, revision: u64, bound: f64, ceiling: Option<f64>) {
-        if self.points.last().is_some_and(|last| last.0 == revision) {
+    /// Notes the information of a revision of `design`, once; of an older revision than the last one never.
+    pub fn note(&mut self, revision: u64, information: &LiveInformation, design: &Design) {
+        let last = self.points.last().copied();
+        if last.is_some_and(|last| last.revision >= revision) {
             return;
         }
         if self.points.len() >= Self::KEPT {
             self.points.remove(0);
         }
-        self.points.push((revision, bound, ceiling));
+        let setting = format!(
+            "{} {} {} {} {}",
+            design.objects, design.mean_photons, design.bias_photons, design.noise, design.seed
+        );
+        let changed = usize::from(self.setting != setting);
+        self.setting = setting;
+        self.points.push(TrailPoint {
+            revision,
+            bound: information.gaussian.bits_per_pixel,
+            ceiling: information.ceiling_bits(),
+            setting: last.map_or(0, |last| last.setting + changed),
+        });
+    }
+
+    /// Runs of points that are comparable.
+    pub fn runs(&self) -> impl Iterator<Item = &[TrailPoint]> {
+        self.points.chunk_by(|one, next| one.setting == next.setting)
     }
 
     /// The trail as columns for a file.
     pub fn curve(&self) -> Curve {
         Curve {
-            header: ["revision", "gaussian_bound_bits_per_pixel", "ceiling_bits_per_pixel"].map(String::from).to_vec(),
+            header: ["revision", "setting", "gaussian_bound_bits_per_pixel", "ceiling_bits_per_pixel"]
+                .map(String::from)
+                .to_vec(),
             rows: self
                 .points
                 .iter()
-                .map(|&(revision, bound, ceiling)| vec![revision as f64, bound, ceiling.unwrap_or(f64::NAN)])
+                .map(|point| {
+                    let ceiling = point.ceiling.unwrap_or(f64::NAN);
+                    vec![point.revision as f64, point.setting as f64, point.bound, ceiling]
+                })
                 .collect(),
         }
     }

@@ -1,0 +1,316 @@
+//! The window, driven by the names that assistive technology sees.
+#![cfg(feature = "studio")]
+
+use std::path::Path;
+
+use egui::{Key, Modifiers, Vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use lenslet_studio::objects::ObjectSource;
+use lenslet_studio::optics::{Encoder, Lenslet};
+use lenslet_studio::studio::Studio;
+use lenslet_studio::workbench::Design;
+
+type Window = Harness<'static, Option<Studio>>;
+
+fn open(design: Design) -> Window {
+    open_sized(design, Vec2::new(1280.0, 800.0))
+}
+
+fn open_sized(design: Design, size: Vec2) -> Window {
+    let mut window = Harness::builder().with_size(size).with_max_steps(64).with_step_dt(1.0 / 60.0).build_ui_state(
+        move |ui, studio: &mut Option<Studio>| {
+            let studio =
+                studio.get_or_insert_with(|| Studio::new(ui.ctx(), design.clone(), None).expect("a worker thread"));
+            studio.logic(&ui.ctx().clone());
+            studio.ui(ui);
+        },
+        None,
+    );
+    settle(&mut window);
+    window
+}
+
+fn studio(window: &Window) -> &Studio {
+    window.state().as_ref().expect("the first frame makes the studio")
+}
+
+fn lenslets(window: &Window) -> Vec<Lenslet> {
+    studio(window).bench().design().encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
+}
+
+/// Steps frames until the worker has answered everything, and once more to show it.
+fn settle(window: &mut Window) {
+    for _ in 0..200_000 {
+        window.step();
+        let bench = studio(window).bench();
+        if !bench.is_computing() && !bench.has_open_jobs() {
+            window.run_steps(3);
+            return;
+        }
+        std::thread::yield_now();
+    }
+    panic!("the worker does not come to rest");
+}
+
+fn click(window: &mut Window, name: &str) {
+    window.get_by_label(name).click();
+    window.run_steps(3);
+}
+
+/// Answers the open path question.
+fn answer(window: &mut Window, path: &Path, button: &str) {
+    let field = window.get_by_label("Path");
+    field.focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label("Path").type_text(&path.display().to_string());
+    window.run_steps(2);
+    click(window, button);
+    settle(window);
+}
+
+fn menu(window: &mut Window, entries: &[&str]) {
+    for entry in entries {
+        click(window, entry);
+    }
+    settle(window);
+}
+
+#[test]
+fn a_lenslet_is_dragged_and_every_number_follows() {
+    let mut window = open(Design::default());
+    let before = studio(&window).bench().live();
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 1").rect().center();
+    window.drag_at(from);
+    window.step();
+    for step in 1..=8 {
+        window.hover_at(from + Vec2::new(5.0, -3.0) * step as f32);
+        window.step();
+    }
+    window.drop_at(from + Vec2::new(40.0, -24.0));
+    settle(&mut window);
+
+    let moved = lenslets(&window);
+    assert!(moved[0].x > start[0].x + 1.0 && moved[0].y < start[0].y - 0.5, "{:?} {:?}", start[0], moved[0]);
+    assert_eq!(moved[1..], start[1..], "only the dragged lenslet moves");
+    let after = studio(&window).bench().live();
+    assert_ne!(after.optics.unwrap().value.psf, before.optics.unwrap().value.psf);
+    assert_ne!(after.measurements.unwrap().value.noisy, before.measurements.unwrap().value.noisy);
+    let (after, before) = (after.information.unwrap().value, before.information.unwrap().value);
+    assert_ne!(after.gaussian.bits_per_pixel, before.gaussian.bits_per_pixel);
+    assert!(studio(&window).bench().is_dirty());
+}
+
+#[test]
+fn a_drag_of_two_points_is_a_click() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 3").rect().center();
+    window.drag_at(from);
+    window.step();
+    window.hover_at(from + Vec2::new(2.0, 0.0));
+    window.step();
+    window.drop_at(from + Vec2::new(2.0, 0.0));
+    settle(&mut window);
+    assert_eq!(lenslets(&window), start);
+    window.get_by_label("1 selected");
+}
+
+#[test]
+fn lenslets_are_added_nudged_and_deleted() {
+    let mut window = open(Design::default());
+    click(&mut window, "Add lenslet");
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 10);
+
+    // The new lenslet is selected: the arrow keys move it, with Shift ten times as far.
+    let before = lenslets(&window)[9];
+    window.get_by_label("Lenslet 10").focus();
+    window.run_steps(2);
+    window.key_press(Key::ArrowRight);
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowDown);
+    settle(&mut window);
+    let after = lenslets(&window)[9];
+    assert!((after.x - before.x - 0.1).abs() < 1e-9, "{before:?} {after:?}");
+    assert!((after.y - before.y - 1.0).abs() < 1e-9, "{before:?} {after:?}");
+
+    window.key_press(Key::Delete);
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 9);
+}
+
+#[test]
+fn a_double_click_adds_where_it_was() {
+    let mut window = open(Design::default());
+    let place = window.get_by_label("PSF").rect().left_top() + Vec2::new(45.0, 60.0);
+    for _ in 0..2 {
+        window.hover_at(place);
+        window.drag_at(place);
+        window.drop_at(place);
+        window.step();
+    }
+    settle(&mut window);
+    let added = lenslets(&window);
+    assert_eq!(added.len(), 10);
+    let handle = window.get_by_label("Lenslet 10").rect().center();
+    assert!((handle - place).length() < 1.5, "{handle:?} {place:?}");
+}
+
+#[test]
+fn several_lenslets_are_selected_by_a_box_and_move_together() {
+    let mut window = open(Design::default());
+    let picture = window.get_by_label("PSF").rect();
+    window.drag_at(picture.left_top() + Vec2::splat(3.0));
+    window.step();
+    for share in [0.3, 0.6, 0.9, 0.99] {
+        window.hover_at(picture.left_top() + picture.size() * share);
+        window.step();
+    }
+    window.drop_at(picture.left_top() + picture.size() * 0.99);
+    window.run_steps(3);
+    window.get_by_label("9 selected");
+    let before = lenslets(&window);
+    let from = window.get_by_label("Lenslet 2").rect().center();
+    window.drag_at(from);
+    window.step();
+    for step in 1..=4 {
+        window.hover_at(from + Vec2::new(6.0, 0.0) * step as f32);
+        window.step();
+    }
+    window.drop_at(from + Vec2::new(24.0, 0.0));
+    settle(&mut window);
+    let shifts: Vec<f64> = lenslets(&window).iter().zip(&before).map(|(after, before)| after.x - before.x).collect();
+    assert!(shifts[0] > 0.5, "{shifts:?}");
+    assert!(shifts.iter().all(|shift| (shift - shifts[0]).abs() < 1e-9), "{shifts:?}");
+}
+
+#[test]
+fn the_table_takes_typed_numbers() {
+    let mut window = open(Design::default());
+    for (field, text) in [("Lenslet 2 x", "12.25"), ("Lenslet 2 width", "1.5"), ("Lenslet 2 weight", "0.5")] {
+        window.get_by_label(field).click();
+        window.run_steps(2);
+        window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+        window.get_by_label(field).type_text(text);
+        window.run_steps(2);
+        window.key_press(Key::Enter);
+        settle(&mut window);
+    }
+    let changed = lenslets(&window)[1];
+    assert_eq!((changed.x, changed.spot.mean_sigma(), changed.weight), (12.25, 1.5, 0.5));
+}
+
+#[test]
+fn presets_replace_the_mask() {
+    let mut window = open(Design::default());
+    menu(&mut window, &["Presets", "Heuristic lenslets", "4 lenslets"]);
+    assert_eq!(lenslets(&window).len(), 4);
+    menu(&mut window, &["Presets", "25 random lenslets"]);
+    let first = lenslets(&window);
+    assert_eq!(first.len(), 25);
+    menu(&mut window, &["Presets", "25 random lenslets"]);
+    assert_ne!(lenslets(&window), first, "again draws others");
+    menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
+    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Diffuser(_)));
+    assert!(window.query_by_label("Lenslet 1").is_none(), "a diffuser has no handles");
+}
+
+#[test]
+fn objects_are_opened_by_a_typed_path_and_broken_ones_do_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = folder.path().join("digits-idx3-ubyte");
+    let mut bytes = vec![0, 0, 8, 3, 0, 0, 0, 20, 0, 0, 0, 28, 0, 0, 0, 28];
+    bytes.extend((0..20 * 28 * 28).map(|pixel| (pixel * 7 % 251) as u8));
+    std::fs::write(&good, &bytes).unwrap();
+    let broken = folder.path().join("broken-idx3-ubyte");
+    std::fs::write(&broken, &bytes[..500]).unwrap();
+
+    let mut window = open(Design::default());
+    click(&mut window, "Open objects...");
+    answer(&mut window, &broken, "Open");
+    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Beads { density: 0.02 });
+    assert!(!studio(&window).bench().is_dirty());
+    assert!(window.query_all_by_label_contains("broken-idx3-ubyte").next().is_some(), "the failure names the file");
+
+    click(&mut window, "Open objects...");
+    answer(&mut window, &good, "Open");
+    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Idx(good));
+    let live = studio(&window).bench().live();
+    assert!(live.failure.is_none());
+    assert!(live.information.unwrap().value.ceiling.is_none(), "the entropy of pictures is not known");
+}
+
+#[test]
+fn a_design_is_exported_saved_and_opened_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    menu(&mut window, &["Presets", "25 random lenslets"]);
+    click(&mut window, "File");
+    click(&mut window, "Export design...");
+    answer(&mut window, &folder.path().join("out"), "Export");
+    for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
+        assert!(folder.path().join("out").join(name).is_file(), "{name}");
+    }
+    let exported = Design::open(&folder.path().join("out/design.json")).unwrap();
+    assert_eq!(exported, **studio(&window).bench().design());
+
+    let file = folder.path().join("mine.json");
+    assert!(studio(&window).bench().is_dirty());
+    click(&mut window, "File");
+    click(&mut window, "Save design as...");
+    answer(&mut window, &file, "Save");
+    assert!(!studio(&window).bench().is_dirty());
+    assert_eq!(studio(&window).bench().path(), Some(file.as_path()));
+
+    click(&mut window, "Add lenslet");
+    settle(&mut window);
+    assert!(studio(&window).bench().is_dirty());
+    // Opening asks about the changes first.
+    click(&mut window, "File");
+    click(&mut window, "Open design...");
+    click(&mut window, "Discard");
+    answer(&mut window, &file, "Open");
+    assert_eq!(**studio(&window).bench().design(), exported);
+    assert!(!studio(&window).bench().is_dirty());
+}
+
+#[test]
+fn noise_and_photons_are_set_in_the_scene() {
+    let mut window = open(Design::default());
+    let live = |window: &Window| studio(window).bench().live();
+    click(&mut window, "Read noise");
+    settle(&mut window);
+    window.get_by_label("Read noise sigma");
+    let read = live(&window).information.unwrap().value.gaussian;
+    assert!((read.entropy_y_given_x - 0.5 * (2.0 * std::f64::consts::PI * std::f64::consts::E * 25.0).log2()).abs() < 1e-9);
+    click(&mut window, "None noise");
+    settle(&mut window);
+    let failure = live(&window).failure.expect("information is unbounded without noise");
+    assert!(failure.1.contains("unbounded"), "{}", failure.1);
+    click(&mut window, "Both noise");
+    settle(&mut window);
+    assert!(live(&window).failure.is_none());
+    click(&mut window, "Volume");
+    settle(&mut window);
+    assert!(live(&window).failure.is_none());
+    assert_eq!(live(&window).scene.unwrap().value.set.planes(), 5);
+}
+
+#[test]
+fn a_small_window_still_works() {
+    let mut window = open_sized(Design::default(), Vec2::new(400.0, 300.0));
+    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
+    assert_eq!(lenslets(&window).len(), 2);
+}
+
+#[test]
+fn a_window_at_rest_asks_for_no_frames() {
+    let mut window = open(Design::default());
+    // Animations of the first frames fade out; then nothing may ask for another frame.
+    window.run_steps(60);
+    let delay = window.output().viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap();
+    assert!(delay > std::time::Duration::from_secs(1), "the next frame is asked for in {delay:?}");
+}
