@@ -55,7 +55,7 @@ fn settle(window: &mut Window) {
 
 fn click(window: &mut Window, name: &str) {
     window.get_by_label(name).click();
-    window.run_steps(3);
+    window.run_steps(8);
 }
 
 /// Answers the open path question.

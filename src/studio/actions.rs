@@ -3,7 +3,7 @@
 use egui::{Key, KeyboardShortcut, Modifiers};
 
 use super::dialogs::Purpose;
-use super::image_view::ImageView;
+use super::image_view::{ImageView, name_widget};
 use super::state::State;
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
 use crate::workbench::Command;
@@ -211,7 +211,9 @@ fn entry(ui: &mut egui::Ui, state: &mut State, action: Action, enabled: bool) {
     if let Some(shortcut) = action.shortcut() {
         button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
     }
-    if ui.add_enabled(enabled, button).clicked() {
+    let response = ui.add_enabled(enabled, button);
+    name_widget(&response, action.label());
+    if response.clicked() {
         ui.close();
         let ctx = ui.ctx().clone();
         action.run(&ctx, state);
