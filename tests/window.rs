@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use egui::{Key, Modifiers, Vec2};
+use egui::{Key, Modifiers, Rect, Role, Theme, Vec2, pos2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use lenslet_studio::objects::ObjectSource;
@@ -18,7 +18,12 @@ fn open(design: Design) -> Window {
 }
 
 fn open_sized(design: Design, size: Vec2) -> Window {
-    let mut window = Harness::builder().with_size(size).with_max_steps(64).with_step_dt(1.0 / 60.0).build_ui_state(
+    open_themed(design, size, Theme::Dark)
+}
+
+fn open_themed(design: Design, size: Vec2, theme: Theme) -> Window {
+    let builder = Harness::builder().with_size(size).with_theme(theme).with_max_steps(64);
+    let mut window = builder.with_step_dt(1.0 / 60.0).build_ui_state(
         move |ui, studio: &mut Option<Studio>| {
             let studio =
                 studio.get_or_insert_with(|| Studio::new(ui.ctx(), design.clone(), None).expect("a worker thread"));
@@ -297,6 +302,80 @@ fn noise_and_photons_are_set_in_the_scene() {
     settle(&mut window);
     assert!(live(&window).failure.is_none());
     assert_eq!(live(&window).scene.unwrap().value.set.planes(), 5);
+}
+
+/// A file as the window system hands it over.
+#[derive(Debug)]
+struct Dropped(std::path::PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|error| error.to_string())
+    }
+}
+
+#[test]
+fn files_are_dropped_on_the_window() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let drop = |window: &mut Window, path: std::path::PathBuf| {
+        window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path)));
+        window.step();
+        window.run_steps(3);
+    };
+    let design = Design { seed: 77, ..Design::default() };
+    design.save(&folder.path().join("seventy-seven.json")).unwrap();
+    drop(&mut window, folder.path().join("seventy-seven.json"));
+    settle(&mut window);
+    assert_eq!(**studio(&window).bench().design(), design);
+
+    // A picture may be a PSF or an object: the window asks.
+    let picture = folder.path().join("spot.npy");
+    let spot = ndarray::Array2::from_shape_fn((16, 16), |(row, col)| ((row * col) % 7) as f32);
+    lenslet_studio::formats::write_array(&picture, spot.view()).unwrap();
+    drop(&mut window, picture);
+    click(&mut window, "As PSF");
+    settle(&mut window);
+    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Image(_)));
+    assert_eq!(studio(&window).bench().live().optics.unwrap().value.image.dim(), (16, 16));
+}
+
+#[test]
+fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
+    let mut window = open(Design::default());
+    click(&mut window, "Edit");
+    click(&mut window, "Select all lenslets");
+    window.get_by_label("Lenslet 4 width").click();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label("Lenslet 4 width").type_text("1.25");
+    window.key_press(Key::Enter);
+    settle(&mut window);
+    assert!(lenslets(&window).iter().all(|lenslet| lenslet.spot.mean_sigma() == 1.25));
+}
+
+#[test]
+fn the_window_looks_as_it_did() {
+    let drivers = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
+    if !drivers.iter().any(|folder| std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_some())) {
+        println!("skipped: there is no Vulkan driver to draw snapshots with");
+        return;
+    }
+    let mut results = egui_kittest::SnapshotResults::new();
+    for (theme, name) in [(Theme::Dark, "window-dark"), (Theme::Light, "window-light")] {
+        let mut window = open_themed(Design::default(), Vec2::new(1280.0, 800.0), theme);
+        // What random numbers, rounding and the clock decide is covered: it differs between processors.
+        window.mask(window.get_by_role_and_label(Role::Image, "Measurement").rect().expand(2.0));
+        window.mask(Rect::from_min_max(pos2(1060.0, 770.0), pos2(1272.0, 792.0)));
+        window.mask(Rect::from_min_max(pos2(812.0, 465.0), pos2(872.0, 766.0)));
+        window.mask(Rect::from_min_max(pos2(880.0, 58.0), pos2(1272.0, 424.0)));
+        window.snapshot(name);
+        results.extend(window.take_snapshot_results());
+    }
 }
 
 #[test]

@@ -22,6 +22,28 @@ pub struct Studio {
     title: String,
     /// The close that is going on was agreed to.
     closing: bool,
+    /// Whether the status bar shows how long frames take.
+    frame_times: FrameTimes,
+}
+
+/// How long the processor works on each frame.
+#[derive(Default)]
+struct FrameTimes {
+    shown: bool,
+    /// Of the last frame and the longest of late, seconds.
+    last: f32,
+    longest: f32,
+    /// Frames drawn since the window was opened.
+    count: u64,
+}
+
+impl FrameTimes {
+    fn note(&mut self, seconds: f32) {
+        self.last = seconds;
+        // The longest fades within a few hundred frames.
+        self.longest = (0.99 * self.longest).max(seconds);
+        self.count += 1;
+    }
 }
 
 impl Studio {
@@ -33,11 +55,20 @@ impl Studio {
         ctx.all_styles_mut(|style| {
             style.spacing.item_spacing = egui::vec2(6.0, 4.0);
             style.interaction.tooltip_delay = 0.4;
+            // Secondary text is read too: the default is too faint on white.
+            style.visuals.weak_text_alpha = 0.75;
         });
         let repaint = ctx.clone();
         let bench = Workbench::new(design, path, move || repaint.request_repaint())?;
         let title = String::new();
-        Ok(Self { state: State::new(bench), rooms: default_layout(), dropped: None, title, closing: false })
+        Ok(Self {
+            state: State::new(bench),
+            rooms: default_layout(),
+            dropped: None,
+            title,
+            closing: false,
+            frame_times: FrameTimes::default(),
+        })
     }
 
     /// Shows a notice in the status bar and the log.
@@ -101,7 +132,7 @@ impl Studio {
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
         egui::CentralPanel::no_frame().show(ui, |ui| self.rooms.ui(&mut Rooms(&mut self.state), ui));
         let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
-        status_bar(&mut bar, &mut self.state);
+        status_bar(&mut bar, &mut self.state, &self.frame_times);
         let ctx = ui.ctx().clone();
         self.state.messages.log_window(&ctx);
         dialogs::show(&ctx, &mut self.state);
@@ -141,6 +172,9 @@ impl Studio {
         });
         if ui.button("Reset layout").clicked() {
             self.rooms = default_layout();
+            ui.close();
+        }
+        if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
             ui.close();
         }
         if ui.button("Messages").clicked() {
@@ -220,7 +254,8 @@ impl eframe::App for Studio {
         Self::logic(self, ctx);
     }
 
-    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+    fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {
+        self.frame_times.note(frame.info().cpu_usage.unwrap_or(0.0));
         Self::ui(self, ui);
     }
 }
@@ -284,7 +319,7 @@ fn kind_of(path: &Path) -> FileKind {
 }
 
 /// Left: the newest message, or the value under the pointer. Right: what is going on.
-fn status_bar(ui: &mut Ui, state: &mut State) {
+fn status_bar(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
         let work = if let Some(busy) = &state.live.busy {
             busy.clone()
@@ -297,6 +332,11 @@ fn status_bar(ui: &mut Ui, state: &mut State) {
         };
         ui.weak(work);
         ui.separator();
+        if frames.shown {
+            let (last, longest) = (1e3 * frames.last, 1e3 * frames.longest);
+            ui.weak(format!("frame {}: {last:.1} ms, longest {longest:.1} ms", frames.count));
+            ui.separator();
+        }
         if let Some(hover) = &state.hover {
             ui.label(hover);
             ui.separator();

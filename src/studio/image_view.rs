@@ -124,7 +124,7 @@ impl ImageView {
         self.update_texture(ui.ctx(), palettes, image, version);
         let painter = ui.painter_at(room);
         if let Some(texture) = &self.texture {
-            let tint = if stale { Color32::from_white_alpha(150) } else { Color32::WHITE };
+            let tint = if stale { Color32::from_white_alpha(215) } else { Color32::WHITE };
             let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
             painter.image(texture.id(), rect, whole, tint);
         }
@@ -153,6 +153,8 @@ impl ImageView {
             let finite = image.iter().copied().filter(|value| value.is_finite());
             let (low, high) =
                 finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+            // A minimum that is as good as 0 reads better as 0.
+            let low = if low > 0.0 && low < 1e-3 * high { 0.0 } else { low };
             self.limits = if low < high { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) };
         }
         let wanted = Drawn { version, colormap: self.colormap, limits: self.limits };

@@ -41,7 +41,7 @@ fn headline(ui: &mut Ui, information: &LiveInformation, current: bool) {
         Some(ceiling) if ceiling < gaussian => (ceiling, "object-entropy ceiling"),
         _ => (gaussian, "Gaussian bound"),
     };
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let text = RichText::new(format!("\u{2264} {upper:.3}")).size(30.0).strong();
         let text = if current { text } else { text.weak() };
         ui.label(text);

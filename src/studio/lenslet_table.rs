@@ -74,24 +74,34 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
             state.selection.remove(&index);
         }
     }
-    let mut change = |what, changed: Option<Lenslet>| {
-        if let Some(changed) = changed {
-            state.send(&Command::ChangeLenslets { what, lenslets: vec![(index, changed)] });
+    // Width, weight and plane of one selected lenslet are set for the whole selection; a place belongs to one alone.
+    let together = state.selection.len() > 1 && selected;
+    let mut change = |what, of: &dyn Fn(Lenslet) -> Option<Lenslet>| {
+        let lenslets: Vec<_> = if together && what != LensletChange::Position {
+            let members = state.selected_lenslets();
+            members.into_iter().filter_map(|(member, lenslet)| Some((member, of(lenslet)?))).collect()
+        } else {
+            of(lenslet).map(|changed| (index, changed)).into_iter().collect()
+        };
+        if !lenslets.is_empty() {
+            state.send(&Command::ChangeLenslets { what, lenslets });
         }
     };
     let (last_col, last_row) = (array.cols as f64 - 1.0, array.rows as f64 - 1.0);
     let x = number_field(ui, lenslet.x, 0.0..=last_col, 0.05, 2, " px", &format!("Lenslet {number} x"));
-    change(LensletChange::Position, x.map(|x| Lenslet { x, ..lenslet }));
+    change(LensletChange::Position, &|lenslet| x.map(|x| Lenslet { x, ..lenslet }));
     let y = number_field(ui, lenslet.y, 0.0..=last_row, 0.05, 2, " px", &format!("Lenslet {number} y"));
-    change(LensletChange::Position, y.map(|y| Lenslet { y, ..lenslet }));
+    change(LensletChange::Position, &|lenslet| y.map(|y| Lenslet { y, ..lenslet }));
     let sigma = lenslet.spot.mean_sigma();
     let width = number_field(ui, sigma, 0.2..=100.0, 0.01, 3, " px", &format!("Lenslet {number} width"));
-    change(LensletChange::Width, width.map(|sigma| Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet }));
+    change(LensletChange::Width, &|lenslet| {
+        width.map(|sigma| Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet })
+    });
     let weight = number_field(ui, lenslet.weight, 0.0..=1e6, 0.001, 4, "", &format!("Lenslet {number} weight"));
-    change(LensletChange::Weight, weight.map(|weight| Lenslet { weight, ..lenslet }));
+    change(LensletChange::Weight, &|lenslet| weight.map(|weight| Lenslet { weight, ..lenslet }));
     if volumes {
         let plane = number_field(ui, lenslet.plane as f64, 0.0..=63.0, 0.05, 0, "", &format!("Lenslet {number} plane"));
-        change(LensletChange::Plane, plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet }));
+        change(LensletChange::Plane, &|lenslet| plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet }));
     }
 }
 

@@ -282,7 +282,7 @@ fn draw_handle(
     let width = if response.hovered() || response.has_focus() { 2.5 } else { 1.5 };
     let painter = ui.painter();
     let centre = placement.to_screen(lenslet.x, lenslet.y);
-    let fill = base.gamma_multiply(0.05 + 0.4 * share);
+    let fill = base.gamma_multiply(0.04 + 0.24 * share);
     let outline: Vec<_> = match lenslet.spot {
         Spot::Isotropic(_) => Vec::new(),
         Spot::Anisotropic { xx, xy, yy } => ellipse(xx, xy, yy)

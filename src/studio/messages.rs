@@ -54,7 +54,8 @@ impl Messages {
     pub fn banner(&mut self, ui: &mut Ui) {
         let Some(failure) = &self.failure else { return };
         let colour = ui.visuals().error_fg_color;
-        let frame = egui::Frame::new().fill(colour.gamma_multiply(0.15)).inner_margin(egui::Margin::symmetric(8, 5));
+        let fill = ui.visuals().panel_fill.lerp_to_gamma(colour, 0.12);
+        let frame = egui::Frame::new().fill(fill).inner_margin(egui::Margin::symmetric(8, 5));
         let mut dismissed = false;
         egui::Panel::top("failure").frame(frame).show(ui, |ui| {
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
