@@ -141,12 +141,14 @@ fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
         picture(&state.views.psf, optics.value.image.clone());
     }
     if let Some(scene) = &state.live.scene {
-        let object = scene.value.objects.index_axis(ndarray::Axis(0), state.sample);
+        let shown = state.sample.min(scene.value.objects.len_of(ndarray::Axis(0)) - 1);
+        let object = scene.value.objects.index_axis(ndarray::Axis(0), shown);
         picture(&state.views.object, object.sum_axis(ndarray::Axis(0)));
     }
     if let Some(measurements) = &state.live.measurements {
         let stack = if state.noisy { &measurements.value.noisy } else { &measurements.value.noiseless };
-        picture(&state.views.measurement, stack.index_axis(ndarray::Axis(0), state.sample).to_owned());
+        let shown = state.sample.min(stack.len_of(ndarray::Axis(0)) - 1);
+        picture(&state.views.measurement, stack.index_axis(ndarray::Axis(0), shown).to_owned());
     }
     if let Some(optics) = state.live.optics.as_ref().filter(|_| state.mtf_as_map) {
         picture(&state.views.mtf, optics.value.mtf.map.clone());

@@ -331,6 +331,9 @@ fn status_bar(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
             format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
         };
         ui.weak(work);
+        if state.live.busy.is_some() && ui.small_button("Cancel reading").clicked() {
+            state.bench.cancel();
+        }
         ui.separator();
         if frames.shown {
             let (last, longest) = (1e3 * frames.last, 1e3 * frames.longest);

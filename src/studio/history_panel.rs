@@ -1,7 +1,7 @@
 //! How past edits fared.
 
 use egui::Ui;
-use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
+use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 
 use super::dialogs::Purpose;
 use super::image_view::{name_widget, placeholder, toolbar};
@@ -37,9 +37,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                     let points = run.iter().enumerate();
                     points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
                 };
-                let (bound, ceiling) = (line(&|point| Some(point.bound)), line(&|point| point.ceiling));
-                plot.line(Line::new("Gaussian bound", bound).color(GAUSSIAN).width(2.0));
-                plot.line(Line::new("ceiling", ceiling).color(CEILING).width(2.0));
+                for (name, colour, value) in [
+                    ("Gaussian bound", GAUSSIAN, &(|point: &TrailPoint| Some(point.bound)) as &dyn Fn(&_) -> _),
+                    ("ceiling", CEILING, &|point: &TrailPoint| point.ceiling),
+                ] {
+                    plot.line(Line::new(name, line(value)).color(colour).width(2.0));
+                    plot.points(Points::new(name, line(value)).color(colour).radius(2.5));
+                }
                 first += run.len();
             }
         });

@@ -5,7 +5,6 @@ use ndarray::{Axis, s};
 
 use super::image_view::{name_widget, placeholder, toolbar};
 use super::state::State;
-use crate::workbench::LIVE_COUNT;
 
 /// Shows the object.
 pub fn show_object(ui: &mut Ui, state: &mut State) {
@@ -65,15 +64,17 @@ fn waiting(state: &State) -> String {
 
 /// Previous, next, random; object and measurement always show the same sample.
 fn sample_controls(ui: &mut Ui, state: &mut State, what: &str) {
+    let count = state.live.scene.as_ref().map_or(1, |scene| scene.value.objects.len_of(Axis(0))).max(1);
+    state.sample = state.sample.min(count - 1);
     let previous = ui.small_button("<").on_hover_text("Previous sample");
     name_widget(&previous, &format!("Previous {what}"));
     if previous.clicked() {
-        state.sample = (state.sample + LIVE_COUNT - 1) % LIVE_COUNT;
+        state.sample = (state.sample + count - 1) % count;
     }
-    ui.label(format!("{} of {LIVE_COUNT}", state.sample + 1));
+    ui.label(format!("{} of {count}", state.sample + 1));
     let next = ui.small_button(">").on_hover_text("Next sample");
     name_widget(&next, &format!("Next {what}"));
     if next.clicked() {
-        state.sample = (state.sample + 1) % LIVE_COUNT;
+        state.sample = (state.sample + 1) % count;
     }
 }

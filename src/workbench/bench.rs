@@ -99,6 +99,11 @@ impl Workbench {
         self.worker.evaluate(self.revision, Arc::clone(&self.design));
     }
 
+    /// Stops reading objects, if that is going on.
+    pub fn cancel(&self) {
+        self.worker.cancel();
+    }
+
     /// Hands a job to the worker.
     pub fn submit(&self, job: Job) {
         self.worker.submit(job);

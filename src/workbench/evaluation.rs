@@ -17,8 +17,11 @@ use crate::optics::{Mtf, modulation_transfer};
 use crate::sensor::{Convolution, ObjectSpectra, SensorError};
 use crate::sparsity::{TamuraSummary, tamura_of_stack};
 
-/// Objects that are measured for every edit.
+/// Objects that are measured for every edit; fewer where they are large.
 pub const LIVE_COUNT: usize = 64;
+
+/// Most pixels that are measured for every edit: beyond, there are fewer than [`LIVE_COUNT`] objects.
+const LIVE_PIXELS: usize = 1 << 24;
 
 /// Side in pixels of the patch that live information refers to.
 pub const LIVE_PATCH: usize = 32;
@@ -70,7 +73,7 @@ pub struct Scene {
     seed: u64,
     /// The whole set.
     pub set: ObjectSet,
-    /// [`LIVE_COUNT`] of its objects, shape (n, planes, rows, cols), photons per pixel.
+    /// Up to [`LIVE_COUNT`] of its objects, shape (n, planes, rows, cols), photons per pixel.
     pub objects: Array4<f32>,
     /// Tamura coefficient of the noiseless objects, first plane.
     pub tamura: TamuraSummary,
@@ -92,7 +95,9 @@ impl Scene {
     }
 
     fn of_set(set: ObjectSet, design: &Design) -> Result<Self, ObjectError> {
-        let objects = set.objects(Split::All, LIVE_COUNT, design.seed)?;
+        let (rows, cols) = set.field();
+        let count = (LIVE_PIXELS / (set.planes() * rows * cols).max(1)).clamp(1, LIVE_COUNT);
+        let objects = set.objects(Split::All, count, design.seed)?;
         let coefficients = tamura_of_stack(objects.index_axis(Axis(1), 0));
         let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[]))
             .unwrap_or(TamuraSummary { mean: 0.0, sd: 0.0, count: 0 });

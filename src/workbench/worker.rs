@@ -8,6 +8,7 @@ use std::any::Any;
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -62,6 +63,8 @@ struct Shared {
     mailbox: Mutex<Mailbox>,
     arrived: Condvar,
     results: Mutex<Results>,
+    /// Reading objects is to stop.
+    cancelled: AtomicBool,
     /// Tells the window that there is something new.
     wake: Box<dyn Fn() + Send + Sync>,
 }
@@ -96,6 +99,7 @@ impl Worker {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),
             results: Mutex::default(),
+            cancelled: AtomicBool::new(false),
             wake: Box::new(wake),
         });
         let own = Arc::clone(&shared);
@@ -114,6 +118,11 @@ impl Worker {
         lock(&self.shared.results).open_jobs += 1;
         lock(&self.shared.mailbox).jobs.push_back(job);
         self.shared.arrived.notify_one();
+    }
+
+    /// Stops reading objects, if that is going on.
+    pub fn cancel(&self) {
+        self.shared.cancelled.store(true, Ordering::Relaxed);
     }
 
     /// The latest results.
@@ -239,7 +248,8 @@ impl Evaluator {
                 results.live.seconds = start.elapsed().as_secs_f64();
             }
             // A newer design, which waits in the mailbox, looks at other objects.
-            Err(EvaluationError::Objects(ObjectError::Cancelled)) => {}
+            Err(EvaluationError::Objects(ObjectError::Cancelled))
+                if !shared.cancelled.load(Ordering::Relaxed) => {}
             Err(error) => results.live.failure = Some((revision, error.to_string())),
         }
     }
@@ -251,7 +261,8 @@ impl Evaluator {
         };
         let planes = self.scene.as_ref().filter(|scene| scene.serves(design)).map_or(1, |scene| scene.set.planes());
         let optics = self.optics(design, planes, revision, shared)?;
-        let scene = self.scene(design, revision, shared)?;
+        let superseded = |newer: &Design| !Scene::same_objects(design, newer);
+        let scene = self.scene(design, revision, shared, &superseded)?;
         // Opening the objects may have told that they have more planes.
         let optics =
             if scene.set.planes() > planes { self.optics(design, scene.set.planes(), revision, shared)? } else { optics };
@@ -299,18 +310,26 @@ impl Evaluator {
         Ok(optics)
     }
 
-    /// The objects of the design, opened where they are not at hand.
-    fn scene(&mut self, design: &Design, revision: u64, shared: &Shared) -> Result<Arc<Scene>, EvaluationError> {
+    /// The objects of the design, opened where they are not at hand. `superseded` tells whether a newer design, which
+    /// waits for its numbers, makes these objects useless.
+    fn scene(
+        &mut self,
+        design: &Design,
+        revision: u64,
+        shared: &Shared,
+        superseded: &dyn Fn(&Design) -> bool,
+    ) -> Result<Arc<Scene>, EvaluationError> {
         if let Some(scene) = self.scene.as_ref().filter(|scene| scene.serves(design)) {
             return Ok(Arc::clone(scene));
         }
+        shared.cancelled.store(false, Ordering::Relaxed);
         let newest = std::cell::Cell::new(revision);
         let watch = |progress: Progress| {
             lock(&shared.results).live.busy = Some(progress.to_string());
             // The mask may be edited while objects are read: the PSF follows at once.
             let waiting = lock(&shared.mailbox).evaluate.clone();
             if let Some((newer, wanted)) = waiting.filter(|(newer, _)| *newer > newest.get()) {
-                if !Scene::same_objects(design, &wanted) {
+                if superseded(&wanted) {
                     return ControlFlow::Break(());
                 }
                 newest.set(newer);
@@ -319,7 +338,8 @@ impl Evaluator {
                 }
             }
             (shared.wake)();
-            if lock(&shared.mailbox).quit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            let stop = lock(&shared.mailbox).quit || shared.cancelled.load(Ordering::Relaxed);
+            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let scene = Scene::open(design, &watch);
         lock(&shared.results).live.busy = None;
@@ -333,7 +353,8 @@ impl Evaluator {
             // The one job that leaves something behind for evaluations: the objects, if they can be opened.
             Job::OpenObjects { design } => {
                 let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
-                let scene = self.scene(design, revision, shared).map_err(|error| error.to_string())?;
+                // Edits go on while objects are read; they do not make them useless.
+                let scene = self.scene(design, revision, shared, &|_| false).map_err(|error| error.to_string())?;
                 Convolution::new(scene.set.field(), design.encoder.grid())
                     .map_err(|error| format!("{}: {error}", design.objects))?;
                 Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })
