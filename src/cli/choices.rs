@@ -46,9 +46,12 @@ impl FromStr for EncoderChoice {
             "psf" if !rest.is_empty() => Ok(match rest.rsplit_once('@') {
                 Some((path, side)) if !path.is_empty() => {
                     let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
-                    Self::Psf(path.into(), Some(side.ok_or_else(|| {
-                        format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @")
-                    })?))
+                    Self::Psf(
+                        path.into(),
+                        Some(side.ok_or_else(|| {
+                            format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @")
+                        })?),
+                    )
                 }
                 _ => Self::Psf(rest.into(), None),
             }),

@@ -37,7 +37,8 @@ impl Summary {
     /// Of the coefficients of single pictures.
     pub fn of(values: &[f64]) -> anyhow::Result<Self> {
         let summary = TamuraSummary::of(values);
-        let TamuraSummary { mean, sd, count } = summary.ok_or_else(|| anyhow::anyhow!("there is no picture to rate"))?;
+        let TamuraSummary { mean, sd, count } =
+            summary.ok_or_else(|| anyhow::anyhow!("there is no picture to rate"))?;
         Ok(Self { mean, sd, count })
     }
 }

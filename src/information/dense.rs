@@ -52,6 +52,7 @@ impl DenseGaussian {
     }
 
     /// log2 det C.
+    #[cfg(test)]
     pub(super) fn log2_determinant(&self) -> f64 {
         self.log2_determinant
     }
@@ -115,7 +116,8 @@ pub(super) fn check_patches(
 /// Refuses training patches that all hold one value.
 pub(super) fn check_varied(patches: ArrayView3<f32>) -> Result<(), InformationError> {
     let first = patches.first().copied().unwrap_or(0.0);
-    if patches.iter().all(|&value| value == first) {
+    // Exactly equal, to the bit: this asks whether anything varies, not whether two results agree.
+    if patches.iter().all(|&value| value.to_bits() == first.to_bits()) {
         return Err(InformationError::Constant { value: f64::from(first) });
     }
     Ok(())

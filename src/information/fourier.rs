@@ -78,14 +78,15 @@ pub(super) fn good_length(needed: usize) -> usize {
     let smooth = |n: &usize| {
         let mut n = *n;
         for factor in [2, 3, 5] {
-            while n % factor == 0 {
+            while n.is_multiple_of(factor) {
                 n /= factor;
             }
         }
         n == 1
     };
-    // A power of two lies within a factor of two, so the search ends.
-    (needed.max(1)..).find(smooth).unwrap_or(needed)
+    // A power of two lies within a factor of two.
+    let needed = needed.max(1);
+    (needed..2 * needed).find(smooth).unwrap_or(needed)
 }
 
 #[cfg(test)]

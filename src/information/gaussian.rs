@@ -39,7 +39,9 @@ impl FullGaussian {
                 *sum += f64::from(value);
             }
         }
-        mean.iter_mut().for_each(|sum| *sum /= count as f64);
+        for sum in &mut mean {
+            *sum /= count as f64;
+        }
 
         let mut covariance = Mat::<f64>::zeros(pixels, pixels);
         let mut centred = Mat::<f64>::zeros(pixels, BATCH.min(count));

@@ -70,15 +70,12 @@ pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, Informa
         return Err(InformationError::TooFewPatches { model: "a held-out test", needed: 1, found: 0, pixels });
     }
     let mut notes = Vec::new();
-    let entropy_y_given_x = match test_clean {
-        Some(clean) => {
-            check_clean(clean, test)?;
-            entropy.patch_bits(clean)?
-        }
-        None => {
-            notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
-            entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
-        }
+    let entropy_y_given_x = if let Some(clean) = test_clean {
+        check_clean(clean, test)?;
+        entropy.patch_bits(clean)?
+    } else {
+        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+        entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
     };
 
     let dequantise = protocol == Protocol::Paper || noise == Noise::Shot;

@@ -147,7 +147,9 @@ impl Mixture {
         weights.reverse();
         weights.append(&mut upwards);
         let total: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|weight| *weight /= total);
+        for weight in &mut weights {
+            *weight /= total;
+        }
         Self { sigma, first: k, weights }
     }
 

@@ -99,7 +99,8 @@ pub fn export_measurements(
                 let sides = stack.shape();
                 let (rows, cols) = (sides[sides.len() - 2], sides[sides.len() - 1]);
                 // As many pages as hold all pixels, so the shape always fits.
-                let pages = stack.to_shape((stack.len() / (rows * cols).max(1), rows, cols)).map_err(std::io::Error::other);
+                let pages =
+                    stack.to_shape((stack.len() / (rows * cols).max(1), rows, cols)).map_err(std::io::Error::other);
                 formats::write_tiff(&path, pages.map_err(|error| FormatError::from_write(&path, error))?.view())?;
             }
         }
