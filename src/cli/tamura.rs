@@ -6,7 +6,7 @@ use clap::Args;
 use ndarray::Axis;
 use serde::Serialize;
 
-use super::{Failure, print_json};
+use super::{Failure, output};
 use crate::formats::read_picture_or_array;
 use crate::sparsity::{TamuraSummary, tamura_of_stack};
 
@@ -63,9 +63,9 @@ impl Arguments {
         }
         let summary = Summary::of(&values)?;
         if self.json {
-            return print_json(&summary);
+            return output::print_json(&summary);
         }
-        println!("Tamura coefficient {:.6} (sd {:.6}) over {} pictures", summary.mean, summary.sd, summary.count);
-        Ok(())
+        let Summary { mean, sd, count } = summary;
+        output::print(&format!("Tamura coefficient {mean:.6} (sd {sd:.6}) over {count} pictures"))
     }
 }

@@ -301,7 +301,7 @@ mod tests {
             assert_eq!((header.element, header.big_endian, header.fortran_order), (Element::F32, false, false));
             assert_eq!(header.shape, shape);
         }
-        assert!(header_of_f32(&[1; 30_000]).is_err());
+        assert!(header_of_f32(&vec![1; 30_000]).is_err());
     }
 
     #[test]
