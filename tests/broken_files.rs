@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use image::{ColorType, ImageFormat};
 use lenslet_studio::formats;
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource};
-use npyz::zip::{CompressionMethod, ZipWriter, write::FileOptions};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use tiff::encoder::{TiffEncoder, colortype};
+use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 
 /// Pixels a file of this length could unpack to at most.
 fn most_pixels(length: usize) -> usize {
@@ -23,7 +23,7 @@ fn array(descr: &str, shape: &str, data: &[u8]) -> Vec<u8> {
 
 fn archive(method: CompressionMethod) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    zip.start_file("a.npy", FileOptions::default().compression_method(method)).unwrap();
+    zip.start_file("a.npy", SimpleFileOptions::default().compression_method(method)).unwrap();
     zip.write_all(&array("<f4", "(2, 6, 5)", &[0; 240])).unwrap();
     zip.finish().unwrap().into_inner()
 }

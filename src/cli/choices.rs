@@ -1,5 +1,6 @@
 //! Encoders as they are named on the command line.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -34,7 +35,7 @@ impl FromStr for EncoderChoice {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("lenslets {text:?}: expected {CHOICES}");
         let (kind, rest) = text.split_once(':').ok_or_else(wrong)?;
-        let count = |range: std::ops::RangeInclusive<usize>| match rest.parse::<usize>() {
+        let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
             Ok(count) if range.contains(&count) => Ok(count),
             _ => Err(format!("lenslets {text:?}: expected {} to {} after {kind}:", range.start(), range.end())),
         };
@@ -46,9 +47,12 @@ impl FromStr for EncoderChoice {
             "psf" if !rest.is_empty() => Ok(match rest.rsplit_once('@') {
                 Some((path, side)) if !path.is_empty() => {
                     let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
-                    Self::Psf(path.into(), Some(side.ok_or_else(|| {
-                        format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @")
-                    })?))
+                    Self::Psf(
+                        path.into(),
+                        Some(side.ok_or_else(|| {
+                            format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @")
+                        })?),
+                    )
                 }
                 _ => Self::Psf(rest.into(), None),
             }),
@@ -95,6 +99,14 @@ impl FromStr for PatchChoice {
             .map(|(rows, cols)| Self::Shape(rows, cols))
             .ok_or_else(|| format!("patch {text:?}: expected pixels such as 32, rows x cols such as 16x24, or sensor"))
     }
+}
+
+/// Refuses a count that is out of range.
+pub fn check_count(name: &str, found: usize, range: RangeInclusive<usize>) -> anyhow::Result<()> {
+    if !range.contains(&found) {
+        bail!("{name} {found}: expected {} to {}", range.start(), range.end());
+    }
+    Ok(())
 }
 
 /// Refuses a folder that cannot be one, before anything long is computed.

@@ -1,13 +1,17 @@
 //! `estimate`: the information of a design's measurements.
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 
-use super::choices::PatchChoice;
+use super::choices::{PatchChoice, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
-use super::{Failure, print_json};
-use crate::information::Protocol;
+use super::{Failure, output};
+use crate::information::{Estimate, Protocol};
 use crate::workbench::{EstimateRequest, GaussianModel, estimate};
+
+/// Most patches of one kind; those of 32 x 32 px then take 4 GB.
+const MOST_PATCHES: usize = 1_000_000;
+/// Most repetitions.
+const MOST_TRIALS: usize = 10_000;
 
 /// Arguments of `estimate`.
 #[derive(Args, Debug)]
@@ -62,6 +66,9 @@ enum EstimatorChoice {
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
+        check_count("--patches-train", self.patches_train, 0..=MOST_PATCHES)?;
+        check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
+        check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
             model: match self.estimator {
@@ -78,11 +85,7 @@ impl Arguments {
             patches_test: self.patches_test,
             trials: self.trials,
         };
-        let bar = ProgressBar::new(1).with_style(
-            // The template is fixed and valid; a default bar is as good.
-            ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {elapsed}")
-                .unwrap_or_else(|_| ProgressStyle::default_bar()),
-        );
+        let bar = output::progress_bar();
         let result = estimate(&design, &request, &mut |step, done, total| {
             bar.set_message(step.to_owned());
             bar.set_length(total as u64);
@@ -90,33 +93,32 @@ impl Arguments {
         })?;
         bar.finish_and_clear();
         if self.json {
-            return print_json(&result);
+            return output::print_json(&result);
         }
-        let [low, high] = result.interval_95;
-        println!("{} before {}, {} noise", result.encoder, result.objects, result.noise);
-        println!(
+        output::print(&lines_of(&result).join("\n"))
+    }
+}
+
+/// The estimate for people, line by line.
+fn lines_of(result: &Estimate) -> Vec<String> {
+    let [low, high] = result.interval_95;
+    let [rows, cols] = result.patch;
+    let mut lines = vec![
+        format!("{} before {}, {} noise", result.encoder, result.objects, result.noise),
+        format!(
             "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}, {} protocol",
             result.bits_per_pixel, result.estimator, result.protocol
-        );
-        println!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x);
+        ),
+        format!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x),
         match result.ceiling {
-            Some(ceiling) => println!("ceiling {ceiling:.4} bits per pixel"),
-            None => println!("ceiling unknown: the entropy of these objects is not known, so only upper bounds are"),
-        }
-        println!(
-            "patch {} x {} px, {} training and {} test patches, trials {} (spread {:.4}), seed {}, {:.1} s",
-            result.patch[0],
-            result.patch[1],
-            result.patches_train,
-            result.patches_test,
-            result.trials,
-            result.trial_spread,
-            result.seed,
-            result.seconds
-        );
-        for note in &result.notes {
-            println!("note: {note}");
-        }
-        Ok(())
-    }
+            Some(ceiling) => format!("ceiling {ceiling:.4} bits per pixel"),
+            None => "ceiling unknown: the entropy of these objects is not known, so only upper bounds are".into(),
+        },
+        format!(
+            "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}), seed {}, {:.1} s",
+            result.patches_train, result.patches_test, result.trials, result.trial_spread, result.seed, result.seconds
+        ),
+    ];
+    lines.extend(result.notes.iter().map(|note| format!("note: {note}")));
+    lines
 }

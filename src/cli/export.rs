@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::choices::check_folder;
 use super::design_args::DesignArgs;
-use super::{Failure, print_json};
+use super::{Failure, output};
 use crate::workbench::{Colormap, export_design};
 
 /// Arguments of `export`.
@@ -53,12 +53,10 @@ impl Arguments {
         let (psf_rows, psf_cols) = design.encoder.grid();
         let result = Exported { encoder: design.encoder.describe(), psf_rows, psf_cols, files };
         if self.json {
-            return print_json(&result);
+            return output::print_json(&result);
         }
-        println!("{}, PSF of {psf_rows} x {psf_cols} px", result.encoder);
-        for file in &result.files {
-            println!("{}", file.display());
-        }
-        Ok(())
+        let mut lines = vec![format!("{}, PSF of {psf_rows} x {psf_cols} px", result.encoder)];
+        lines.extend(result.files.iter().map(|file| file.display().to_string()));
+        output::print(&lines.join("\n"))
     }
 }

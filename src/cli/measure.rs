@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use ndarray::Axis;
 use serde::Serialize;
 
-use super::choices::check_folder;
+use super::choices::{check_count, check_folder};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::tamura::Summary;
-use super::{Failure, print_json};
-use crate::sparsity::tamura_of_stack;
-use crate::workbench::{MeasurementFormat, export_measurements, simulate};
+use super::{Failure, output};
+use crate::workbench::{MeasurementFormat, Simulator, measure_into};
+
+/// Most objects of one run; as 96 x 96 px floats they fill 370 GB.
+const MOST_OBJECTS: usize = 10_000_000;
 
 /// Arguments of `measure`.
 #[derive(Args, Debug)]
@@ -56,51 +57,43 @@ struct Measured {
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
-        if self.count == 0 {
-            return Err(anyhow::anyhow!("--count 0: expected at least 1 object").into());
-        }
+        check_count("--count", self.count, 1..=MOST_OBJECTS)?;
         let design = self.design.design(Some(&self.scene))?;
         check_folder(&self.out)?;
-        let (set, simulated) = simulate(&design, self.count)?;
+        let simulator = Simulator::new(&design)?;
         let format = if self.tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
-        let objects = match set.planes() {
-            1 => simulated.objects.index_axis(Axis(1), 0).into_dyn(),
-            _ => simulated.objects.view().into_dyn(),
-        };
-        let stacks = [
-            ("objects", objects),
-            ("noiseless", simulated.noiseless.view().into_dyn()),
-            ("measurements", simulated.noisy.view().into_dyn()),
-        ];
-        let mut files = export_measurements(&stacks, format, &self.out)?;
-        let record = self.out.join("design.json");
-        design.save(&record)?;
-        files.push(record);
-        let tamura = Summary::of(tamura_of_stack(simulated.noisy.view()).as_slice().unwrap_or(&[]))?;
+        let bar = output::progress_bar();
+        bar.set_message("Measuring");
+        bar.set_length(self.count as u64);
+        let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {
+            bar.set_position(done as u64);
+        })?;
+        bar.finish_and_clear();
+        let set = simulator.set();
         let result = Measured {
             objects: design.objects.to_string(),
             objects_fingerprint: set.fingerprint(),
             encoder: design.encoder.describe(),
             noise: design.noise.to_string(),
             seed: design.seed,
-            object_shape: stacks[0].1.shape().to_vec(),
-            measurement_shape: simulated.noisy.shape().to_vec(),
-            tamura,
+            object_shape: stacks.object_shape,
+            measurement_shape: stacks.measurement_shape,
+            tamura: Summary::of(&stacks.tamura)?,
             notices: set.notices().to_vec(),
-            files,
+            files: stacks.files,
         };
         if self.json {
-            return print_json(&result);
+            return output::print_json(&result);
         }
         for notice in &result.notices {
-            eprintln!("{notice}");
+            output::tell(notice);
         }
         let shape: Vec<String> = result.measurement_shape.iter().map(ToString::to_string).collect();
-        println!("{} before {}: {} measurements", result.encoder, result.objects, shape.join(" x "));
-        println!("Tamura coefficient {:.4} (sd {:.4})", result.tamura.mean, result.tamura.sd);
-        for file in &result.files {
-            println!("{}", file.display());
-        }
-        Ok(())
+        let mut lines = vec![
+            format!("{} before {}: {} measurements", result.encoder, result.objects, shape.join(" x ")),
+            format!("Tamura coefficient {:.4} (sd {:.4})", result.tamura.mean, result.tamura.sd),
+        ];
+        lines.extend(result.files.iter().map(|file| file.display().to_string()));
+        output::print(&lines.join("\n"))
     }
 }

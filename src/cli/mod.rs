@@ -9,13 +9,13 @@ mod estimate;
 mod export;
 mod headless;
 mod measure;
+mod output;
 mod tamura;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use serde::Serialize;
 
 /// Design lensless cameras by the information their measurements carry.
 ///
@@ -55,6 +55,8 @@ enum Command {
 /// What stopped a command, by exit code.
 #[derive(Debug)]
 enum Failure {
+    /// Nobody reads the results any more: code 0.
+    Closed,
     /// Bad input, usage, or a file that cannot be read or written: code 2.
     Input(anyhow::Error),
     /// Anything else: code 1. Only the window fails so.
@@ -71,20 +73,35 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 
 /// Runs the program with the arguments it was started with.
 pub fn run() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(message) => return usage(&message),
+    };
     // A panic is a bug: its message is printed by the default hook, and the code is not one that means something else.
     match std::panic::catch_unwind(|| dispatch(arguments)) {
-        Ok(Ok(())) => ExitCode::SUCCESS,
-        Ok(Err(Failure::Input(error))) => {
-            eprintln!("lenslet-studio: {error:#}");
-            ExitCode::from(2)
-        }
-        Ok(Err(Failure::Other(error))) => {
-            eprintln!("lenslet-studio: {error:#}");
-            ExitCode::FAILURE
-        }
+        Ok(result) => finish(result),
         Err(_) => ExitCode::FAILURE,
     }
+}
+
+/// Help and version go to standard output like results; a wrong argument is told with code 2.
+fn usage(message: &clap::Error) -> ExitCode {
+    if message.use_stderr() {
+        let _ = message.print();
+        return ExitCode::from(2);
+    }
+    finish(output::print(&message.render().to_string()))
+}
+
+fn finish(result: Result<(), Failure>) -> ExitCode {
+    let (error, code) = match result {
+        // Whoever closed the pipe has what they wanted.
+        Ok(()) | Err(Failure::Closed) => return ExitCode::SUCCESS,
+        Err(Failure::Input(error)) => (error, 2),
+        Err(Failure::Other(error)) => (error, 1),
+    };
+    output::tell(format_args!("lenslet-studio: {error:#}"));
+    ExitCode::from(code)
 }
 
 fn dispatch(arguments: Arguments) -> Result<(), Failure> {
@@ -94,8 +111,9 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {
-            clap_complete::generate(shell, &mut Arguments::command(), "lenslet-studio", &mut std::io::stdout());
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Arguments::command(), "lenslet-studio", &mut script);
+            output::print(&String::from_utf8_lossy(&script))
         }
         None => open(arguments),
     }
@@ -106,7 +124,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
 fn open(arguments: Arguments) -> Result<(), Failure> {
     let design = headless::design(arguments.design.as_deref())?;
     if !headless::has_display() {
-        eprintln!("No display was found, so there is no window; the design is computed here instead.");
+        output::tell("No display was found, so there is no window; the design is computed here instead.");
         return headless::run(&design);
     }
     crate::studio::open_window(design, arguments.design, arguments.renderer)
@@ -116,12 +134,6 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
 /// A build without the window runs headless.
 #[cfg(not(feature = "studio"))]
 fn open(arguments: Arguments) -> Result<(), Failure> {
-    eprintln!("This build has no window; the design is computed here instead.");
+    output::tell("This build has no window; the design is computed here instead.");
     headless::run(&headless::design(arguments.design.as_deref())?)
-}
-
-/// Prints a result as JSON.
-fn print_json(result: &impl Serialize) -> Result<(), Failure> {
-    println!("{}", serde_json::to_string_pretty(result)?);
-    Ok(())
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use ndarray::Axis;
 use serde::Serialize;
 
-use super::{Failure, print_json};
+use super::{Failure, output};
 use crate::formats::read_picture_or_array;
 use crate::sparsity::{TamuraSummary, tamura_of_stack};
 
@@ -37,7 +37,8 @@ impl Summary {
     /// Of the coefficients of single pictures.
     pub fn of(values: &[f64]) -> anyhow::Result<Self> {
         let summary = TamuraSummary::of(values);
-        let TamuraSummary { mean, sd, count } = summary.ok_or_else(|| anyhow::anyhow!("there is no picture to rate"))?;
+        let TamuraSummary { mean, sd, count } =
+            summary.ok_or_else(|| anyhow::anyhow!("there is no picture to rate"))?;
         Ok(Self { mean, sd, count })
     }
 }
@@ -62,9 +63,9 @@ impl Arguments {
         }
         let summary = Summary::of(&values)?;
         if self.json {
-            return print_json(&summary);
+            return output::print_json(&summary);
         }
-        println!("Tamura coefficient {:.6} (sd {:.6}) over {} pictures", summary.mean, summary.sd, summary.count);
-        Ok(())
+        let Summary { mean, sd, count } = summary;
+        output::print(&format!("Tamura coefficient {mean:.6} (sd {sd:.6}) over {count} pictures"))
     }
 }

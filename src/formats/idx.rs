@@ -1,4 +1,4 @@
-//! IDX image files, plain or gzipped (`LeCun`, Cortes and Burges, the MNIST database).
+//! IDX image files, plain or gzipped (LeCun, Cortes and Burges, the MNIST database).
 
 use std::io::{BufReader, Read};
 use std::path::Path;

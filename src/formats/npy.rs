@@ -1,14 +1,15 @@
-//! `NumPy` array files.
+//! NumPy array files.
 
-use std::io::{self, BufReader, Read};
-use std::path::Path;
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
-use npyz::WriterBuilder;
 
 use super::bytes::{open, read_values};
-use super::npy_header::{Element, Mismatch, NpyHeader};
-use super::{FormatError, Samples, write_safely};
+use super::npy_header::{Element, Mismatch, NpyHeader, element_count, header_of_f32};
+use super::write::SafeFile;
+use super::{FormatError, Samples};
 
 const ADVICE: &str = "write the array again with numpy.save";
 
@@ -93,18 +94,74 @@ fn row_major<T: Clone>(path: &Path, header: &NpyHeader, values: io::Result<Vec<T
     Ok(arrange(path, header, values)?.into_iter().collect())
 }
 
-/// Writes an array file of little-endian `f32` in C order, as `NumPy` itself would.
+/// Writes an array file of little-endian `f32` in C order, as NumPy itself would.
 ///
 /// # Errors
 /// [`FormatError::NotWritten`]; an earlier file of that name is then as it was.
 pub fn write_array<D: Dimension>(path: &Path, array: ArrayView<f32, D>) -> Result<(), FormatError> {
-    let shape: Vec<u64> = array.shape().iter().map(|&axis| axis as u64).collect();
-    write_safely(path, |writer| {
-        let element = "<f4".parse().map(npyz::DType::new_scalar).map_err(io::Error::other)?;
-        let mut values = npyz::WriteOptions::new().dtype(element).shape(&shape).writer(writer).begin_nd()?;
-        values.extend(array)?;
-        values.finish()
-    })
+    let mut writer = ArrayWriter::create(path, array.shape())?;
+    writer.append(array)?;
+    writer.finish()
+}
+
+/// Writes an array file part by part, for arrays that are larger than memory should hold.
+///
+/// The file appears under its name when [`ArrayWriter::finish`] is called, and not at all where it is not.
+pub struct ArrayWriter {
+    path: PathBuf,
+    file: SafeFile,
+    writer: BufWriter<File>,
+    /// Elements that the shape still promises.
+    left: u64,
+}
+
+impl ArrayWriter {
+    /// Starts a file of little-endian `f32` of this shape, in C order.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if the folder is missing or not writable, or `path` cannot be replaced.
+    pub fn create(path: &Path, shape: &[usize]) -> Result<Self, FormatError> {
+        let started = || {
+            let left = element_count(shape, size_of::<f32>()).ok_or(io::ErrorKind::FileTooLarge)? as u64;
+            let file = SafeFile::create(path)?;
+            let mut writer = BufWriter::with_capacity(1 << 16, file.file().try_clone()?);
+            writer.write_all(&header_of_f32(shape)?)?;
+            Ok(Self { path: path.to_path_buf(), file, writer, left })
+        };
+        started().map_err(|error| FormatError::from_write(path, error))
+    }
+
+    /// Adds elements behind those that are there, in C order of `part`.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if the disk is full or the shape holds no more elements.
+    pub fn append<D: Dimension>(&mut self, part: ArrayView<f32, D>) -> Result<(), FormatError> {
+        let written = match self.left.checked_sub(part.len() as u64) {
+            None => Err(io::Error::new(io::ErrorKind::InvalidInput, "more values than the array's shape holds")),
+            Some(left) => {
+                self.left = left;
+                part.iter().try_for_each(|value| self.writer.write_all(&value.to_le_bytes()))
+            }
+        };
+        written.map_err(|error| FormatError::from_write(&self.path, error))
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if elements are missing or the file cannot be put in place.
+    pub fn finish(self) -> Result<(), FormatError> {
+        let Self { path, file, mut writer, left } = self;
+        let finished = if left > 0 {
+            Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                format!("{left} values fewer than the array's shape holds"),
+            ))
+        } else {
+            writer.flush().and_then(|()| file.finish())
+        };
+        finished.map_err(|error| FormatError::from_write(&path, error))
+    }
 }
 
 #[cfg(test)]
@@ -189,6 +246,35 @@ mod tests {
         reversed.invert_axis(ndarray::Axis(1));
         write_array(&path, reversed).unwrap();
         assert!(read_array(&path).unwrap().iter().zip(reversed).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+
+    #[test]
+    fn parts_make_the_file_that_the_whole_makes() {
+        let folder = tempfile::tempdir().unwrap();
+        let (whole, parts) = (folder.path().join("whole.npy"), folder.path().join("parts.npy"));
+        let array = Array3::from_shape_fn((7, 3, 2), |(i, j, k)| (i * 100 + j * 10 + k) as f32);
+        write_array(&whole, array.view()).unwrap();
+        for length in [1, 3, 7] {
+            let mut writer = ArrayWriter::create(&parts, &[7, 3, 2]).unwrap();
+            for part in array.axis_chunks_iter(ndarray::Axis(0), length) {
+                writer.append(part).unwrap();
+            }
+            writer.finish().unwrap();
+            assert_eq!(std::fs::read(&parts).unwrap(), std::fs::read(&whole).unwrap());
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_not_complete_never_appears() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let mut writer = ArrayWriter::create(&path, &[2, 2]).unwrap();
+        writer.append(arr2(&[[1.0_f32, 2.0]]).view()).unwrap();
+        assert!(writer.append(arr2(&[[1.0_f32, 2.0, 3.0]]).view()).unwrap_err().to_string().contains("more values"));
+        assert!(writer.finish().unwrap_err().to_string().contains("2 values fewer"));
+        drop(ArrayWriter::create(&path, &[0]).unwrap());
+        assert!(ArrayWriter::create(&path, &[usize::MAX, 2]).is_err());
+        assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none());
     }
 
     #[test]

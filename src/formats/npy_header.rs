@@ -1,13 +1,14 @@
-//! The header of a `NumPy` array file (NEP 1, versions 1 to 3).
+//! The header of a NumPy array file (NEP 1, versions 1 to 3).
 //!
 //! The header is a Python dictionary of three known keys, so a reader of just that text is enough: it takes neither
 //! nested values nor more than a fixed length, and so cannot be led to exhaust stack or memory.
 
-use std::io::Read;
+use std::io::{self, Read};
 
-/// Longest header text taken, bytes; `NumPy` pads its own to 64 or 128.
+/// Longest header text taken, bytes; NumPy pads its own to 64 or 128.
 const LONGEST_HEADER_BYTES: u64 = 64 * 1024;
-/// `NumPy`'s own limit on the number of axes.
+const MAGIC: &[u8] = b"\x93NUMPY";
+/// NumPy's own limit on the number of axes.
 const MOST_AXES: usize = 64;
 
 /// Number type of one array element.
@@ -91,6 +92,21 @@ pub(super) fn element_count(shape: &[usize], width: usize) -> Option<usize> {
     Some(shape.iter().product())
 }
 
+/// A header of version 1 for little-endian `f32` in C order, padded to a multiple of 64 bytes as NumPy does.
+pub(super) fn header_of_f32(shape: &[usize]) -> io::Result<Vec<u8>> {
+    let axes = match shape {
+        [only] => format!("({only},)"),
+        axes => format!("({})", axes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
+    };
+    let mut text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {axes}, }}");
+    let before = MAGIC.len() + 4;
+    let length = (before + text.len() + 1).next_multiple_of(64) - before;
+    text.extend(std::iter::repeat_n(' ', length - text.len() - 1));
+    text.push('\n');
+    let length = u16::try_from(length).map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "too many axes"))?;
+    Ok([MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat())
+}
+
 /// What was expected and what was found instead.
 pub(super) type Mismatch = (String, String);
 
@@ -105,7 +121,7 @@ impl NpyHeader {
         let cut = |_| mismatch("a complete NPY header", "the end of the file");
         let mut start = [0; 8];
         reader.read_exact(&mut start).map_err(cut)?;
-        if &start[..6] != b"\x93NUMPY" {
+        if &start[..6] != MAGIC {
             return Err(mismatch("an NPY file", format!("the first bytes {:02x?}", &start[..6])));
         }
         let (length, before) = match start[6] {
@@ -273,6 +289,19 @@ mod tests {
         let scalar = NpyHeader::parse(b"{\"shape\":(),\"descr\":\"|b1\",\"fortran_order\":False}").unwrap();
         assert_eq!((scalar.shape, scalar.count), (vec![], 1));
         assert_eq!(NpyHeader::parse(b"{'descr':'<f8','fortran_order':False,'shape':(5L,)}").unwrap().shape, [5]);
+    }
+
+    #[test]
+    fn written_headers_are_aligned_and_read_back() {
+        for shape in [&[][..], &[5], &[7, 9], &[1, 2, 3, 4]] {
+            let bytes = header_of_f32(shape).unwrap();
+            assert!(bytes.len().is_multiple_of(64) && bytes.ends_with(b"\n"));
+            let elements = shape.iter().product::<usize>() * 4;
+            let header = NpyHeader::read(&mut bytes.as_slice(), (bytes.len() + elements) as u64).unwrap();
+            assert_eq!((header.element, header.big_endian, header.fortran_order), (Element::F32, false, false));
+            assert_eq!(header.shape, shape);
+        }
+        assert!(header_of_f32(&vec![1; 30_000]).is_err());
     }
 
     #[test]

@@ -1,12 +1,13 @@
-//! Zip archives of `NumPy` arrays.
+//! Zip archives of NumPy arrays.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
 use ndarray::ArrayD;
-use npyz::zip::ZipArchive;
-use npyz::zip::read::ZipFile;
+use zip::ZipArchive;
+use zip::read::ZipFile;
+use zip::result::ZipError;
 
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, open};
 use super::npy::{arrange, header, samples, values};
@@ -51,9 +52,8 @@ fn with_array<T>(
     read: impl FnOnce(&mut dyn Read, u64) -> Result<T, FormatError>,
 ) -> Result<T, FormatError> {
     let (file, _) = open(path)?;
-    let damaged = |error: npyz::zip::result::ZipError| {
-        FormatError::malformed(path, "a zip archive of NumPy arrays", error.to_string(), ADVICE)
-    };
+    let damaged =
+        |error: ZipError| FormatError::malformed(path, "a zip archive of NumPy arrays", error.to_string(), ADVICE);
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(damaged)?;
     let entry_name = choose(path, &archive, name)?;
     let mut entry = archive.by_name(&entry_name).map_err(damaged)?;
@@ -65,7 +65,7 @@ fn with_array<T>(
     Ok(array)
 }
 
-fn claimed_length(path: &Path, entry: &ZipFile<'_>) -> Result<u64, FormatError> {
+fn claimed_length(path: &Path, entry: &ZipFile<'_, BufReader<File>>) -> Result<u64, FormatError> {
     let (packed, unpacked) = (entry.compressed_size(), entry.size());
     let most = packed.saturating_mul(DEFLATE_RATIO).min(LARGEST_UNPACKED_BYTES);
     if unpacked > most {
@@ -76,10 +76,12 @@ fn claimed_length(path: &Path, entry: &ZipFile<'_>) -> Result<u64, FormatError> 
 }
 
 fn choose(path: &Path, archive: &ZipArchive<BufReader<File>>, name: Option<&str>) -> Result<String, FormatError> {
-    let mut names: Vec<&str> = archive.file_names().filter_map(|entry| entry.strip_suffix(".npy")).collect();
+    // Entries whose names are no text cannot be asked for.
+    let mut names: Vec<String> =
+        archive.file_names().filter_map(|entry| Some(entry.ok()?.strip_suffix(".npy")?.to_owned())).collect();
     names.sort_unstable();
     let wanted = match (name, names.as_slice()) {
-        (Some(name), _) if names.contains(&name) => return Ok(format!("{name}.npy")),
+        (Some(name), _) if names.iter().any(|known| known == name) => return Ok(format!("{name}.npy")),
         (None, [only]) => return Ok(format!("{only}.npy")),
         (Some(name), _) => format!("an array called {name:?}"),
         (None, _) => "exactly one array".into(),
@@ -97,7 +99,7 @@ mod tests {
     use super::*;
     use std::io::Write;
 
-    use npyz::zip::{CompressionMethod, ZipWriter, write::FileOptions};
+    use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 
     fn array(values: &[f64]) -> Vec<u8> {
         let text = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({},), }}", values.len());
@@ -110,7 +112,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let mut zip = ZipWriter::new(file.reopen().unwrap());
         for (name, values) in entries {
-            zip.start_file(format!("{name}.npy"), FileOptions::default().compression_method(method)).unwrap();
+            zip.start_file(format!("{name}.npy"), SimpleFileOptions::default().compression_method(method)).unwrap();
             zip.write_all(&array(values)).unwrap();
         }
         zip.finish().unwrap();

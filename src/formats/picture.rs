@@ -1,5 +1,4 @@
 //! Single pictures: PNG, JPEG and BMP in, PNG out.
-#![allow(clippy::needless_pass_by_value, reason = "array views are passed like slices")]
 
 use std::io::{self, BufReader};
 use std::path::Path;

@@ -1,22 +1,24 @@
 //! TIFF files of one or many pages.
-#![allow(clippy::needless_pass_by_value, reason = "array views are passed like slices")]
 
-use std::io::{self, BufReader, Seek, Write};
-use std::path::Path;
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, ArrayView3};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::encoder::{TiffEncoder, TiffKind, colortype::Gray32Float};
+use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype::Gray32Float};
 use tiff::{ColorType, TiffError};
 
 use super::bytes::open;
 use super::picture::{LARGEST_PICTURE_BYTES, LONGEST_SIDE_PX, most_unpacked_bytes};
-use super::write::write_seekable_safely;
+use super::write::SafeFile;
 use super::{FormatError, PixelStack, Samples};
 
 const ADVICE: &str = "save it as uncompressed grey or RGB TIFF";
-/// From this many bytes on a file is written as `BigTIFF`; the offsets of a plain one end at 4 GiB.
+/// From this many bytes on a file is written as BigTIFF; the offsets of a plain one end at 4 GiB.
 const BIG_TIFF_BYTES: usize = 0xF000_0000;
+/// Room for what describes one page.
+const DIRECTORY_BYTES: usize = 512;
 
 /// Reads every page of a TIFF file as grey values of shape (rows, cols), in the counts of the file: 8- to 64-bit
 /// integers, 16- to 64-bit floats; RGB becomes Rec. 709 luma, alpha is ignored.
@@ -133,32 +135,101 @@ fn interleave(planes: &Samples, pixels: usize, channels: usize) -> Samples {
     )
 }
 
-/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF, as `ImageJ` and `tifffile` read it.
+/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF, as ImageJ and `tifffile` read it.
 ///
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written or there is no pixel.
 pub fn write_tiff(path: &Path, pages: ArrayView3<f32>) -> Result<(), FormatError> {
-    if pages.is_empty() {
-        let source = io::Error::new(io::ErrorKind::InvalidInput, "pages without pixels");
-        return Err(FormatError::from_write(path, source));
-    }
-    write_seekable_safely(path, |writer| {
-        let result = if pages.len() * size_of::<f32>() < BIG_TIFF_BYTES {
-            TiffEncoder::new(writer).and_then(|encoder| write_pages(encoder, pages))
-        } else {
-            TiffEncoder::new_big(writer).and_then(|encoder| write_pages(encoder, pages))
-        };
-        result.map_err(|error| match error {
-            TiffError::IoError(error) => error,
-            error => io::Error::new(io::ErrorKind::InvalidInput, error),
-        })
-    })
+    let mut writer = PageWriter::create(path, pages.dim())?;
+    writer.append(pages)?;
+    writer.finish()
 }
 
-fn write_pages<W: Write + Seek, K: TiffKind>(
-    mut encoder: TiffEncoder<W, K>,
-    pages: ArrayView3<f32>,
-) -> Result<(), TiffError> {
+/// Writes a TIFF file part by part, for stacks that are larger than memory should hold.
+///
+/// The file appears under its name when [`PageWriter::finish`] is called, and not at all where it is not.
+pub struct PageWriter {
+    path: PathBuf,
+    file: SafeFile,
+    encoder: Encoder,
+    /// Pages that are still to come.
+    left: usize,
+    rows: usize,
+    cols: usize,
+}
+
+/// Pages are written in one piece each, so a buffer, which could not be asked whether it arrived, would bring nothing.
+enum Encoder {
+    Standard(TiffEncoder<File, TiffKindStandard>),
+    Big(TiffEncoder<File, TiffKindBig>),
+}
+
+impl PageWriter {
+    /// Starts a file of `pages` pages of `rows` x `cols` 32-bit floats.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if the folder is missing or not writable, `path` cannot be replaced, or there is no
+    /// pixel.
+    pub fn create(path: &Path, (pages, rows, cols): (usize, usize, usize)) -> Result<Self, FormatError> {
+        let bytes = pages.saturating_mul(rows).saturating_mul(cols).saturating_mul(size_of::<f32>());
+        let started = || {
+            if bytes == 0 {
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, "pages without pixels"));
+            }
+            let file = SafeFile::create(path)?;
+            let writer = file.file().try_clone()?;
+            let directories = pages.saturating_mul(DIRECTORY_BYTES);
+            let encoder = if bytes.saturating_add(directories) < BIG_TIFF_BYTES {
+                Encoder::Standard(TiffEncoder::new(writer).map_err(system_error)?)
+            } else {
+                Encoder::Big(TiffEncoder::new_big(writer).map_err(system_error)?)
+            };
+            Ok(Self { path: path.to_path_buf(), file, encoder, left: pages, rows, cols })
+        };
+        started().map_err(|error| FormatError::from_write(path, error))
+    }
+
+    /// Adds pages, shape (pages, rows, cols).
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if the disk is full, or the pages are of another shape or more than were announced.
+    pub fn append(&mut self, pages: ArrayView3<f32>) -> Result<(), FormatError> {
+        let (count, rows, cols) = pages.dim();
+        let written = match self.left.checked_sub(count) {
+            Some(left) if (rows, cols) == (self.rows, self.cols) => {
+                self.left = left;
+                match &mut self.encoder {
+                    Encoder::Standard(encoder) => write_pages(encoder, pages),
+                    Encoder::Big(encoder) => write_pages(encoder, pages),
+                }
+                .map_err(system_error)
+            }
+            _ => Err(io::Error::new(io::ErrorKind::InvalidInput, "pages that were not announced")),
+        };
+        written.map_err(|error| FormatError::from_write(&self.path, error))
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if pages are missing or the file cannot be put in place.
+    pub fn finish(self) -> Result<(), FormatError> {
+        let finished = match self.left {
+            0 => self.file.finish(),
+            left => Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{left} pages fewer than announced"))),
+        };
+        finished.map_err(|error| FormatError::from_write(&self.path, error))
+    }
+}
+
+fn system_error(error: TiffError) -> io::Error {
+    match error {
+        TiffError::IoError(error) => error,
+        error => io::Error::new(io::ErrorKind::InvalidInput, error),
+    }
+}
+
+fn write_pages<K: TiffKind>(encoder: &mut TiffEncoder<File, K>, pages: ArrayView3<f32>) -> Result<(), TiffError> {
     for page in pages.outer_iter() {
         let (Ok(width), Ok(height)) = (u32::try_from(page.ncols()), u32::try_from(page.nrows())) else {
             return Err(TiffError::LimitsExceeded);
@@ -183,7 +254,18 @@ mod tests {
         let stack = read_equal_pages(&path).unwrap().into_array();
         assert!(stack.dim() == (3, 4, 5) && stack.iter().zip(&pages).all(|(a, b)| a.to_bits() == b.to_bits()));
         assert_eq!(read_pages(&path).unwrap()[2], pages.index_axis(ndarray::Axis(0), 2));
+        let whole = std::fs::read(&path).unwrap();
+        let mut writer = PageWriter::create(&path, (3, 4, 5)).unwrap();
+        writer.append(pages.slice(ndarray::s![..2, .., ..])).unwrap();
+        assert!(writer.append(pages.view()).is_err(), "one page is left");
+        assert!(writer.append(pages.slice(ndarray::s![2.., 1.., ..])).is_err(), "another shape");
+        writer.append(pages.slice(ndarray::s![2.., .., ..])).unwrap();
+        writer.finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), whole, "parts make the same file");
+        let unfinished = PageWriter::create(&folder.path().join("b.tif"), (1, 4, 5)).unwrap();
+        assert!(unfinished.finish().unwrap_err().to_string().contains("1 pages fewer"));
         assert!(write_tiff(&path, Array3::zeros((0, 4, 5)).view()).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

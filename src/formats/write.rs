@@ -4,6 +4,8 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use tempfile::NamedTempFile;
+
 use super::FormatError;
 
 /// Writes a file through a temporary one in the same folder: after success the file is complete and on the disk,
@@ -16,7 +18,7 @@ use super::FormatError;
 /// [`FormatError::NotWritten`] if `fill` fails, the folder is missing or not writable, the disk is full, or `path` is
 /// write-protected or not a regular file.
 pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), FormatError> {
-    write_seekable_safely(path, |writer| fill(writer))
+    fill_and_finish(path, fill).map_err(|error| FormatError::from_write(path, error))
 }
 
 /// Makes a folder and those above it; one that is there already is fine.
@@ -27,42 +29,62 @@ pub fn create_folder(path: &Path) -> Result<(), FormatError> {
     fs::create_dir_all(path).map_err(|error| FormatError::from_write(path, error))
 }
 
-/// [`write_safely`] for formats that come back to fill in offsets.
-pub(super) fn write_seekable_safely(
-    path: &Path,
-    fill: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
-) -> Result<(), FormatError> {
-    replace(path, fill).map_err(|error| FormatError::from_write(path, error))
+/// A file on its way: a temporary one in the same folder, which takes its name when it is complete and is removed
+/// where it never is.
+pub(super) struct SafeFile {
+    target: PathBuf,
+    temporary: NamedTempFile,
 }
 
-fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
-    let target = target(path)?;
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".writing-");
-    #[cfg(unix)]
-    let everyone = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o666);
-    #[cfg(unix)]
-    builder.permissions(everyone);
-    let temporary = builder.tempfile_in(folder)?;
-    let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
+impl SafeFile {
+    /// Starts a file that will be called `path`.
+    pub(super) fn create(path: &Path) -> io::Result<Self> {
+        let target = target(path)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".writing-");
+        #[cfg(unix)]
+        let everyone = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o666);
+        #[cfg(unix)]
+        builder.permissions(everyone);
+        let temporary = builder.tempfile_in(folder_of(&target))?;
+        Ok(Self { target, temporary })
+    }
+
+    /// The file to write to, unbuffered.
+    pub(super) fn file(&self) -> &File {
+        self.temporary.as_file()
+    }
+
+    /// Puts the file, with all that was written to it, in place of what had its name.
+    pub(super) fn finish(self) -> io::Result<()> {
+        if let Ok(earlier) = fs::metadata(&self.target) {
+            self.file().set_permissions(earlier.permissions())?;
+        }
+        self.file().sync_all()?;
+        self.temporary.persist(&self.target).map_err(|error| error.error)?;
+        // The file is in place by now, and some network folders cannot be synced: a refusal here is no failed write.
+        #[cfg(unix)]
+        if let Ok(folder) = File::open(folder_of(&self.target)) {
+            let _ = folder.sync_all();
+        }
+        Ok(())
+    }
+}
+
+fn fill_and_finish(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let file = SafeFile::create(path)?;
+    let mut writer = BufWriter::with_capacity(1 << 16, file.file());
     fill(&mut writer)?;
     writer.flush()?;
     drop(writer);
-    if let Ok(earlier) = fs::metadata(&target) {
-        temporary.as_file().set_permissions(earlier.permissions())?;
+    file.finish()
+}
+
+fn folder_of(target: &Path) -> &Path {
+    match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
     }
-    temporary.as_file().sync_all()?;
-    temporary.persist(&target).map_err(|error| error.error)?;
-    // The file is in place by now, and some network folders cannot be synced: a refusal here is not a failed write.
-    #[cfg(unix)]
-    if let Ok(folder) = File::open(folder) {
-        let _ = folder.sync_all();
-    }
-    Ok(())
 }
 
 /// The file to replace: links are followed; write-protected files and anything but a regular file are refused.

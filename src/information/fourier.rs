@@ -84,8 +84,9 @@ pub(super) fn good_length(needed: usize) -> usize {
         }
         n == 1
     };
-    // A power of two lies within a factor of two, so the search succeeds.
-    (needed.max(1)..=2 * needed.max(1)).find(smooth).unwrap_or(needed)
+    // A power of two lies within a factor of two.
+    let needed = needed.max(1);
+    (needed..2 * needed).find(smooth).unwrap_or(needed)
 }
 
 #[cfg(test)]

@@ -198,6 +198,21 @@ impl ObjectSet {
     /// [`ObjectError::EmptySplit`] if no base image is in that part, [`ObjectError::TooMany`] if memory does not
     /// suffice.
     pub fn objects(&self, split: Split, count: usize, seed: u64) -> Result<Array4<f32>, ObjectError> {
+        self.objects_from(split, 0, count, seed)
+    }
+
+    /// Objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws, for sets that are drawn part
+    /// by part.
+    ///
+    /// # Errors
+    /// As [`ObjectSet::objects`].
+    pub fn objects_from(
+        &self,
+        split: Split,
+        first: usize,
+        count: usize,
+        seed: u64,
+    ) -> Result<Array4<f32>, ObjectError> {
         let ((rows, cols), planes) = (self.field, self.planes());
         let too_many = || ObjectError::TooMany { count, planes, rows, cols };
         let pixels = rows * cols;
@@ -213,7 +228,8 @@ impl ObjectSet {
         let mut photons = Vec::new();
         photons.try_reserve_exact(length).map_err(|_| too_many())?;
         photons.resize(length, 0.0);
-        photons.par_chunks_mut(planes * pixels).enumerate().for_each(|(index, object)| {
+        photons.par_chunks_mut(planes * pixels).enumerate().for_each(|(offset, object)| {
+            let index = first.wrapping_add(offset);
             let mut generator = split.generator(seed, index as u64);
             for plane in object.chunks_mut(pixels) {
                 let plane = view((rows, cols), plane);

@@ -15,6 +15,10 @@ use serde::{Deserialize, Serialize};
 pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
 
 /// A diffuser on a 32x32 PSF grid.
+#[allow(
+    clippy::unsafe_derive_deserialize,
+    reason = "the unsafe code is in ndarray's slicing macro, not in an invariant"
+)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Diffuser {
     /// Side of the square aperture in pixels, centred; 1 to 32.

@@ -66,7 +66,7 @@ pub fn random_layout(count: usize, seed: u64) -> LensletArray {
     const HALF_SPAN: f64 = 0.7 * 16.0;
     const JITTER: f64 = 1.6;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let side = (1..).find(|side| side * side >= count).unwrap_or(1);
+    let side = (1..=count).find(|side| side * side >= count).unwrap_or(1);
     let tick = |index: usize| match side {
         1 => 0.0,
         _ => HALF_SPAN * (2.0 * index as f64 / (side - 1) as f64 - 1.0),

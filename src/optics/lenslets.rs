@@ -222,7 +222,8 @@ impl Lenslet {
             Spot::Anisotropic { xx, xy, yy } => {
                 let determinant = xx * yy - xy * xy;
                 let smallest = self.spot.principal_sigmas().0;
-                if !(xx > 0.0 && yy > 0.0 && determinant > 0.0) || !determinant.is_finite() {
+                let is_definite = xx > 0.0 && yy > 0.0 && determinant > 0.0 && determinant.is_finite();
+                if !is_definite {
                     wrong("covariance_px2 determinant", determinant, "a positive definite covariance")
                 } else if !(MIN_SIGMA..=MAX_SIGMA).contains(&smallest) {
                     wrong("smallest width", smallest, "0.1 to 1000 pixels")

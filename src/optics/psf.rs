@@ -83,9 +83,9 @@ pub fn psf_gradient(
     Ok(gradients)
 }
 
-/// Derivatives of <cotangent, share x spot> by the spot's parameters, and <cotangent, spot> itself in `weight`.
+/// Derivatives of `<cotangent, share x spot>` by the spot's parameters, and `<cotangent, spot>` itself in `weight`.
 ///
-/// With spot g = e / sum(e), e = exp(-q/2): dg/dt = g (d log e/dt - E_g[d log e/dt]), so each derivative is the
+/// With spot g = e / sum(e), e = exp(-q/2): `dg/dt = g (d log e/dt - E_g[d log e/dt])`, so each derivative is the
 /// covariance under g of the cotangent with the score of the unnormalised Gaussian.
 fn spot_gradient(
     array: &LensletArray,

@@ -2,7 +2,7 @@
 //!
 //! The sensor sees less than the object: x = (o * h)[valid] + bias, true convolution (the kernel is flipped), summed
 //! over depth planes. A 96x96 object and a 32x32 PSF give a 65x65 measurement, x(i, j) = sum over k of
-//! h(k) o(i + 31 - k_row, j + 31 - k_col). A circular convolution of the object's own size is exact on the valid
+//! `h(k) o(i + 31 - k_row, j + 31 - k_col)`. A circular convolution of the object's own size is exact on the valid
 //! region, because what wraps around lands outside of it, so nothing is padded beyond the next length with small
 //! prime factors.
 //!
@@ -97,13 +97,15 @@ type Spectrum = Vec<Complex<f32>>;
 fn fast_length(least: usize) -> usize {
     let smooth = |mut length: usize| {
         for factor in [2, 3, 5] {
-            while length % factor == 0 {
+            while length.is_multiple_of(factor) {
                 length /= factor;
             }
         }
         length == 1
     };
-    (least.max(2)..).find(|&length| length % 2 == 0 && smooth(length)).unwrap_or(least)
+    // A power of two lies within a factor of two.
+    let least = least.max(2);
+    (least..2 * least).find(|&length| length.is_multiple_of(2) && smooth(length)).unwrap_or(least)
 }
 
 impl Convolution {

@@ -50,10 +50,15 @@ impl Noise {
     ///
     /// Image i draws from stream i of the generator of `seed`: it has the same noise whatever else is in the stack.
     pub fn draw(self, encoded: ArrayView3<'_, f32>, seed: u64) -> Array3<f32> {
+        self.draw_from(encoded, 0, seed)
+    }
+
+    /// [`Noise::draw`] for images `first` and following of a stack that is drawn part by part.
+    pub fn draw_from(self, encoded: ArrayView3<'_, f32>, first: usize, seed: u64) -> Array3<f32> {
         let mut noisy = encoded.to_owned();
         noisy.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(index, mut image)| {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
-            random.set_stream(index as u64);
+            random.set_stream(first.wrapping_add(index) as u64);
             if self.has_shot_noise() {
                 image.map_inplace(|pixel| *pixel = sample_poisson(f64::from(*pixel), &mut random) as f32);
             }
@@ -150,6 +155,7 @@ mod tests {
         let noise = Noise::ShotRead { sigma: 1.0 };
         let whole = noise.draw(encoded.view(), 3);
         assert_eq!(noise.draw(encoded.slice(s![..2, .., ..]), 3), whole.slice(s![..2, .., ..]));
+        assert_eq!(noise.draw_from(encoded.slice(s![2.., .., ..]), 2, 3), whole.slice(s![2.., .., ..]));
         assert_ne!(noise.draw(encoded.view(), 4), whole);
     }
 }

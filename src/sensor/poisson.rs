@@ -65,12 +65,12 @@ fn inversion(mean: f64, random: &mut impl Rng) -> f64 {
 
 /// Natural logarithm of `count`!, exact to rounding: a table, then Stirling's series.
 fn ln_factorial(count: f64) -> f64 {
+    const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
     if let Some(&value) = LN_FACTORIALS.get(count as usize) {
         return value;
     }
     let inverse = 1.0 / count;
     let square = inverse * inverse;
-    const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
     (count + 0.5) * count.ln() - count + HALF_LN_TAU + inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square / 1260.0))
 }
 

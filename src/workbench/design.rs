@@ -136,7 +136,10 @@ impl Design {
     /// [`DesignFileError`] where the design cannot be rendered or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), DesignFileError> {
         let psf = self.psf(1)?;
-        write_json(path, &DesignFile { format: FORMAT, format_version: FORMAT_VERSION, design: self, psf: rows_of(&psf) })?;
+        write_json(
+            path,
+            &DesignFile { format: FORMAT, format_version: FORMAT_VERSION, design: self, psf: rows_of(&psf) },
+        )?;
         Ok(())
     }
 

@@ -175,7 +175,13 @@ impl PatchSource<'_> {
     ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
         if count == 0 {
             let (rows, cols) = self.patch;
-            return Err(InformationError::TooFewPatches { model: step_model(step), needed: 1, found: 0, pixels: rows * cols }.into());
+            return Err(InformationError::TooFewPatches {
+                model: step_model(step),
+                needed: 1,
+                found: 0,
+                pixels: rows * cols,
+            }
+            .into());
         }
         let mut parts = Vec::new();
         for first in (0..count).step_by(BATCH) {

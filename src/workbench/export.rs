@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use ndarray::{ArrayViewD, Axis};
+use ndarray::Axis;
 use thiserror::Error;
 
 use super::design::{Design, DesignError, DesignFileError};
+use super::evaluation::EvaluationError;
 use crate::formats::{self, FormatError};
 use crate::optics::Spot;
 
@@ -21,6 +22,9 @@ pub enum ExportError {
     /// The mask cannot be rendered.
     #[error(transparent)]
     Mask(#[from] DesignError),
+    /// What was to be exported could not be computed.
+    #[error(transparent)]
+    Evaluation(#[from] EvaluationError),
 }
 
 /// Writes a design into `folder`, which is made if need be: `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
@@ -63,47 +67,6 @@ pub fn export_design(design: &Design, folder: &Path) -> Result<Vec<PathBuf>, Exp
             vec![lenslet.x, lenslet.y, sigma, lenslet.weight, lenslet.plane as f64, xx, xy, yy]
         });
         formats::write_csv(&file("lenslets.csv"), &header, rows)?;
-    }
-    Ok(files)
-}
-
-/// File format of measurement stacks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MeasurementFormat {
-    /// NPY, 32-bit float.
-    Npy,
-    /// TIFF, one page of 32-bit floats per measurement.
-    Tiff,
-}
-
-/// Writes named stacks, shape (n, rows, cols) or (n, planes, rows, cols), into `folder`, which is made if need be. TIFF
-/// has one page per plane.
-///
-/// # Errors
-/// [`ExportError`] names the file that could not be written.
-pub fn export_measurements(
-    stacks: &[(&str, ArrayViewD<'_, f32>)],
-    format: MeasurementFormat,
-    folder: &Path,
-) -> Result<Vec<PathBuf>, ExportError> {
-    formats::create_folder(folder)?;
-    let mut files = Vec::new();
-    for (name, stack) in stacks {
-        let path = match format {
-            MeasurementFormat::Npy => folder.join(format!("{name}.npy")),
-            MeasurementFormat::Tiff => folder.join(format!("{name}.tiff")),
-        };
-        match format {
-            MeasurementFormat::Npy => formats::write_array(&path, stack.view())?,
-            MeasurementFormat::Tiff => {
-                let sides = stack.shape();
-                let (rows, cols) = (sides[sides.len() - 2], sides[sides.len() - 1]);
-                // As many pages as hold all pixels, so the shape always fits.
-                let pages = stack.to_shape((stack.len() / (rows * cols).max(1), rows, cols)).map_err(std::io::Error::other);
-                formats::write_tiff(&path, pages.map_err(|error| FormatError::from_write(&path, error))?.view())?;
-            }
-        }
-        files.push(path);
     }
     Ok(files)
 }

@@ -7,7 +7,8 @@ use ndarray::{Array2, Array3};
 
 use super::colormap::Colormap;
 use super::design::Design;
-use super::export::{self, Curve, MeasurementFormat};
+use super::export::{self, Curve};
+use super::stacks::{self, MeasurementFormat};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, import_psf};
 
@@ -148,7 +149,7 @@ impl Job {
                     ("noiseless", noiseless.view().into_dyn()),
                     ("measurements", noisy.view().into_dyn()),
                 ];
-                let files = export::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
+                let files = stacks::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files })
             }
             Self::ExportView { image, limits, colormap, path } => {

@@ -10,6 +10,7 @@ mod evaluation;
 mod export;
 mod jobs;
 mod simulation;
+mod stacks;
 mod worker;
 
 pub use bench::Workbench;
@@ -20,7 +21,8 @@ pub use estimation::{EstimateRequest, GaussianModel, estimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
-pub use export::{Curve, MeasurementFormat, export_design, export_measurements};
+pub use export::{Curve, ExportError, export_design};
 pub use jobs::{Job, Outcome};
-pub use simulation::{Simulated, simulate};
+pub use simulation::{Simulated, Simulator};
+pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

@@ -1,4 +1,4 @@
-//! Objects and their measurements through a design, as many as are asked for.
+//! Objects and their measurements through a design, as many as are asked for, part by part.
 
 use ndarray::{Array3, Array4, s};
 use rand::{Rng, SeedableRng};
@@ -19,17 +19,46 @@ pub struct Simulated {
     pub noisy: Array3<f32>,
 }
 
-/// Opens the objects of a design and measures `count` of them.
-///
-/// # Errors
-/// [`EvaluationError`] where the objects cannot be read or do not fit the PSF.
-pub fn simulate(design: &Design, count: usize) -> Result<(ObjectSet, Simulated), EvaluationError> {
-    let set = open_set(design)?;
-    let convolver = convolver(design, &set)?;
-    let objects = set.objects(Split::All, count, design.seed)?;
-    let noiseless = convolver.measure(objects.view(), design.bias_photons)?;
-    let noisy = design.noise.draw(noiseless.view(), design.seed);
-    Ok((set, Simulated { objects, noiseless, noisy }))
+/// A design with its objects opened, ready to be measured.
+pub struct Simulator<'a> {
+    design: &'a Design,
+    set: ObjectSet,
+    convolver: Convolver,
+}
+
+impl<'a> Simulator<'a> {
+    /// Opens the objects of a design and renders its PSF.
+    ///
+    /// # Errors
+    /// [`EvaluationError`] where the objects cannot be read or do not fit the PSF.
+    pub fn new(design: &'a Design) -> Result<Self, EvaluationError> {
+        let set = open_set(design)?;
+        let convolver = convolver(design, &set)?;
+        Ok(Self { design, set, convolver })
+    }
+
+    /// The objects.
+    pub fn set(&self) -> &ObjectSet {
+        &self.set
+    }
+
+    /// Shape (rows, cols) of the measurements.
+    pub fn measurement_shape(&self) -> (usize, usize) {
+        self.convolver.plan().measurement_shape()
+    }
+
+    /// Measures objects `first` to `first + count - 1`. An object and its noise depend on its number and the design's
+    /// seed alone, so parts of any length make the same whole.
+    ///
+    /// # Errors
+    /// [`EvaluationError`] where they do not fit into memory.
+    pub fn measure(&self, first: usize, count: usize) -> Result<Simulated, EvaluationError> {
+        let design = self.design;
+        let objects = self.set.objects_from(Split::All, first, count, design.seed)?;
+        let noiseless = self.convolver.measure(objects.view(), design.bias_photons)?;
+        let noisy = design.noise.draw_from(noiseless.view(), first, design.seed);
+        Ok(Simulated { objects, noiseless, noisy })
+    }
 }
 
 /// The objects of a design.

@@ -152,6 +152,7 @@ impl Drop for Worker {
     }
 }
 
+#[allow(clippy::large_enum_variant, reason = "one task at a time")]
 enum Task {
     Evaluate(u64, Arc<Design>),
     Job(Job),

@@ -1,0 +1,218 @@
+//! Stacks of objects and measurements, written part by part.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::{ArrayViewD, Axis};
+
+use super::design::Design;
+use super::export::ExportError;
+use super::simulation::Simulator;
+use crate::formats::{self, ArrayWriter, FormatError, PageWriter};
+use crate::sparsity::tamura_of_stack;
+
+/// File format of measurement stacks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeasurementFormat {
+    /// NPY, 32-bit float.
+    Npy,
+    /// TIFF, one page of 32-bit floats per measurement.
+    Tiff,
+}
+
+/// Bytes of objects and measurements that are in memory at a time, about.
+const BATCH_BYTES: usize = 64 << 20;
+
+/// One stack on its way to a file.
+struct StackWriter {
+    path: PathBuf,
+    writer: Writer,
+}
+
+enum Writer {
+    Npy(ArrayWriter),
+    Tiff(PageWriter),
+}
+
+impl StackWriter {
+    /// Starts `folder/name.npy` or `folder/name.tiff` of this shape: (n, rows, cols) or (n, planes, rows, cols).
+    fn create(folder: &Path, name: &str, format: MeasurementFormat, shape: &[usize]) -> Result<Self, FormatError> {
+        Ok(match format {
+            MeasurementFormat::Npy => {
+                let path = folder.join(format!("{name}.npy"));
+                Self { writer: Writer::Npy(ArrayWriter::create(&path, shape)?), path }
+            }
+            MeasurementFormat::Tiff => {
+                let path = folder.join(format!("{name}.tiff"));
+                Self { writer: Writer::Tiff(PageWriter::create(&path, pages_of(shape))?), path }
+            }
+        })
+    }
+
+    fn append(&mut self, part: ArrayViewD<'_, f32>) -> Result<(), FormatError> {
+        match &mut self.writer {
+            Writer::Npy(writer) => writer.append(part),
+            Writer::Tiff(writer) => {
+                // As many pages as hold all pixels, so the shape always fits.
+                let pages = part.to_shape(pages_of(part.shape())).map_err(std::io::Error::other);
+                writer.append(pages.map_err(|error| FormatError::from_write(&self.path, error))?.view())
+            }
+        }
+    }
+
+    fn finish(self) -> Result<PathBuf, FormatError> {
+        match self.writer {
+            Writer::Npy(writer) => writer.finish()?,
+            Writer::Tiff(writer) => writer.finish()?,
+        }
+        Ok(self.path)
+    }
+}
+
+/// The shape (pages, rows, cols) of a stack with planes or without.
+fn pages_of(shape: &[usize]) -> (usize, usize, usize) {
+    match shape {
+        [before @ .., rows, cols] => {
+            (before.iter().fold(1, |product: usize, &axis| product.saturating_mul(axis)), *rows, *cols)
+        }
+        _ => (0, 0, 0),
+    }
+}
+
+/// Writes named stacks, shape (n, rows, cols) or (n, planes, rows, cols), into `folder`, which is made if need be. TIFF
+/// has one page per plane.
+///
+/// # Errors
+/// [`ExportError`] names the file that could not be written.
+pub fn export_measurements(
+    stacks: &[(&str, ArrayViewD<'_, f32>)],
+    format: MeasurementFormat,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, ExportError> {
+    formats::create_folder(folder)?;
+    let write = |(name, stack): &(&str, ArrayViewD<'_, f32>)| {
+        let mut writer = StackWriter::create(folder, name, format, stack.shape())?;
+        writer.append(stack.view())?;
+        Ok(writer.finish()?)
+    };
+    stacks.iter().map(write).collect()
+}
+
+/// What [`measure_into`] wrote.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredStacks {
+    /// Shape of the objects: (n, rows, cols), or (n, planes, rows, cols) for volumes.
+    pub object_shape: Vec<usize>,
+    /// Shape of the measurements: (n, rows, cols).
+    pub measurement_shape: Vec<usize>,
+    /// Tamura coefficient of each noisy measurement.
+    pub tamura: Vec<f64>,
+    /// The files: objects, noiseless and noisy measurements, design.
+    pub files: Vec<PathBuf>,
+}
+
+/// Measures `count` objects of a design into `objects`, `noiseless` and `measurements` (NPY or TIFF) and `design.json`
+/// in `folder`, which is made if need be.
+///
+/// Memory does not grow with `count`: objects are drawn, measured and written a batch at a time, and what is written
+/// does not depend on the length of a batch. No file appears before all are complete. `progress` hears how many
+/// objects are done.
+///
+/// # Errors
+/// [`ExportError`] where something cannot be computed or written.
+pub fn measure_into(
+    folder: &Path,
+    design: &Design,
+    simulator: &Simulator<'_>,
+    count: usize,
+    format: MeasurementFormat,
+    progress: &mut dyn FnMut(usize),
+) -> Result<MeasuredStacks, ExportError> {
+    let (rows, cols) = simulator.set().field();
+    let (measured_rows, measured_cols) = simulator.measurement_shape();
+    let bytes = 4 * (simulator.set().planes() * rows * cols + 2 * measured_rows * measured_cols);
+    measure_in_batches(folder, design, simulator, count, (BATCH_BYTES / bytes).max(1), format, progress)
+}
+
+fn measure_in_batches(
+    folder: &Path,
+    design: &Design,
+    simulator: &Simulator<'_>,
+    count: usize,
+    batch: usize,
+    format: MeasurementFormat,
+    progress: &mut dyn FnMut(usize),
+) -> Result<MeasuredStacks, ExportError> {
+    let (rows, cols) = simulator.set().field();
+    let object_shape = match simulator.set().planes() {
+        1 => vec![count, rows, cols],
+        planes => vec![count, planes, rows, cols],
+    };
+    let (measured_rows, measured_cols) = simulator.measurement_shape();
+    let measurement_shape = vec![count, measured_rows, measured_cols];
+    formats::create_folder(folder)?;
+    let start = |name, shape: &[usize]| StackWriter::create(folder, name, format, shape);
+    let mut objects = start("objects", &object_shape)?;
+    let mut noiseless = start("noiseless", &measurement_shape)?;
+    let mut noisy = start("measurements", &measurement_shape)?;
+    let mut tamura = Vec::new();
+    let mut first = 0;
+    while first < count {
+        let length = batch.min(count - first);
+        let part = simulator.measure(first, length)?;
+        objects.append(match simulator.set().planes() {
+            1 => part.objects.index_axis(Axis(1), 0).into_dyn(),
+            _ => part.objects.view().into_dyn(),
+        })?;
+        noiseless.append(part.noiseless.view().into_dyn())?;
+        noisy.append(part.noisy.view().into_dyn())?;
+        tamura.extend(tamura_of_stack(part.noisy.view()));
+        first += length;
+        progress(first);
+    }
+    let mut files = vec![objects.finish()?, noiseless.finish()?, noisy.finish()?];
+    let record = folder.join("design.json");
+    design.save(&record)?;
+    files.push(record);
+    Ok(MeasuredStacks { object_shape, measurement_shape, tamura, files })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{Encoder, depth_layout};
+    use crate::sensor::Noise;
+
+    #[test]
+    fn the_length_of_a_batch_changes_no_byte() {
+        let folder = tempfile::tempdir().unwrap();
+        let volume = Design {
+            objects: "volume:3:0.01".parse().unwrap(),
+            encoder: Encoder::Lenslets(depth_layout(3)),
+            noise: Noise::ShotRead { sigma: 2.0 },
+            ..Design::default()
+        };
+        for (kind, design) in [Design::default(), volume].iter().enumerate() {
+            let simulator = Simulator::new(design).unwrap();
+            for format in [MeasurementFormat::Npy, MeasurementFormat::Tiff] {
+                let written = |batch: usize| {
+                    let folder = folder.path().join(format!("{kind}-{format:?}-{batch}"));
+                    let result =
+                        measure_in_batches(&folder, design, &simulator, 7, batch, format, &mut |_| {}).unwrap();
+                    let bytes: Vec<_> = result.files.iter().map(|file| std::fs::read(file).unwrap()).collect();
+                    (result.tamura, bytes)
+                };
+                let whole = written(100);
+                assert_eq!(whole.0.len(), 7);
+                for batch in [1, 3, 7] {
+                    assert!(written(batch) == whole, "batches of {batch}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pages_hold_all_planes() {
+        assert_eq!(pages_of(&[5, 3, 7, 9]), (15, 7, 9));
+        assert_eq!(pages_of(&[5, 7, 9]), (5, 7, 9));
+    }
+}
