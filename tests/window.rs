@@ -290,7 +290,9 @@ fn noise_and_photons_are_set_in_the_scene() {
     settle(&mut window);
     window.get_by_label("Read noise sigma");
     let read = live(&window).information.unwrap().value.gaussian;
-    assert!((read.entropy_y_given_x - 0.5 * (2.0 * std::f64::consts::PI * std::f64::consts::E * 25.0).log2()).abs() < 1e-9);
+    assert!(
+        (read.entropy_y_given_x - 0.5 * (2.0 * std::f64::consts::PI * std::f64::consts::E * 25.0).log2()).abs() < 1e-9
+    );
     click(&mut window, "None noise");
     settle(&mut window);
     let failure = live(&window).failure.expect("information is unbounded without noise");

@@ -10,6 +10,7 @@
 //! [`Convolver`]; the spectra of objects that are measured again and again belong to [`ObjectSpectra`]. Images are
 //! spread over threads; the result does not depend on how many there are.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use ndarray::{Array3, ArrayView2, ArrayView3, ArrayView4, Axis};
@@ -93,6 +94,18 @@ pub struct ObjectSpectra {
 /// Half spectrum of a real image, one run of `extent.0` row frequencies per column frequency.
 type Spectrum = Vec<Complex<f32>>;
 
+/// Rows that are transposed together: as many complex numbers as a cache line holds.
+const BLOCK: usize = 8;
+
+/// What a transform needs besides its input and output; one per thread and call.
+struct Workspace {
+    /// One row of pixels.
+    line: Vec<f32>,
+    /// Half spectra of [`BLOCK`] rows.
+    block: Vec<Complex<f32>>,
+    scratch: Vec<Complex<f32>>,
+}
+
 /// The smallest even length of at least `least` with no prime factor above 5.
 fn fast_length(least: usize) -> usize {
     let smooth = |mut length: usize| {
@@ -152,7 +165,8 @@ impl Convolution {
         }
         let scale = 1.0 / (self.extent.0 * self.extent.1) as f64;
         let scaled = psf.map(|&value| (value * scale) as f32);
-        let spectra = scaled.axis_iter(Axis(0)).map(|plane| self.forward(plane)).collect();
+        let mut workspace = self.workspace();
+        let spectra = scaled.axis_iter(Axis(0)).map(|plane| self.spectrum_of(plane, &mut workspace)).collect();
         Ok(Convolver { plan: self.clone(), spectra })
     }
 
@@ -165,7 +179,10 @@ impl Convolution {
         let spectra = objects
             .axis_iter(Axis(0))
             .into_par_iter()
-            .map(|object| object.axis_iter(Axis(0)).map(|plane| self.forward(plane)).collect())
+            .map_init(
+                || self.workspace(),
+                |workspace, object| object.axis_iter(Axis(0)).map(|plane| self.spectrum_of(plane, workspace)).collect(),
+            )
             .collect();
         Ok(ObjectSpectra { objects: spectra })
     }
@@ -183,49 +200,101 @@ impl Convolution {
         self.extent.1 / 2 + 1
     }
 
-    /// Half spectrum of an image no larger than the transform, zero-padded at the bottom and right.
-    fn forward(&self, image: ArrayView2<'_, f32>) -> Spectrum {
-        let (extent_rows, extent_cols) = self.extent;
-        let half = self.half();
-        let mut line = vec![0.0; extent_cols];
-        let mut transformed = vec![Complex::default(); half];
-        let mut scratch = vec![Complex::default(); self.rows_forward.get_scratch_len()];
-        let mut spectrum = vec![Complex::default(); half * extent_rows];
-        for (row, pixels) in image.rows().into_iter().enumerate() {
-            for (value, &pixel) in line.iter_mut().zip(pixels) {
-                *value = pixel;
-            }
-            line[pixels.len()..].fill(0.0);
-            // The buffers have the plan's lengths, which is all that can go wrong here.
-            let _ = self.rows_forward.process_with_scratch(&mut line, &mut transformed, &mut scratch);
-            for (col, &value) in transformed.iter().enumerate() {
-                spectrum[col * extent_rows + row] = value;
-            }
+    fn workspace(&self) -> Workspace {
+        let scratch = [
+            self.rows_forward.get_scratch_len(),
+            self.rows_inverse.get_scratch_len(),
+            self.cols_forward.get_inplace_scratch_len(),
+            self.cols_inverse.get_inplace_scratch_len(),
+        ];
+        Workspace {
+            line: vec![0.0; self.extent.1],
+            block: vec![Complex::default(); BLOCK * self.half()],
+            scratch: vec![Complex::default(); scratch.into_iter().max().unwrap_or(0)],
         }
-        let mut scratch = vec![Complex::default(); self.cols_forward.get_inplace_scratch_len()];
-        self.cols_forward.process_with_scratch(&mut spectrum, &mut scratch);
+    }
+
+    /// A spectrum to be filled.
+    fn empty_spectrum(&self) -> Spectrum {
+        vec![Complex::default(); self.half() * self.extent.0]
+    }
+
+    /// The half spectrum of an image in a buffer of its own.
+    fn spectrum_of(&self, image: ArrayView2<'_, f32>, workspace: &mut Workspace) -> Spectrum {
+        let mut spectrum = self.empty_spectrum();
+        self.forward(image, workspace, &mut spectrum);
         spectrum
     }
 
-    /// Rows `first_row..` of the image with this half spectrum, handed to `receive` as (row, pixels).
-    fn inverse(&self, mut spectrum: Spectrum, rows: std::ops::Range<usize>, mut receive: impl FnMut(usize, &[f32])) {
-        let (extent_rows, extent_cols) = self.extent;
+    /// Half spectrum of an image no larger than the transform, zero-padded at the bottom and right.
+    fn forward(&self, image: ArrayView2<'_, f32>, workspace: &mut Workspace, spectrum: &mut Spectrum) {
+        let extent_rows = self.extent.0;
         let half = self.half();
-        let mut scratch = vec![Complex::default(); self.cols_inverse.get_inplace_scratch_len()];
-        self.cols_inverse.process_with_scratch(&mut spectrum, &mut scratch);
-        let mut transformed = vec![Complex::default(); half];
-        let mut line = vec![0.0; extent_cols];
-        let mut scratch = vec![Complex::default(); self.rows_inverse.get_scratch_len()];
-        for row in rows {
-            for (col, value) in transformed.iter_mut().enumerate() {
-                *value = spectrum[col * extent_rows + row];
+        let Workspace { line, block, scratch } = workspace;
+        let row_scratch = self.rows_forward.get_scratch_len();
+        let (rows, cols) = image.dim();
+        for first in (0..extent_rows).step_by(BLOCK) {
+            let block_rows = BLOCK.min(extent_rows - first);
+            for (index, transformed) in block.chunks_exact_mut(half).take(block_rows).enumerate() {
+                let row = first + index;
+                if row >= rows {
+                    transformed.fill(Complex::default());
+                    continue;
+                }
+                let pixels = image.row(row);
+                match pixels.as_slice() {
+                    Some(pixels) => line[..cols].copy_from_slice(pixels),
+                    None => line.iter_mut().zip(pixels).for_each(|(value, &pixel)| *value = pixel),
+                }
+                line[cols..].fill(0.0);
+                // The buffers have the plan's lengths, which is all that can go wrong here.
+                let _ = self.rows_forward.process_with_scratch(line, transformed, &mut scratch[..row_scratch]);
             }
-            // A real image has real values at frequency 0 and at the highest; rounding leaves crumbs there.
-            transformed[0].im = 0.0;
-            transformed[half - 1].im = 0.0;
-            let _ = self.rows_inverse.process_with_scratch(&mut transformed, &mut line, &mut scratch);
-            receive(row, &line);
+            for (col, run) in spectrum.chunks_exact_mut(extent_rows).enumerate() {
+                for (index, value) in run[first..first + block_rows].iter_mut().enumerate() {
+                    *value = block[index * half + col];
+                }
+            }
         }
+        self.cols_forward.process_with_scratch(spectrum, scratch);
+    }
+
+    /// The given rows of the image with this half spectrum, handed to `receive` as (row, pixels). The spectrum is used
+    /// up.
+    fn inverse(
+        &self,
+        spectrum: &mut Spectrum,
+        workspace: &mut Workspace,
+        rows: Range<usize>,
+        mut receive: impl FnMut(usize, &[f32]),
+    ) {
+        let extent_rows = self.extent.0;
+        let half = self.half();
+        let Workspace { line, block, scratch } = workspace;
+        let row_scratch = self.rows_inverse.get_scratch_len();
+        self.cols_inverse.process_with_scratch(spectrum, scratch);
+        for first in rows.clone().step_by(BLOCK) {
+            let block_rows = BLOCK.min(rows.end - first);
+            for (col, run) in spectrum.chunks_exact(extent_rows).enumerate() {
+                for (index, &value) in run[first..first + block_rows].iter().enumerate() {
+                    block[index * half + col] = value;
+                }
+            }
+            for (index, transformed) in block.chunks_exact_mut(half).take(block_rows).enumerate() {
+                // A real image has real values at frequency 0 and at the highest; rounding leaves crumbs there.
+                transformed[0].im = 0.0;
+                transformed[half - 1].im = 0.0;
+                let _ = self.rows_inverse.process_with_scratch(transformed, line, &mut scratch[..row_scratch]);
+                receive(first + index, line);
+            }
+        }
+    }
+}
+
+/// `sum` += `a` x `b`, entry by entry.
+fn add_product(sum: &mut [Complex<f32>], a: &[Complex<f32>], b: &[Complex<f32>]) {
+    for (value, (&a, &b)) in sum.iter_mut().zip(a.iter().zip(b)) {
+        *value += a * b;
     }
 }
 
@@ -243,24 +312,13 @@ impl Convolver {
     pub fn measure(&self, objects: ArrayView4<'_, f32>, bias: f64) -> Result<Array3<f32>, SensorError> {
         self.plan.check_objects(&objects)?;
         self.check_planes(objects.len_of(Axis(1)))?;
-        Ok(self.measure_each(objects.len_of(Axis(0)), bias, |index| {
-            let planes = objects.index_axis_move(Axis(0), index);
-            let mut planes = planes.axis_iter(Axis(0)).zip(&self.spectra);
-            // `check_planes` saw at least one plane.
-            let mut sum = match planes.next() {
-                Some((plane, psf)) => {
-                    let mut spectrum = self.plan.forward(plane);
-                    spectrum.iter_mut().zip(psf).for_each(|(value, &h)| *value *= h);
-                    spectrum
-                }
-                None => Vec::new(),
-            };
-            for (plane, psf) in planes {
-                let spectrum = self.plan.forward(plane);
-                sum.iter_mut().zip(spectrum.iter().zip(psf)).for_each(|(value, (&o, &h))| *value += o * h);
+        let convolve = |index: usize, workspace: &mut Workspace, part: &mut Spectrum, sum: &mut Spectrum| {
+            for (plane, psf) in objects.index_axis(Axis(0), index).axis_iter(Axis(0)).zip(&self.spectra) {
+                self.plan.forward(plane, workspace, part);
+                add_product(sum, part, psf);
             }
-            sum
-        }))
+        };
+        Ok(self.measure_each(objects.len_of(Axis(0)), bias, convolve))
     }
 
     /// As [`Convolver::measure`], for objects whose spectra are known.
@@ -271,13 +329,12 @@ impl Convolver {
         for planes in &objects.objects {
             self.check_planes(planes.len())?;
         }
-        Ok(self.measure_each(objects.objects.len(), bias, |index| {
-            let mut sum = vec![Complex::default(); self.plan.half() * self.plan.extent.0];
+        let convolve = |index: usize, _: &mut Workspace, _: &mut Spectrum, sum: &mut Spectrum| {
             for (spectrum, psf) in objects.objects[index].iter().zip(&self.spectra) {
-                sum.iter_mut().zip(spectrum.iter().zip(psf)).for_each(|(value, (&o, &h))| *value += o * h);
+                add_product(sum, spectrum, psf);
             }
-            sum
-        }))
+        };
+        Ok(self.measure_each(objects.objects.len(), bias, convolve))
     }
 
     /// Pulls a gradient by the encoded images, shape (n, rows, cols), back to the PSF, shape (planes, rows, cols):
@@ -302,25 +359,28 @@ impl Convolver {
         let scale = 1.0 / (plan.extent.0 * plan.extent.1) as f64;
         let parts: Vec<Array3<f64>> = (0..count)
             .into_par_iter()
-            .map(|index| {
-                // The measurement's first pixel stands at the last row and column of the PSF's reach.
-                let mut placed = ndarray::Array2::<f32>::zeros(plan.object);
-                placed
-                    .slice_mut(ndarray::s![psf_rows - 1.., psf_cols - 1..])
-                    .assign(&cotangent.index_axis(Axis(0), index));
-                let seen = plan.forward(placed.view());
-                let mut part = Array3::zeros((planes, psf_rows, psf_cols));
-                for (plane, object) in objects.index_axis(Axis(0), index).axis_iter(Axis(0)).enumerate() {
-                    let mut product = plan.forward(object);
-                    product.iter_mut().zip(&seen).for_each(|(value, &c)| *value = c * value.conj());
-                    plan.inverse(product, 0..psf_rows, |row, line| {
-                        for col in 0..psf_cols {
-                            part[(plane, row, col)] = f64::from(line[col]) * scale;
-                        }
-                    });
-                }
-                part
-            })
+            .map_init(
+                || plan.workspace(),
+                |workspace, index| {
+                    // The measurement's first pixel stands at the last row and column of the PSF's reach.
+                    let mut placed = ndarray::Array2::<f32>::zeros(plan.object);
+                    placed
+                        .slice_mut(ndarray::s![psf_rows - 1.., psf_cols - 1..])
+                        .assign(&cotangent.index_axis(Axis(0), index));
+                    let seen = plan.spectrum_of(placed.view(), workspace);
+                    let mut part = Array3::zeros((planes, psf_rows, psf_cols));
+                    for (plane, object) in objects.index_axis(Axis(0), index).axis_iter(Axis(0)).enumerate() {
+                        let mut product = plan.spectrum_of(object, workspace);
+                        product.iter_mut().zip(&seen).for_each(|(value, &c)| *value = c * value.conj());
+                        plan.inverse(&mut product, workspace, 0..psf_rows, |row, line| {
+                            for col in 0..psf_cols {
+                                part[(plane, row, col)] = f64::from(line[col]) * scale;
+                            }
+                        });
+                    }
+                    part
+                },
+            )
             .collect();
         // Summed in order, so that the result does not depend on the threads.
         Ok(parts.into_iter().fold(Array3::zeros((planes, psf_rows, psf_cols)), |sum, part| sum + part))
@@ -333,20 +393,32 @@ impl Convolver {
         Err(shape_error("planes of the objects", &[self.spectra.len()], &[found]))
     }
 
-    fn measure_each(&self, count: usize, bias: f64, spectrum: impl Fn(usize) -> Spectrum + Sync) -> Array3<f32> {
-        let (rows, cols) = self.plan.measurement_shape();
-        let (first_row, first_col) = (self.plan.psf.0 - 1, self.plan.psf.1 - 1);
+    /// Encoded images whose spectra `convolve` adds to zeros: (index, workspace, spare spectrum, spectrum).
+    fn measure_each(
+        &self,
+        count: usize,
+        bias: f64,
+        convolve: impl Fn(usize, &mut Workspace, &mut Spectrum, &mut Spectrum) + Sync,
+    ) -> Array3<f32> {
+        let plan = &self.plan;
+        let (rows, cols) = plan.measurement_shape();
+        let (first_row, first_col) = (plan.psf.0 - 1, plan.psf.1 - 1);
         let bias = bias as f32;
         let mut measurements = Array3::zeros((count, rows, cols));
-        measurements.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(index, mut image)| {
-            self.plan.inverse(spectrum(index), first_row..first_row + rows, |row, line| {
-                for (pixel, &value) in image.row_mut(row - first_row).iter_mut().zip(&line[first_col..first_col + cols])
-                {
-                    // Light is not negative; the transforms round.
-                    *pixel = value.max(0.0) + bias;
-                }
-            });
-        });
+        measurements.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each_init(
+            || (plan.workspace(), plan.empty_spectrum(), plan.empty_spectrum()),
+            |(workspace, part, sum), (index, mut image)| {
+                sum.fill(Complex::default());
+                convolve(index, workspace, part, sum);
+                plan.inverse(sum, workspace, first_row..first_row + rows, |row, line| {
+                    let seen = &line[first_col..first_col + cols];
+                    for (pixel, &value) in image.row_mut(row - first_row).iter_mut().zip(seen) {
+                        // Light is not negative; the transforms round.
+                        *pixel = value.max(0.0) + bias;
+                    }
+                });
+            },
+        );
         measurements
     }
 }

@@ -1,15 +1,17 @@
 //! Exact Poisson samples, fast enough for every pixel of every mouse move.
 //!
-//! Means of at least 10 photons use transformed rejection with a squeeze (PTRS; Hörmann, "The transformed rejection
-//! method for generating Poisson random variables", 1993): one division and one comparison settle most samples.
-//! Smaller means sum the distribution up to a uniform number.
+//! Means of at least 10 photons use the modified normal distribution (Ahrens and Dieter, "Computer generation of Poisson
+//! deviates from modified normal distributions", ACM TOMS 8, 1982): nearly all samples are a normal number rounded down
+//! that passes a cubic squeeze, and the rest are settled by exact quotients. Smaller means sum the distribution
+//! up to a uniform number.
 
 use rand::Rng;
+use rand_distr::{Distribution, Exp1, StandardNormal};
 
 /// Draws from the Poisson distribution of mean `mean` photons. A mean that is 0, negative or NaN gives 0.
 pub fn sample_poisson(mean: f64, random: &mut impl Rng) -> f64 {
     if mean >= 10.0 {
-        transformed_rejection(mean, random)
+        modified_normal(mean, random)
     } else if mean > 0.0 {
         inversion(mean, random)
     } else {
@@ -17,40 +19,91 @@ pub fn sample_poisson(mean: f64, random: &mut impl Rng) -> f64 {
     }
 }
 
-/// Two independent uniform numbers from one draw, in steps of 2^-32: (-1/2, 1/2) and (0, 1).
-fn two_uniforms(random: &mut impl Rng) -> (f64, f64) {
-    const STEP: f64 = 1.0 / 4_294_967_296.0;
-    let bits = random.next_u64();
-    let centred = (f64::from((bits >> 32) as u32) + 0.5) * STEP - 0.5;
-    let unit = (f64::from(bits as u32) + 0.5) * STEP;
-    (centred, unit)
+/// A uniform number in [0, 1) with all 53 bits.
+fn uniform(random: &mut impl Rng) -> f64 {
+    (random.next_u64() >> 11) as f64 / 9_007_199_254_740_992.0
 }
 
-fn transformed_rejection(mean: f64, random: &mut impl Rng) -> f64 {
-    let b = 0.931 + 2.53 * mean.sqrt();
-    let a = -0.059 + 0.024_83 * b;
-    let v_r = 0.9277 - 3.6224 / (b - 2.0);
+fn modified_normal(mean: f64, random: &mut impl Rng) -> f64 {
+    let deviation = mean.sqrt();
+    let normal: f64 = StandardNormal.sample(random);
+    let candidate = mean + deviation * normal;
+    // Truncation is rounding down here, and much cheaper than `floor` without SSE 4.1.
+    let count = candidate as i64 as f64;
+    // Above the mean the Poisson probability exceeds the normal one; below, it falls short by a margin that this cubic
+    // bounds. One test serves both sides: a branch on the side would be guessed wrong half of the time.
+    let short = mean - count;
+    let u = uniform(random);
+    if 6.0 * mean * mean * u >= short * short * short && candidate >= 0.0 {
+        return count;
+    }
+    if candidate < 0.0 {
+        return double_exponential(mean, deviation, random);
+    }
+    let quotient = Quotient::new(mean, deviation);
+    if quotient.normal(count) * (1.0 - u) <= quotient.poisson(count) {
+        return count;
+    }
+    double_exponential(mean, deviation, random)
+}
+
+/// Samples from the part of the Poisson distribution that exceeds the normal one, under a double exponential hat.
+fn double_exponential(mean: f64, deviation: f64, random: &mut impl Rng) -> f64 {
+    let quotient = Quotient::new(mean, deviation);
+    // Height of the hat; it covers the excess for every mean from 10 on.
+    let height = 0.1069 / mean;
     loop {
-        let (u, v) = two_uniforms(random);
-        let us = 0.5 - u.abs();
-        let k = ((2.0 * a / us + b) * u + mean + 0.43).floor();
-        if us >= 0.07 && v <= v_r {
-            return k;
-        }
-        if k < 0.0 || (us < 0.013 && v > us) {
+        let exponential: f64 = Exp1.sample(random);
+        let u = 2.0 * uniform(random) - 1.0;
+        let t = 1.8 + exponential.copysign(u);
+        if t <= -0.6744 {
             continue;
         }
-        let inverse_alpha = 1.1239 + 1.1328 / (b - 3.4);
-        let left = (v * inverse_alpha / (a / (us * us) + b)).ln();
-        if left <= k * mean.ln() - mean - ln_factorial(k) {
-            return k;
+        let count = (mean + deviation * t).floor();
+        let excess = quotient.poisson(count) - quotient.normal(count);
+        if height * u.abs() <= excess * exponential.exp() {
+            return count;
         }
     }
 }
 
+/// The two distributions that are compared: Poisson probabilities, and the discrete normal distribution that is
+/// sampled first, as the expansion of Ahrens and Dieter.
+struct Quotient {
+    mean: f64,
+    deviation: f64,
+    omega: f64,
+    coefficients: [f64; 4],
+}
+
+impl Quotient {
+    fn new(mean: f64, deviation: f64) -> Self {
+        let b1 = 1.0 / (24.0 * mean);
+        let b2 = 0.3 * b1 * b1;
+        let c3 = b1 * b2 / 7.0;
+        let c2 = b2 - 15.0 * c3;
+        let c1 = b1 - 6.0 * b2 + 45.0 * c3;
+        let c0 = 1.0 - b1 + 3.0 * b2 - 15.0 * c3;
+        Self { mean, deviation, omega: INVERSE_ROOT_TAU / deviation, coefficients: [c0, c1, c2, c3] }
+    }
+
+    fn poisson(&self, count: f64) -> f64 {
+        (count * self.mean.ln() - self.mean - ln_factorial(count)).exp()
+    }
+
+    fn normal(&self, count: f64) -> f64 {
+        let x = (0.5 - (self.mean - count)) / self.deviation;
+        let square = x * x;
+        let [c0, c1, c2, c3] = self.coefficients;
+        self.omega * (((c3 * square + c2) * square + c1) * square + c0) * (-0.5 * square).exp()
+    }
+}
+
+/// 1 / sqrt(2 pi)
+const INVERSE_ROOT_TAU: f64 = 0.398_942_280_401_432_7;
+
 fn inversion(mean: f64, random: &mut impl Rng) -> f64 {
-    // 53 bits: the distribution is summed to the last digit that a uniform number has.
-    let uniform = (random.next_u64() >> 11) as f64 / 9_007_199_254_740_992.0;
+    let uniform = uniform(random);
     let mut probability = (-mean).exp();
     let mut sum = probability;
     let mut count = 0.0;

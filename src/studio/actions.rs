@@ -130,12 +130,7 @@ pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
 fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
     let mut pictures = Vec::new();
     let mut picture = |view: &ImageView, image| {
-        pictures.push(Purpose::ExportView {
-            name: view.name(),
-            image,
-            limits: view.limits(),
-            colormap: view.colormap,
-        });
+        pictures.push(Purpose::ExportView { name: view.name(), image, limits: view.limits(), colormap: view.colormap });
     };
     if let Some(optics) = &state.live.optics {
         picture(&state.views.psf, optics.value.image.clone());

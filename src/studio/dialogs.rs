@@ -75,7 +75,9 @@ impl Purpose {
         match self {
             Self::OpenDesign => "A design file (.json)",
             Self::SaveAs => "A design file (.json); an existing one is replaced",
-            Self::OpenObjects => "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures",
+            Self::OpenObjects => {
+                "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures"
+            }
             Self::ImportPsf => "A picture (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
             Self::ExportDesign => {
                 "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is made if need be"

@@ -102,7 +102,11 @@ pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
 fn nice_end(value: f64) -> f64 {
     let value = value.max(1e-3);
     let decade = 10_f64.powf(value.log10().floor());
-    [1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0].into_iter().map(|step| step * decade).find(|&end| end >= value).unwrap_or(value)
+    [1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0]
+        .into_iter()
+        .map(|step| step * decade)
+        .find(|&end| end >= value)
+        .unwrap_or(value)
 }
 
 fn details(ui: &mut Ui, information: &LiveInformation) {
@@ -197,10 +201,8 @@ fn tamura(ui: &mut Ui, state: &State) {
     }
     painter.vline(at(TAMURA_GUIDE), axis - 8.0..=axis + 8.0, Stroke::new(1.5, CEILING));
     painter.text(pos2(at(TAMURA_GUIDE), axis + 8.0), egui::Align2::CENTER_TOP, "0.75", font, CEILING);
-    let band = egui::Rect::from_x_y_ranges(
-        at(sensor.mean - sensor.sd)..=at(sensor.mean + sensor.sd),
-        axis - 3.0..=axis + 3.0,
-    );
+    let band =
+        egui::Rect::from_x_y_ranges(at(sensor.mean - sensor.sd)..=at(sensor.mean + sensor.sd), axis - 3.0..=axis + 3.0);
     painter.rect_filled(band, 2.0, GAUSSIAN.gamma_multiply(0.4));
     painter.circle_filled(pos2(at(sensor.mean), axis), 5.0, GAUSSIAN);
     if let Some(objects) = objects {

@@ -101,7 +101,9 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
     change(LensletChange::Weight, &|lenslet| weight.map(|weight| Lenslet { weight, ..lenslet }));
     if volumes {
         let plane = number_field(ui, lenslet.plane as f64, 0.0..=63.0, 0.05, 0, "", &format!("Lenslet {number} plane"));
-        change(LensletChange::Plane, &|lenslet| plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet }));
+        change(LensletChange::Plane, &|lenslet| {
+            plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet })
+        });
     }
 }
 
@@ -116,8 +118,12 @@ pub fn number_field(
     name: &str,
 ) -> Option<f64> {
     let mut edited = value;
-    let field =
-        DragValue::new(&mut edited).range(range).clamp_existing_to_range(false).speed(speed).max_decimals(decimals).suffix(suffix);
+    let field = DragValue::new(&mut edited)
+        .range(range)
+        .clamp_existing_to_range(false)
+        .speed(speed)
+        .max_decimals(decimals)
+        .suffix(suffix);
     let response = ui.add(field);
     name_widget(&response, name);
     (response.changed() && edited != value).then_some(edited)

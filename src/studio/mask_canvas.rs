@@ -73,13 +73,7 @@ fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Lim
 }
 
 /// Box selection, deselection and adding, on the picture itself.
-fn canvas_gestures(
-    ui: &Ui,
-    state: &mut State,
-    placement: Placement,
-    response: &egui::Response,
-    array: &LensletArray,
-) {
+fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
     let shift = ui.input(|input| input.modifiers.shift);
     if response.double_clicked()
         && let Some(position) = response.interact_pointer_pos()
@@ -134,14 +128,7 @@ fn inside((x, y): (f64, f64), array: &LensletArray) -> (f64, f64) {
 }
 
 /// Draws one handle and does what the pointer does on it.
-fn handle(
-    ui: &Ui,
-    state: &mut State,
-    placement: Placement,
-    array: &LensletArray,
-    index: usize,
-    lenslet: &Lenslet,
-) {
+fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray, index: usize, lenslet: &Lenslet) {
     let centre = placement.to_screen(lenslet.x, lenslet.y);
     let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
     let reach = radius.clamp(MIN_HANDLE, 24.0);
@@ -285,9 +272,9 @@ fn draw_handle(
     let fill = base.gamma_multiply(0.04 + 0.24 * share);
     let outline: Vec<_> = match lenslet.spot {
         Spot::Isotropic(_) => Vec::new(),
-        Spot::Anisotropic { xx, xy, yy } => ellipse(xx, xy, yy)
-            .map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale)
-            .collect(),
+        Spot::Anisotropic { xx, xy, yy } => {
+            ellipse(xx, xy, yy).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect()
+        }
     };
     // A dark line outside and a light one inside are seen on every colour below.
     if outline.is_empty() {
@@ -321,7 +308,8 @@ fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray) {
         return;
     }
     let (delete, all, nudge) = ui.input(|input| {
-        let axis = |plus, minus| f64::from(u8::from(input.key_pressed(plus))) - f64::from(u8::from(input.key_pressed(minus)));
+        let axis =
+            |plus, minus| f64::from(u8::from(input.key_pressed(plus))) - f64::from(u8::from(input.key_pressed(minus)));
         let step = if input.modifiers.shift { 10.0 * NUDGE_PX } else { NUDGE_PX };
         let nudge = (axis(Key::ArrowRight, Key::ArrowLeft) * step, axis(Key::ArrowDown, Key::ArrowUp) * step);
         let delete = input.key_pressed(Key::Delete) || input.key_pressed(Key::Backspace);

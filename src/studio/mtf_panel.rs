@@ -33,8 +33,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let stale = !state.is_current(optics.revision);
         let image = mtf.map.view();
         let version = (optics.revision, 0);
-        let (placement, response) =
-            state.views.mtf.show(ui, &state.palettes, image, version, stale, Sense::hover());
+        let (placement, response) = state.views.mtf.show(ui, &state.palettes, image, version, stale, Sense::hover());
         if let Some(position) = response.hover_pos() {
             let (x, y) = placement.to_pixels(position);
             let (rows, cols) = image.dim();
@@ -74,11 +73,6 @@ fn curve(mtf: &Mtf) -> Curve {
             ]
         })
         .collect();
-    let header = [
-        "horizontal_cycles_per_px",
-        "horizontal_modulation",
-        "vertical_cycles_per_px",
-        "vertical_modulation",
-    ];
+    let header = ["horizontal_cycles_per_px", "horizontal_modulation", "vertical_cycles_per_px", "vertical_modulation"];
     Curve { header: header.map(String::from).to_vec(), rows }
 }

@@ -25,9 +25,9 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
     ui.strong("Objects");
     ui.add_space(2.0);
     let density = match &design.objects {
-        ObjectSource::Beads { density }
-        | ObjectSource::BeadsMax { density }
-        | ObjectSource::Volume { density, .. } => *density,
+        ObjectSource::Beads { density } | ObjectSource::BeadsMax { density } | ObjectSource::Volume { density, .. } => {
+            *density
+        }
         _ => 0.02,
     };
     let mut chosen = None;
@@ -68,7 +68,11 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
         ObjectSource::Idx(_) | ObjectSource::Cifar(_) | ObjectSource::Images(_) | ObjectSource::Stack(_) => true,
     };
     ui.horizontal(|ui| {
-        if ui.button("Open objects...").on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, a picture, or a folder of pictures").clicked() {
+        if ui
+            .button("Open objects...")
+            .on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, a picture, or a folder of pictures")
+            .clicked()
+        {
             state.dialogs.ask(Purpose::OpenObjects, state.bench.path());
         }
         if from_file {

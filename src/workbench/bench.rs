@@ -27,7 +27,11 @@ impl Workbench {
     ///
     /// # Errors
     /// Where the operating system gives no thread.
-    pub fn new(design: Design, path: Option<PathBuf>, wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Self> {
+    pub fn new(
+        design: Design,
+        path: Option<PathBuf>,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> std::io::Result<Self> {
         let worker = Worker::start(wake)?;
         let design = Arc::new(design);
         worker.evaluate(1, Arc::clone(&design));

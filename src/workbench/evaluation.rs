@@ -85,10 +85,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`ObjectError`] where the objects cannot be read.
-    pub fn open(
-        design: &Design,
-        watch: &dyn Fn(Progress) -> ControlFlow<()>,
-    ) -> Result<Self, ObjectError> {
+    pub fn open(design: &Design, watch: &dyn Fn(Progress) -> ControlFlow<()>) -> Result<Self, ObjectError> {
         let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
         let set = ObjectSet::open_with(&design.objects, &options, watch)?;
         Self::of_set(set, design)
@@ -99,8 +96,11 @@ impl Scene {
         let count = (LIVE_PIXELS / (set.planes() * rows * cols).max(1)).clamp(1, LIVE_COUNT);
         let objects = set.objects(Split::All, count, design.seed)?;
         let coefficients = tamura_of_stack(objects.index_axis(Axis(1), 0));
-        let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[]))
-            .unwrap_or(TamuraSummary { mean: 0.0, sd: 0.0, count: 0 });
+        let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[])).unwrap_or(TamuraSummary {
+            mean: 0.0,
+            sd: 0.0,
+            count: 0,
+        });
         Ok(Self {
             source: design.objects.clone(),
             mean_photons: design.mean_photons,
@@ -205,8 +205,11 @@ impl SceneOptics {
         let (top, left) = ((rows - self.patch.0) / 2, (cols - self.patch.1) / 2);
         let patches = noisy.slice(ndarray::s![.., top..top + self.patch.0, left..left + self.patch.1]);
         let coefficients = tamura_of_stack(patches);
-        let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[]))
-            .unwrap_or(TamuraSummary { mean: 0.0, sd: 0.0, count: 0 });
+        let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[])).unwrap_or(TamuraSummary {
+            mean: 0.0,
+            sd: 0.0,
+            count: 0,
+        });
         Ok(Measurements { noiseless, noisy, tamura })
     }
 

@@ -249,8 +249,7 @@ impl Evaluator {
                 results.live.seconds = start.elapsed().as_secs_f64();
             }
             // A newer design, which waits in the mailbox, looks at other objects.
-            Err(EvaluationError::Objects(ObjectError::Cancelled))
-                if !shared.cancelled.load(Ordering::Relaxed) => {}
+            Err(EvaluationError::Objects(ObjectError::Cancelled)) if !shared.cancelled.load(Ordering::Relaxed) => {}
             Err(error) => results.live.failure = Some((revision, error.to_string())),
         }
     }
@@ -265,8 +264,11 @@ impl Evaluator {
         let superseded = |newer: &Design| !Scene::same_objects(design, newer);
         let scene = self.scene(design, revision, shared, &superseded)?;
         // Opening the objects may have told that they have more planes.
-        let optics =
-            if scene.set.planes() > planes { self.optics(design, scene.set.planes(), revision, shared)? } else { optics };
+        let optics = if scene.set.planes() > planes {
+            self.optics(design, scene.set.planes(), revision, shared)?
+        } else {
+            optics
+        };
         publish(&|live| live.scene = Some(Stamped { revision, value: Arc::clone(&scene) }));
         let shape = design.encoder.grid();
         let known = self.scene_optics.as_ref();
@@ -284,8 +286,7 @@ impl Evaluator {
                 &self.noise_entropy.insert((design.noise, entropy)).1
             }
         };
-        let information =
-            Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
+        let information = Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
         publish(&|live| live.information = Some(Stamped { revision, value: Arc::clone(&information) }));
         Ok(())
     }
