@@ -109,9 +109,8 @@ fn character_length(text: &str) -> Option<usize> {
 
 /// Names that follow `crate::` or `lenslet_studio::` here: one, or those of a group in braces.
 fn named(after: &str) -> Vec<String> {
-    let identifier = |text: &str| -> String {
-        text.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
-    };
+    let identifier =
+        |text: &str| -> String { text.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect() };
     let after = after.trim_start();
     let Some(group) = after.strip_prefix('{') else { return vec![identifier(after)] };
     let (mut names, mut depth, mut start) = (Vec::new(), 0, 0);
@@ -137,9 +136,9 @@ fn named(after: &str) -> Vec<String> {
 /// Places where `word` stands alone.
 fn words<'a>(code: &'a str, word: &'a str) -> impl Iterator<Item = usize> + 'a {
     let part = |c: char| c.is_alphanumeric() || c == '_';
-    code.match_indices(word).map(|(at, _)| at).filter(move |&at| {
-        !code[..at].ends_with(part) && !code[at + word.len()..].starts_with(part)
-    })
+    code.match_indices(word)
+        .map(|(at, _)| at)
+        .filter(move |&at| !code[..at].ends_with(part) && !code[at + word.len()..].starts_with(part))
 }
 
 /// Checks one file; `path` is relative to `src`.

@@ -40,7 +40,9 @@ fn version_1_opens_with_every_value() {
     assert_eq!(volume.limits, Limits::default(), "an early file without limits has the published ones");
 
     let diffuser = Design::open(&data("design-v1-diffuser.json")).unwrap();
-    assert!(matches!(diffuser.encoder, Encoder::Diffuser(diffuser) if (diffuser.aperture_px, diffuser.seed) == (12, 3)));
+    assert!(
+        matches!(diffuser.encoder, Encoder::Diffuser(diffuser) if (diffuser.aperture_px, diffuser.seed) == (12, 3))
+    );
     assert_eq!(diffuser.objects, ObjectSource::Idx("train images.gz".into()));
 
     let picture = Design::open(&data("design-v1-picture.json")).unwrap();

@@ -153,8 +153,7 @@ fn design_file(bench: &Bench, change: impl Fn(&mut Value)) {
     if !bench.path("base/design.json").is_file() {
         bench.done("export --lenslets heuristic:3 --out base");
     }
-    let mut design: Value =
-        serde_json::from_slice(&std::fs::read(bench.path("base/design.json")).unwrap()).unwrap();
+    let mut design: Value = serde_json::from_slice(&std::fs::read(bench.path("base/design.json")).unwrap()).unwrap();
     change(&mut design);
     bench.write("bad.json", serde_json::to_vec(&design).unwrap());
 }
@@ -172,7 +171,7 @@ fn designs_that_cannot_be_are_named() {
         (|design| *design = json!([1, 2]), "no format entry"),
         (|design| *design = json!(null), "no format entry"),
         (|design| design["encoder"]["lenslets"][1]["x_px"] = json!(1e300), "lenslet 2: x_px is 1e300"),
-        (|design| design["encoder"]["lenslets"][1]["y_px"] = json!(null), "null"),
+        (|design| design["encoder"]["lenslets"][1]["y_px"] = json!(null), "encoder: invalid type: null"),
         (|design| design["encoder"]["lenslets"][1]["sigma_px"] = json!(-1.0), "lenslet 2: sigma_px"),
         (|design| design["encoder"]["lenslets"][0]["weight"] = json!(-1e-9), "lenslet 1: weight"),
         (|design| design["encoder"]["lenslets"][0]["plane"] = json!(1_000_000), "lenslet 1: plane"),
@@ -185,7 +184,7 @@ fn designs_that_cannot_be_are_named() {
         (|design| design["noise"] = json!("read:-1"), "read noise"),
         (|design| design["objects"] = json!("beads:2"), "density"),
         (|design| design["limits"]["central_share"] = json!(0), "central_share"),
-        (|design| design["seed"] = json!(-1), "seed"),
+        (|design| design["seed"] = json!(-1), "seed: invalid value"),
     ];
     for (change, part) in cases {
         design_file(&bench, change);
@@ -216,7 +215,8 @@ fn designs_that_cannot_be_are_named() {
     let diffuser = |design: &mut Value| design["encoder"] = json!({"kind": "diffuser", "aperture_px": 0, "seed": 1});
     design_file(&bench, diffuser);
     assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "aperture_px"]);
-    for broken in ["", "{", "nonsense", "{\"format\": \"lenslet-studio/design\", \"format_version\": 1}", "\u{feff}{}"] {
+    for broken in ["", "{", "nonsense", "{\"format\": \"lenslet-studio/design\", \"format_version\": 1}", "\u{feff}{}"]
+    {
         bench.write("bad.json", broken);
         assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "expected"]);
     }

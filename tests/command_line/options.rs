@@ -24,7 +24,10 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --noise read:nan", "read noise"),
         ("estimate --estimator pixelcnn", "gaussian-analytic"),
         ("estimate --protocol mine", "paper"),
-        ("estimate --bias 0 --protocol paper --patch 8 --patches-train 50 --patches-test 50 --objects beads:0.0005", "bias"),
+        (
+            "estimate --bias 0 --protocol paper --patch 8 --patches-train 50 --patches-test 50 --objects beads:0.0005",
+            "bias",
+        ),
         ("measure --count 0 --out out", "--count 0: expected 1"),
         ("measure --count 18446744073709551615 --out out", "--count"),
         ("measure --count 99999999999999999999 --out out", "--count"),
@@ -127,7 +130,8 @@ fn paths_need_not_be_text() {
     let bench = Bench::new();
     let odd = OsStr::from_bytes(b"odd-\xff\xfe");
     for json in [false, true] {
-        let mut arguments = vec![OsStr::new("measure"), OsStr::new("--count"), OsStr::new("1"), OsStr::new("--out"), odd];
+        let mut arguments =
+            vec![OsStr::new("measure"), OsStr::new("--count"), OsStr::new("1"), OsStr::new("--out"), odd];
         arguments.extend(json.then_some(OsStr::new("--json")));
         let output = bench.run(&arguments);
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -141,7 +145,13 @@ fn paths_need_not_be_text() {
     assert!(missing.status.code() == Some(2) && text(&missing.stderr).contains("found nothing"));
     let design = bench.path(odd).join("design.json");
     assert_eq!(bench.run([design.as_os_str()]).status.code(), Some(0));
-    let objects = bench.run([OsStr::new("measure"), OsStr::new("--objects"), OsStr::from_bytes(b"stack:\xff"), OsStr::new("--out"), odd]);
+    let objects = bench.run([
+        OsStr::new("measure"),
+        OsStr::new("--objects"),
+        OsStr::from_bytes(b"stack:\xff"),
+        OsStr::new("--out"),
+        odd,
+    ]);
     assert_eq!(objects.status.code(), Some(2));
 }
 

@@ -93,7 +93,8 @@ fn measurements_have_their_shapes_and_poisson_statistics() {
     assert!(String::from_utf8_lossy(&bytes(&bench, "a/measurements.npy")[..128]).contains("'<f4'"));
     assert!(noiseless.iter().all(|&photons| photons >= 10.0));
     assert!(noisy.iter().all(|&photons| photons >= 0.0 && photons.fract() == 0.0));
-    let scores: Vec<f64> = noisy.iter().zip(&noiseless).map(|(&y, &x)| f64::from(y - x) / f64::from(x).sqrt()).collect();
+    let scores: Vec<f64> =
+        noisy.iter().zip(&noiseless).map(|(&y, &x)| f64::from(y - x) / f64::from(x).sqrt()).collect();
     let samples = scores.len() as f64;
     let (mean, variance) = (scores.iter().sum::<f64>() / samples, scores.iter().map(|z| z * z).sum::<f64>() / samples);
     assert!(mean.abs() < 4.0 / samples.sqrt(), "{mean}");
@@ -119,7 +120,10 @@ fn seeds_reproduce_and_the_design_that_is_kept_repeats_the_run() {
         assert!(bytes(&bench, &format!("a/{name}")) == bytes(&bench, &format!("b/{name}")), "{name}");
     }
     assert_ne!(bytes(&bench, "a/measurements.npy"), bytes(&bench, "c/measurements.npy"));
-    assert_eq!(array3(&bench, "a/measurements.npy").slice_axis(Axis(0), (0..2).into()), array3(&bench, "d/measurements.npy"));
+    assert_eq!(
+        array3(&bench, "a/measurements.npy").slice_axis(Axis(0), (0..2).into()),
+        array3(&bench, "d/measurements.npy")
+    );
     assert_eq!(read_array(&bench.path("a/objects.npy")).unwrap().shape(), [3, 3, 96, 96]);
 }
 
@@ -168,10 +172,15 @@ fn an_estimate_is_never_bare() {
         assert_eq!(again, result, "the same seed gives the same estimate");
     }
     let told = bench.done(line);
-    for part in ["at most", "bits per pixel", "ceiling", "gaussian-stationary", "default protocol", "seed", "patch 8 x 6"] {
+    for part in
+        ["at most", "bits per pixel", "ceiling", "gaussian-stationary", "default protocol", "seed", "patch 8 x 6"]
+    {
         assert!(told.contains(part), "{part} in {told}");
     }
-    assert_eq!(bench.json("estimate --patch sensor --patches-train 40 --patches-test 20")["patch"], serde_json::json!([65, 65]));
+    assert_eq!(
+        bench.json("estimate --patch sensor --patches-train 40 --patches-test 20")["patch"],
+        serde_json::json!([65, 65])
+    );
     let paper = bench.json(&format!("{line} --protocol paper"));
     assert_eq!(paper["protocol"], "paper");
 }
@@ -183,7 +192,9 @@ fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     assert_eq!(output.status.code(), Some(0));
     assert_eq!(super::text(&output.stderr).trim_end().lines().count(), 1, "{}", super::text(&output.stderr));
     let told = super::text(&output.stdout);
-    for part in ["9 lenslets before beads:0.02", "Gaussian bound", "object-entropy ceiling", "Tamura coefficient", "psf.npy"] {
+    for part in
+        ["9 lenslets before beads:0.02", "Gaussian bound", "object-entropy ceiling", "Tamura coefficient", "psf.npy"]
+    {
         assert!(told.contains(part), "{part} in {told}");
     }
     for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
@@ -191,5 +202,8 @@ fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     }
     bench.done("measure --noise none --count 1 --out dark");
     let told = bench.done("dark/design.json");
-    assert!(told.contains("No information: information is unbounded without noise") && told.contains("psf.npy"), "{told}");
+    assert!(
+        told.contains("No information: information is unbounded without noise") && told.contains("psf.npy"),
+        "{told}"
+    );
 }

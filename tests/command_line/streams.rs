@@ -23,7 +23,8 @@ fn everything_has_help() {
 #[test]
 fn shells_are_offered_completions() {
     let bench = Bench::new();
-    for (shell, part) in [("bash", "complete -F"), ("zsh", "#compdef lenslet-studio"), ("fish", "complete -c lenslet-studio")]
+    for (shell, part) in
+        [("bash", "complete -F"), ("zsh", "#compdef lenslet-studio"), ("fish", "complete -c lenslet-studio")]
     {
         let script = bench.done(&format!("completions {shell}"));
         assert!(script.contains(part) && script.contains("patches-train"), "{shell}");
@@ -77,7 +78,10 @@ fn a_full_disk_behind_standard_output_is_told() {
         let output = bench.command().args(line.split_whitespace()).stdout(full).output().unwrap();
         let told = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{line}: {told}");
-        assert!(told.starts_with("lenslet-studio: standard output: expected") && told.trim_end().lines().count() == 1, "{told}");
+        assert!(
+            told.starts_with("lenslet-studio: standard output: expected") && told.trim_end().lines().count() == 1,
+            "{told}"
+        );
         // With standard error full as well, nobody can be told, and the code remains.
         let full = || OpenOptions::new().write(true).open("/dev/full").unwrap();
         let status = bench.command().args(line.split_whitespace()).stdout(full()).stderr(full()).status().unwrap();
