@@ -6,6 +6,8 @@ use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Limits, Spot};
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::workbench::Design;
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 use serde_json::{Value, json};
 
 /// Files written by version 1 of the format. They are never changed: what opened once opens always.
@@ -105,4 +107,85 @@ fn unknown_entries_are_ignored_and_newer_versions_refused() {
     let told = Design::open(&path).unwrap_err().to_string();
     assert!(told.starts_with(&path.display().to_string()) && !told.contains('\n'), "{told}");
     assert!(told.contains("version 2, written by a newer Lenslet Studio; update this program"), "{told}");
+}
+
+/// Every place of a JSON value, the outermost first.
+fn places(value: &Value, path: &str, found: &mut Vec<String>) {
+    found.push(path.to_owned());
+    match value {
+        Value::Object(entries) => {
+            entries.iter().for_each(|(key, entry)| places(entry, &format!("{path}/{key}"), found));
+        }
+        Value::Array(entries) => {
+            entries.iter().enumerate().for_each(|(index, entry)| places(entry, &format!("{path}/{index}"), found));
+        }
+        _ => {}
+    }
+}
+
+fn any_value() -> impl Strategy<Value = Value> {
+    let number = prop_oneof![
+        any::<f64>().prop_map(|value| json!(value)),
+        any::<i64>().prop_map(|value| json!(value)),
+        any::<u64>().prop_map(|value| json!(value)),
+        prop::sample::select(vec![0.0, -0.0, 1e-300, 1e300, -1.0, 0.1, 1000.0, 1e9, 31.5, 1e-5]).prop_map(|v| json!(v)),
+        (0..70_u64).prop_map(|value| json!(value)),
+    ];
+    let text = prop_oneof![
+        "\\PC{0,8}",
+        "(beads|beads-max|volume|read|shot[+]read|stack):[0-9.e-]{0,6}",
+        prop::sample::select(vec!["shot", "none", "lenslets", "diffuser", "image", ""]).prop_map(str::to_owned),
+    ];
+    prop_oneof![
+        6 => number,
+        2 => text.prop_map(Value::from),
+        1 => prop::sample::select(vec![json!(null), json!(true), json!([]), json!({}), json!([[]]), json!([[1, 2], [3]])]),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 400,
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(20_260_302),
+        ..ProptestConfig::default()
+    })]
+
+    /// A file with anything in any place is refused in one sentence or is a design that can be rendered and saved.
+    #[test]
+    fn changed_files_are_refused_or_are_designs(
+        name in prop::sample::select(VERSION_1.to_vec()),
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any_value(), any::<bool>()), 1..3),
+    ) {
+        let mut value = json_of(&data(name));
+        for (place, new, removed) in changes {
+            let mut found = Vec::new();
+            places(&value, "", &mut found);
+            let place = found[place.index(found.len())].clone();
+            let (parent, key) = place.rsplit_once('/').unwrap_or(("", ""));
+            match value.pointer_mut(parent).and_then(Value::as_object_mut) {
+                Some(entries) if removed => {
+                    entries.remove(key);
+                }
+                _ => *value.pointer_mut(&place).unwrap() = new,
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        std::fs::write(&path, value.to_string()).unwrap();
+        match Design::open(&path) {
+            Err(error) => {
+                let told = error.to_string();
+                prop_assert!(told.starts_with(&path.display().to_string()) && !told.contains('\n'), "{told}");
+                prop_assert!(told.len() < path.as_os_str().len() + 400, "{told}");
+            }
+            Ok(design) => {
+                let psf = design.psf(1).unwrap();
+                prop_assert!(psf.iter().all(|value| value.is_finite() && *value >= 0.0));
+                prop_assert!((psf.sum() - 1.0).abs() < 1e-5, "{} from {value}", psf.sum());
+                design.save(&path).unwrap();
+                prop_assert_eq!(Design::open(&path).unwrap(), design);
+            }
+        }
+    }
 }

@@ -19,6 +19,7 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --patches-train 0", "at least"),
         ("estimate --patches-train 18446744073709551615", "--patches-train"),
         ("estimate --patches-train 100000000000", "--patches-train"),
+        ("estimate --patches-test 1000000 --patch sensor --patches-train 2", "do not fit into memory"),
         ("estimate --noise none", "unbounded without noise"),
         ("estimate --noise read:0", "read noise"),
         ("estimate --noise read:nan", "read noise"),
