@@ -7,7 +7,7 @@ use std::str::FromStr;
 use anyhow::{Context, bail};
 
 use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, import_psf, random_layout};
-use crate::workbench::Design;
+use crate::workbench::{Design, EvaluationError};
 
 /// An encoder named by `--lenslets`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -99,6 +99,19 @@ impl FromStr for PatchChoice {
             .map(|(rows, cols)| Self::Shape(rows, cols))
             .ok_or_else(|| format!("patch {text:?}: expected pixels such as 32, rows x cols such as 16x24, or sensor"))
     }
+}
+
+/// The error of objects and mask that do not fit each other, with the name of the objects.
+pub fn about_objects(design: &Design, error: EvaluationError) -> anyhow::Error {
+    match error {
+        EvaluationError::Sensor(error) => anyhow::anyhow!("{}: {error}", design.objects),
+        other => other.into(),
+    }
+}
+
+/// Paths as text for people and JSON, which cannot hold names that are no text.
+pub fn names_of(files: &[PathBuf]) -> Vec<String> {
+    files.iter().map(|file| file.display().to_string()).collect()
 }
 
 /// Refuses a count that is out of range.

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::choices::{PatchChoice, check_count};
+use super::choices::{PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{Estimate, Protocol};
@@ -90,7 +90,8 @@ impl Arguments {
             bar.set_message(step.to_owned());
             bar.set_length(total as u64);
             bar.set_position(done as u64);
-        })?;
+        })
+        .map_err(|error| about_objects(&design, error))?;
         bar.finish_and_clear();
         if self.json {
             return output::print_json(&result);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::check_folder;
+use super::choices::{check_folder, names_of};
 use super::design_args::DesignArgs;
 use super::{Failure, output};
 use crate::workbench::{Colormap, export_design};
@@ -34,7 +34,7 @@ struct Exported {
     encoder: String,
     psf_rows: usize,
     psf_cols: usize,
-    files: Vec<PathBuf>,
+    files: Vec<String>,
 }
 
 impl Arguments {
@@ -51,12 +51,13 @@ impl Arguments {
             files.push(path);
         }
         let (psf_rows, psf_cols) = design.encoder.grid();
+        let files = names_of(&files);
         let result = Exported { encoder: design.encoder.describe(), psf_rows, psf_cols, files };
         if self.json {
             return output::print_json(&result);
         }
         let mut lines = vec![format!("{}, PSF of {psf_rows} x {psf_cols} px", result.encoder)];
-        lines.extend(result.files.iter().map(|file| file.display().to_string()));
+        lines.extend(result.files);
         output::print(&lines.join("\n"))
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use super::choices::about_objects;
 use super::{Failure, output};
 use crate::information::{NoiseEntropy, Protocol};
 use crate::workbench::{Design, EvaluationError, Optics, Scene, SceneOptics, export_design};
@@ -34,7 +35,7 @@ pub fn run(design: &Design) -> Result<(), Failure> {
         format!("  {}", scene.set.describe()),
     ];
     lines.extend(scene.set.notices().iter().map(|notice| format!("  {notice}")));
-    lines.extend(numbers(design, &scene)?);
+    lines.extend(numbers(design, &scene).map_err(|error| about_objects(design, error))?);
     let exported = export_design(design, Path::new(FOLDER));
     if let Ok(files) = &exported {
         lines.push(format!("Exported to {FOLDER}:"));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{check_count, check_folder};
+use super::choices::{about_objects, check_count, check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::tamura::Summary;
 use super::{Failure, output};
@@ -51,7 +51,7 @@ struct Measured {
     measurement_shape: Vec<usize>,
     tamura: Summary,
     notices: Vec<String>,
-    files: Vec<PathBuf>,
+    files: Vec<String>,
 }
 
 impl Arguments {
@@ -60,7 +60,7 @@ impl Arguments {
         check_count("--count", self.count, 1..=MOST_OBJECTS)?;
         let design = self.design.design(Some(&self.scene))?;
         check_folder(&self.out)?;
-        let simulator = Simulator::new(&design)?;
+        let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
         let format = if self.tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
         let bar = output::progress_bar();
         bar.set_message("Measuring");
@@ -80,7 +80,7 @@ impl Arguments {
             measurement_shape: stacks.measurement_shape,
             tamura: Summary::of(&stacks.tamura)?,
             notices: set.notices().to_vec(),
-            files: stacks.files,
+            files: names_of(&stacks.files),
         };
         if self.json {
             return output::print_json(&result);
@@ -93,7 +93,7 @@ impl Arguments {
             format!("{} before {}: {} measurements", result.encoder, result.objects, shape.join(" x ")),
             format!("Tamura coefficient {:.4} (sd {:.4})", result.tamura.mean, result.tamura.sd),
         ];
-        lines.extend(result.files.iter().map(|file| file.display().to_string()));
+        lines.extend(result.files);
         output::print(&lines.join("\n"))
     }
 }

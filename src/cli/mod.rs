@@ -134,6 +134,7 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
 /// A build without the window runs headless.
 #[cfg(not(feature = "studio"))]
 fn open(arguments: Arguments) -> Result<(), Failure> {
+    let design = headless::design(arguments.design.as_deref())?;
     output::tell("This build has no window; the design is computed here instead.");
-    headless::run(&headless::design(arguments.design.as_deref())?)
+    headless::run(&design)
 }

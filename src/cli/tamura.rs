@@ -59,6 +59,13 @@ impl Arguments {
                     .into());
                 }
             }
+            if stack.is_empty() {
+                return Err(anyhow::anyhow!(
+                    "{}: expected pictures with pixels, found no picture or none with pixels; choose another file",
+                    path.display()
+                )
+                .into());
+            }
             values.extend(tamura_of_stack(stack.view()));
         }
         let summary = Summary::of(&values)?;

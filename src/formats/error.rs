@@ -92,7 +92,9 @@ impl FormatError {
             io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
                 "choose a file and folder that you may write"
             }
-            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space or choose another disk",
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
+                "free some space or choose another disk"
+            }
             io::ErrorKind::InvalidInput => "correct what is to be written",
             _ => "choose another file name or folder",
         };

@@ -52,6 +52,18 @@ pub enum InformationError {
         /// Pixels of one patch.
         pixels: usize,
     },
+    /// More patches than memory should hold.
+    #[error("{count} patches of {rows} x {cols} pixels do not fit into memory; use at most {most} or smaller patches")]
+    TooManyPatches {
+        /// Patches asked for.
+        count: usize,
+        /// Rows of a patch.
+        rows: usize,
+        /// Columns of a patch.
+        cols: usize,
+        /// The largest number that does.
+        most: usize,
+    },
     /// All training values are equal.
     #[error("all training patches hold the same value {value}, so there is no density to fit; check the measurements")]
     Constant {

@@ -130,7 +130,7 @@ pub enum LensletError {
         found: usize,
     },
     /// A parameter is outside what a lenslet can be.
-    #[error("lenslet {number}: {name} is {found}, expected {expected}")]
+    #[error("lenslet {number}: {name} is {found:?}, expected {expected}")]
     Parameter {
         /// Number of the lenslet, counted from 1.
         number: usize,

@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::formats::{FormatError, read_json, write_json};
 use crate::objects::ObjectSource;
-use crate::optics::{Encoder, LensletError, Limits, heuristic_layout};
+use crate::optics::{Diffuser, Encoder, LensletError, Limits, heuristic_layout};
 use crate::sensor::{DEFAULT_BIAS, Noise};
 
 /// A design: the mask, the scenes it looks at, the sensor behind it, and the seed of every random draw.
@@ -53,7 +53,7 @@ pub enum DesignError {
     #[error(transparent)]
     Lenslets(#[from] LensletError),
     /// A number is out of its range.
-    #[error("{name} is {found}; expected {expected}")]
+    #[error("{name} is {found:?}; expected {expected}")]
     Setting {
         /// The setting.
         name: &'static str,
@@ -73,8 +73,14 @@ impl Design {
     /// # Errors
     /// [`DesignError`] names the first setting that cannot be.
     pub fn check(&self) -> Result<(), DesignError> {
-        if let Encoder::Lenslets(array) = &self.encoder {
-            array.check()?;
+        match &self.encoder {
+            Encoder::Lenslets(array) => array.check()?,
+            Encoder::Diffuser(diffuser) if !(1..=Diffuser::GRID).contains(&diffuser.aperture_px) => {
+                let expected = "1 to 32 pixels";
+                return Err(DesignError::Setting { name: "aperture_px", found: diffuser.aperture_px as f64, expected });
+            }
+            // A picture was checked when it was made.
+            Encoder::Diffuser(_) | Encoder::Image(_) => {}
         }
         if !(self.mean_photons > 0.0 && self.mean_photons <= Self::MAX_PHOTONS) {
             let expected = "more than 0 and at most 1e7 photons per pixel";
@@ -123,7 +129,8 @@ impl Design {
             }
             _ => return Err(refuse("no usable format_version".into(), "restore it from a backup")),
         }
-        let design: Self = serde_json::from_value(value)
+        // The error begins with the entry it is about.
+        let design: Self = serde_path_to_error::deserialize(value)
             .map_err(|error| refuse(error.to_string(), "correct the entry or restore the file from a backup"))?;
         design.check().map_err(|error| refuse(error.to_string(), "correct the entry"))?;
         Ok(design)

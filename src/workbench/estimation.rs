@@ -1,6 +1,6 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
-use ndarray::{Array3, Axis, concatenate};
+use ndarray::{Array3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
@@ -46,6 +46,9 @@ pub type Progress<'a> = &'a mut dyn FnMut(&str, usize, usize);
 /// Objects that are drawn and measured at a time: enough to keep threads busy, few enough to stay small.
 const BATCH: usize = 500;
 
+/// Most bytes that the clean or the noisy patches of one kind may take.
+const LARGEST_PATCHES_BYTES: usize = 4 << 30;
+
 /// Estimates the information of a design's measurements.
 ///
 /// Every patch is cut from an object of its own, so that patches are independent. Under the default protocol no base
@@ -63,7 +66,10 @@ pub fn estimate(
     progress("Reading objects", 0, 1);
     let set = open_set(design)?;
     let convolver = convolver(design, &set)?;
-    let patch = request.patch.unwrap_or_else(|| convolver.plan().measurement_shape());
+    let (rows, cols) = convolver.plan().measurement_shape();
+    let patch = request.patch.unwrap_or((rows, cols));
+    // A patch that fits no measurement is told before anything is drawn.
+    Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     let source = PatchSource { design, set: &set, convolver: &convolver, patch, protocol: request.protocol };
     let trials = (0..request.trials.max(1) as u64)
         .map(|trial| {
@@ -173,28 +179,25 @@ impl PatchSource<'_> {
         step: &str,
         progress: Progress<'_>,
     ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
+        let (rows, cols) = self.patch;
+        let pixels = rows * cols;
         if count == 0 {
-            let (rows, cols) = self.patch;
-            return Err(InformationError::TooFewPatches {
-                model: step_model(step),
-                needed: 1,
-                found: 0,
-                pixels: rows * cols,
-            }
-            .into());
+            let model = step_model(step);
+            return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels }.into());
         }
-        let mut parts = Vec::new();
-        for first in (0..count).step_by(BATCH) {
+        let most = LARGEST_PATCHES_BYTES / (size_of::<f32>() * pixels.max(1));
+        if count > most {
+            return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
+        }
+        let mut clean = Array3::zeros((count, rows, cols));
+        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), BATCH).enumerate() {
+            let first = index * BATCH;
             progress(step, first, count);
-            let batch = BATCH.min(count - first);
             let batch_seed = derived_seed(seed, first as u64);
-            let objects = self.set.objects(split, batch, batch_seed)?;
+            let objects = self.set.objects(split, part.len_of(Axis(0)), batch_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
-            parts.push(Patches::one_each(encoded.dim(), self.patch, batch_seed)?.cut(encoded.view()));
+            part.assign(&Patches::one_each(encoded.dim(), self.patch, batch_seed)?.cut(encoded.view()));
         }
-        let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
-        // The parts have one shape, and there is at least one.
-        let clean = concatenate(Axis(0), &views).unwrap_or_else(|_| Array3::zeros((0, self.patch.0, self.patch.1)));
         let mut noisy = self.design.noise.draw(clean.view(), derived_seed(seed, u64::MAX));
         if self.protocol == Protocol::Paper && matches!(self.design.noise, Noise::Read { .. }) {
             // As published: read noise does not take a pixel below 0.

@@ -1,0 +1,269 @@
+//! What cannot be read, computed or written is told in one sentence that names the file, and leaves nothing behind.
+
+use std::io::Write;
+
+use serde_json::{Value, json};
+
+use super::{Bench, idx, npy};
+
+fn assert_told(sentence: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(sentence.contains(part), "{part:?} in {sentence}");
+    }
+}
+
+#[test]
+fn missing_files_are_named() {
+    let bench = Bench::new();
+    for line in [
+        "export none.x --out out",
+        "export --lenslets psf:none.x --out out",
+        "export --lenslets design:none.x --out out",
+        "measure none.x --out out",
+        "measure --objects idx:none.x --out out",
+        "measure --objects cifar:none.x --out out",
+        "measure --objects images:none.x --out out",
+        "measure --objects stack:none.x --out out",
+        "estimate --objects stack:none.x",
+        "tamura none.x",
+        "none.x",
+    ] {
+        assert_told(&bench.refused(line), &["none.x", "expected", "found nothing"]);
+    }
+}
+
+#[test]
+fn broken_object_files_are_named() {
+    let bench = Bench::new();
+    let images = idx(3, 28, |index| index as u8);
+    let gzip = |bytes: &[u8]| {
+        let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        packer.write_all(bytes).unwrap();
+        packer.finish().unwrap()
+    };
+    let packed = gzip(&images);
+    let mut tiff = Vec::new();
+    let picture = ndarray::Array3::from_elem((1, 40, 40), 3.0_f32);
+    lenslet_studio::formats::write_tiff(&bench.path("whole.tiff"), picture.view()).unwrap();
+    tiff.extend(std::fs::read(bench.path("whole.tiff")).unwrap());
+    let mut odd = vec![1.0; 64 * 64];
+    odd[70] = f32::NAN;
+    let mut negative = vec![1.0; 64 * 64];
+    negative[70] = -3.0;
+    let cases: [(&str, Vec<u8>, &str); 19] = [
+        ("idx", images[..images.len() - 1].to_vec(), "header says"),
+        ("idx", [&images[..], &[0]].concat(), "expected"),
+        ("idx", packed[..packed.len() / 2].to_vec(), "expected"),
+        ("idx", b"not an IDX file at all".to_vec(), "an IDX file"),
+        ("idx", idx(0, 28, |_| 0), "pictures with pixels"),
+        ("idx", idx(4, 0, |_| 0), "pictures with pixels"),
+        ("idx", idx(4, 28, |_| 0), "some light"),
+        ("idx", Vec::new(), "expected"),
+        ("cifar", vec![0; 3072], "3072 bytes"),
+        ("cifar", vec![200; 3073], "labels of 0 to 9"),
+        ("cifar", Vec::new(), "0 bytes"),
+        ("stack", npy("(2, 64, 64)", &[1.0; 4096]), "16384 bytes"),
+        ("stack", npy("(64,)", &[1.0; 64]), "shape [64]"),
+        ("stack", npy("(0, 64, 64)", &[]), "pictures with pixels"),
+        ("stack", npy("(1, 64, 64)", &odd), "NaN in picture 0, row 1, column 6"),
+        ("stack", npy("(1, 64, 64)", &negative), "-3 in picture 0, row 1, column 6"),
+        ("stack", npy("(1, 64, 64)", &[0.0; 4096]), "some light"),
+        ("stack", tiff[..tiff.len() / 2].to_vec(), "expected"),
+        ("stack", b"PK\x03\x04 and no more".to_vec(), "zip archive"),
+    ];
+    for (kind, content, part) in cases {
+        bench.write("bad.file", content);
+        for command in ["measure --out out", "estimate"] {
+            assert_told(&bench.refused(&format!("{command} --objects {kind}:bad.file")), &["bad.file", part]);
+        }
+    }
+    // Tamura rates what it can read; it refuses what has no coefficient.
+    for (content, part) in [
+        (npy("(1, 64, 64)", &odd), "NaN in picture 0 at row 1, column 6"),
+        (npy("(0, 64, 64)", &[]), "no picture"),
+        (npy("(2, 64, 64)", &[1.0; 4096]), "16384 bytes"),
+        (vec![], "expected"),
+    ] {
+        bench.write("bad.file", content);
+        assert_told(&bench.refused("tamura bad.file"), &["bad.file", part]);
+    }
+}
+
+#[test]
+fn objects_smaller_than_the_psf_are_named() {
+    let bench = Bench::new();
+    bench.write("small.npy", npy("(2, 31, 40)", &[1.0; 2 * 31 * 40]));
+    for line in ["measure --out out", "estimate"] {
+        let told = bench.refused(&format!("{line} --objects stack:small.npy"));
+        assert_told(&told, &["small.npy", "31 x 40", "32 x 32", "smaller PSF"]);
+    }
+    bench.write("one.npy", npy("(1, 64, 64)", &[1.0; 4096]));
+    let told = bench.refused("estimate --objects stack:one.npy");
+    assert_told(&told, &["one.npy", "found none among 1"]);
+}
+
+#[test]
+fn folders_without_pictures_are_named() {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("empty")).unwrap();
+    assert_told(&bench.refused("measure --objects images:empty --out out"), &["empty", "found none"]);
+    std::fs::create_dir(bench.path("bad")).unwrap();
+    bench.write("bad/a.png", "no picture");
+    bench.write("bad/b.tif", "II*\0 none");
+    let told = bench.refused("measure --objects images:bad --out out");
+    assert_told(&told, &["bad", "2 unreadable ones", "a.png"]);
+    for kind in ["idx", "cifar", "stack"] {
+        assert_told(&bench.refused(&format!("estimate --objects {kind}:bad")), &["bad", "a folder"]);
+    }
+    for line in ["tamura bad", "export bad --out out", "export --lenslets psf:bad --out out"] {
+        assert_told(&bench.refused(line), &["bad", "a folder"]);
+    }
+    // One good picture among bad ones is used, and the others are named.
+    bench.write("good.npy", npy("(60, 60)", &[2.0; 3600]));
+    std::fs::rename(bench.path("good.npy"), bench.path("bad/good.npy")).unwrap();
+    let result = bench.json("measure --objects images:bad --count 1 --out out");
+    assert_told(result["notices"][0].as_str().unwrap(), &["2 unreadable files", "a.png", "b.tif"]);
+}
+
+#[test]
+fn what_is_no_psf_is_named() {
+    let bench = Bench::new();
+    let pixels = |change: f32| {
+        let mut values = vec![1.0; 64];
+        values[11] = change;
+        npy("(8, 8)", &values)
+    };
+    for (content, part) in [
+        (pixels(f32::NAN), "NaN at row 1, column 3"),
+        (pixels(f32::INFINITY), "inf at row 1, column 3"),
+        (pixels(-0.5), "-0.5 at row 1, column 3"),
+        (npy("(8, 8)", &[0.0; 64]), "no light at all"),
+        (npy("(0, 8)", &[]), "0 x 8"),
+        (npy("(1, 2000)", &[1.0; 2000]), "1 x 2000"),
+        (npy("(3, 8, 8)", &[1.0; 192]), "3"),
+        (b"\x89PNG and no more".to_vec(), "expected"),
+    ] {
+        bench.write("psf.file", content);
+        assert_told(&bench.refused("export --lenslets psf:psf.file --out out"), &["psf.file", part]);
+    }
+}
+
+/// A valid design file, changed.
+fn design_file(bench: &Bench, change: impl Fn(&mut Value)) {
+    if !bench.path("base/design.json").is_file() {
+        bench.done("export --lenslets heuristic:3 --out base");
+    }
+    let mut design: Value = serde_json::from_slice(&std::fs::read(bench.path("base/design.json")).unwrap()).unwrap();
+    change(&mut design);
+    bench.write("bad.json", serde_json::to_vec(&design).unwrap());
+}
+
+#[test]
+fn designs_that_cannot_be_are_named() {
+    type Change = fn(&mut Value);
+    let bench = Bench::new();
+    let cases: [(Change, &str); 22] = [
+        (|design| design["format_version"] = json!(2), "newer Lenslet Studio"),
+        (|design| design["format_version"] = json!(u64::MAX), "newer Lenslet Studio"),
+        (|design| design["format_version"] = json!(0), "format_version"),
+        (|design| design["format_version"] = json!("1"), "format_version"),
+        (|design| design["format"] = json!("lenslet-studio/estimate"), "lenslet-studio/estimate"),
+        (|design| *design = json!([1, 2]), "no format entry"),
+        (|design| *design = json!(null), "no format entry"),
+        (|design| design["encoder"]["lenslets"][1]["x_px"] = json!(1e300), "lenslet 2: x_px is 1e300"),
+        (|design| design["encoder"]["lenslets"][1]["y_px"] = json!(null), "encoder: invalid type: null"),
+        (|design| design["encoder"]["lenslets"][1]["sigma_px"] = json!(-1.0), "lenslet 2: sigma_px"),
+        (|design| design["encoder"]["lenslets"][0]["weight"] = json!(-1e-9), "lenslet 1: weight"),
+        (|design| design["encoder"]["lenslets"][0]["plane"] = json!(1_000_000), "lenslet 1: plane"),
+        (|design| design["encoder"]["lenslets"] = json!([]), "no lenslet"),
+        (|design| design["encoder"]["rows"] = json!(u64::MAX), "PSF grid"),
+        (|design| design["encoder"]["rows"] = json!(0), "PSF grid"),
+        (|design| design["encoder"]["kind"] = json!("mirror"), "mirror"),
+        (|design| design["mean_photons"] = json!(0), "mean_photons"),
+        (|design| design["bias_photons"] = json!(1e300), "bias_photons"),
+        (|design| design["noise"] = json!("read:-1"), "read noise"),
+        (|design| design["objects"] = json!("beads:2"), "density"),
+        (|design| design["limits"]["central_share"] = json!(0), "central_share"),
+        (|design| design["seed"] = json!(-1), "seed: invalid value"),
+    ];
+    for (change, part) in cases {
+        design_file(&bench, change);
+        for line in ["export bad.json --out out", "bad.json", "estimate bad.json"] {
+            assert_told(&bench.refused(line), &["bad.json", part]);
+        }
+    }
+    let weights = |design: &mut Value| {
+        for lenslet in design["encoder"]["lenslets"].as_array_mut().unwrap() {
+            lenslet["weight"] = json!(0);
+        }
+    };
+    design_file(&bench, weights);
+    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "weight 0"]);
+    let covariance = |design: &mut Value| {
+        let lenslet = design["encoder"]["lenslets"][2].as_object_mut().unwrap();
+        lenslet.remove("sigma_px");
+        lenslet.insert("covariance_px2".into(), json!({"xx": 1.0, "xy": 2.0, "yy": 1.0}));
+    };
+    design_file(&bench, covariance);
+    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "lenslet 3", "positive definite"]);
+    let many = |design: &mut Value| {
+        let one = design["encoder"]["lenslets"][0].clone();
+        design["encoder"]["lenslets"] = Value::Array(vec![one; 1_000_000]);
+    };
+    design_file(&bench, many);
+    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "1000000 lenslets", "at most 4096"]);
+    let diffuser = |design: &mut Value| design["encoder"] = json!({"kind": "diffuser", "aperture_px": 0, "seed": 1});
+    design_file(&bench, diffuser);
+    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "aperture_px"]);
+    for broken in ["", "{", "nonsense", "{\"format\": \"lenslet-studio/design\", \"format_version\": 1}", "\u{feff}{}"]
+    {
+        bench.write("bad.json", broken);
+        assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "expected"]);
+    }
+    bench.write("bad.json", "{\"format\": \"lenslet-studio/design\", \"format_version\": 1, \"mean_photons\": NaN}");
+    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "line 1"]);
+}
+
+#[test]
+fn folders_that_cannot_be_written_are_named() {
+    let bench = Bench::new();
+    bench.write("taken", "a file");
+    for line in ["export --out taken", "measure --count 1 --out taken", "export --out taken/below"] {
+        assert_told(&bench.refused(line), &["taken"]);
+    }
+    // A folder stands where a file is to be written.
+    std::fs::create_dir_all(bench.path("out/psf.npy")).unwrap();
+    std::fs::create_dir_all(bench.path("out/measurements.npy")).unwrap();
+    assert_told(&bench.refused("export --out out"), &["out/psf.npy", "a folder or device"]);
+    assert_told(&bench.refused("measure --count 1 --out out"), &["out/measurements.npy", "a folder or device"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_folder_that_is_read_only_is_named() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("out")).unwrap();
+    std::fs::set_permissions(bench.path("out"), std::fs::Permissions::from_mode(0o555)).unwrap();
+    if std::fs::write(bench.path("out/probe"), "").is_ok() {
+        println!("skipped: this user may write into read-only folders");
+        return;
+    }
+    for line in ["export --out out", "measure --count 1 --out out", "measure --count 1 --out out/below"] {
+        assert_told(&bench.refused(line), &["out", "may write"]);
+    }
+    std::fs::set_permissions(bench.path("out"), std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[test]
+fn an_earlier_result_survives_a_failure() {
+    let bench = Bench::new();
+    bench.done("measure --count 2 --out out");
+    let kept = ["out/objects.npy", "out/measurements.npy", "out/design.json"];
+    let read = || kept.map(|name| std::fs::read(bench.path(name)).unwrap());
+    let before = read();
+    std::fs::remove_file(bench.path("out/noiseless.npy")).unwrap();
+    std::fs::create_dir(bench.path("out/noiseless.npy")).unwrap();
+    assert_told(&bench.refused("measure --count 2 --seed 2 --out out"), &["out/noiseless.npy", "a folder or device"]);
+    assert!(read() == before);
+}

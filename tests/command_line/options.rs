@@ -1,0 +1,187 @@
+//! Values of options, sensible and not: whatever is typed is computed or refused, and nothing panics.
+
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+
+use super::{Bench, idx, npy, text};
+
+#[test]
+fn values_out_of_range_are_refused_by_name() {
+    let bench = Bench::new();
+    for (line, part) in [
+        ("estimate --patch 66", "66 x 66"),
+        ("estimate --patch 0", "patch \"0\""),
+        ("estimate --patch 4x", "patch \"4x\""),
+        ("estimate --patch 18446744073709551615", "18446744073709551615"),
+        ("estimate --patches-test 0", "--patches-test 0: expected 1"),
+        ("estimate --trials 0", "--trials 0: expected 1"),
+        ("estimate --trials 18446744073709551615", "--trials"),
+        ("estimate --patches-train 0", "at least"),
+        ("estimate --patches-train 18446744073709551615", "--patches-train"),
+        ("estimate --patches-train 100000000000", "--patches-train"),
+        ("estimate --patches-test 1000000 --patch sensor --patches-train 2", "do not fit into memory"),
+        ("estimate --noise none", "unbounded without noise"),
+        ("estimate --noise read:0", "read noise"),
+        ("estimate --noise read:nan", "read noise"),
+        ("estimate --estimator pixelcnn", "gaussian-analytic"),
+        ("estimate --protocol mine", "paper"),
+        (
+            "estimate --bias 0 --protocol paper --patch 8 --patches-train 50 --patches-test 50 --objects beads:0.0005",
+            "bias",
+        ),
+        ("measure --count 0 --out out", "--count 0: expected 1"),
+        ("measure --count 18446744073709551615 --out out", "--count"),
+        ("measure --count 99999999999999999999 --out out", "--count"),
+        ("measure --count -1 --out out", "-1"),
+        ("measure --objects beads:0.0001 --out out", "at least 0.000108"),
+        ("measure --objects beads:1e-320 --out out", "density"),
+        ("measure --objects volume:65:0.1 --out out", "64 planes"),
+        ("measure --objects beads:nan --out out", "above 0"),
+        ("measure --objects mnist --out out", "beads:0.02"),
+        ("measure --mean-photons 0 --out out", "mean_photons"),
+        ("measure --mean-photons 1e308 --out out", "mean_photons"),
+        ("measure --mean-photons nan --out out", "mean_photons"),
+        ("measure --bias=-1 --out out", "bias_photons"),
+        ("measure --bias inf --out out", "bias_photons"),
+        ("measure --seed -1 --out out", "-1"),
+        ("measure --seed 18446744073709551616 --out out", "--seed"),
+        ("export --lenslets heuristic:10 --out out", "1 to 9"),
+        ("export --lenslets heuristic:-1 --out out", "1 to 9"),
+        ("export --lenslets random:4097 --out out", "1 to 4096"),
+        ("export --lenslets diffuser:33 --out out", "1 to 32"),
+        ("export --lenslets depth:0 --out out", "1 to 5"),
+        ("export --lenslets psf:a@0 --out out", "1 to 1024"),
+        ("export --lenslets psf:a@99999999999999999999 --out out", "1 to 1024"),
+        ("export --lenslets pinhole --out out", "heuristic:1 to 9"),
+        ("export --colormap jet --out out", "viridis"),
+        ("export", "--out"),
+        ("measure", "--out"),
+        ("tamura", "FILES"),
+        ("export --out out --count 3", "--count"),
+    ] {
+        let told = bench.refused(line);
+        assert!(told.contains(part), "{line}: {part:?} in {told}");
+    }
+    assert!(bench.files().is_empty());
+}
+
+#[test]
+fn values_at_the_ends_of_their_ranges_are_computed() {
+    let bench = Bench::new();
+    bench.write("flat.npy", npy("(2, 40, 33)", &[5.0; 2 * 40 * 33]));
+    bench.write("one.npy", npy("(1, 1)", &[7.0]));
+    bench.write("one.idx", idx(2, 1, |_| 255));
+    for line in [
+        "measure --count 1 --seed 18446744073709551615 --out a",
+        "measure --count 1 --objects beads:0.00011 --out a",
+        "measure --count 1 --objects beads:1 --out a",
+        "measure --count 1 --objects beads-max:0.15 --out a",
+        "measure --count 1 --objects volume:64:0.001 --out a",
+        "measure --count 3 --objects stack:flat.npy --out a",
+        "measure --count 1 --objects idx:one.idx --out a",
+        "measure --count 1 --bias 0 --mean-photons 1e-300 --out a",
+        "measure --count 1 --bias 1e7 --mean-photons 1e7 --noise shot+read:1e6 --out a",
+        "measure --count 1 --noise read:1e-300 --out a",
+        "measure --count 1 --lenslets psf:one.npy --out a",
+        "measure --count 1 --lenslets psf:one.npy@96 --out a",
+        "export --lenslets random:4096 --seed 0 --out a",
+        "export --lenslets diffuser:1 --seed 18446744073709551615 --out a",
+        "export --lenslets psf:one.npy@1024 --out a",
+        "estimate --patch 1 --patches-train 50 --patches-test 1 --seed 18446744073709551615 --trials 3",
+        "estimate --patch 65x1 --patches-train 300 --patches-test 20",
+        "estimate --patches-train 0 --patches-test 5 --estimator gaussian-analytic",
+        "estimate --bias 0 --patch 4 --patches-train 50 --patches-test 20",
+        "estimate --protocol paper --noise read:5 --patch 4 --patches-train 50 --patches-test 20",
+        "estimate --objects beads:1 --patch 4 --patches-train 50 --patches-test 20",
+        "estimate --objects stack:flat.npy --patch 4x2 --patches-train 50 --patches-test 20",
+    ] {
+        bench.done(line);
+    }
+}
+
+#[test]
+fn paths_may_have_spaces_and_any_letters() {
+    let bench = Bench::new();
+    let folder = bench.path("lens let ü 光 'a' \"b\" @32");
+    std::fs::create_dir(&folder).unwrap();
+    let name = |file: &str| folder.join(file).to_str().unwrap().to_owned();
+    std::fs::write(name("a: b.npy"), npy("(2, 40, 40)", &[5.0; 3200])).unwrap();
+    let done = |arguments: &[&str]| {
+        let output = bench.run(arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let objects = format!("stack:{}", name("a: b.npy"));
+    done(&["measure", "--objects", &objects, "--count", "2", "--out", &name("out put")]);
+    done(&["measure", &name("out put/design.json"), "--count", "2", "--out", &name("again")]);
+    assert_eq!(std::fs::read(name("out put/objects.npy")).unwrap(), std::fs::read(name("again/objects.npy")).unwrap());
+    done(&["tamura", &name("out put/objects.npy")]);
+    done(&["export", "--lenslets", &format!("design:{}", name("again/design.json")), "--out", &name("export")]);
+    done(&["export", "--lenslets", &format!("psf:{}@16", name("export/psf.npy")), "--out", &name("small")]);
+    // A name that begins with a dash is a file after two dashes.
+    bench.write("-x.npy", npy("(8, 9)", &(0..72).map(|value| value as f32).collect::<Vec<_>>()));
+    done(&["tamura", "--", "-x.npy"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn paths_need_not_be_text() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let bench = Bench::new();
+    let odd = OsStr::from_bytes(b"odd-\xff\xfe");
+    for json in [false, true] {
+        let mut arguments =
+            vec![OsStr::new("measure"), OsStr::new("--count"), OsStr::new("1"), OsStr::new("--out"), odd];
+        arguments.extend(json.then_some(OsStr::new("--json")));
+        let output = bench.run(&arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let exported = bench.run([OsStr::new("export"), OsStr::new("--json"), OsStr::new("--out"), odd]);
+        assert_eq!(exported.status.code(), Some(0), "{}", text(&exported.stderr));
+    }
+    assert!(bench.path(odd).join("measurements.npy").is_file());
+    let file = bench.path(odd).join("objects.npy");
+    assert_eq!(bench.run([OsStr::new("tamura"), file.as_os_str()]).status.code(), Some(0));
+    let missing = bench.run([OsStr::new("tamura"), OsStr::from_bytes(b"none-\xff")]);
+    assert!(missing.status.code() == Some(2) && text(&missing.stderr).contains("found nothing"));
+    let design = bench.path(odd).join("design.json");
+    assert_eq!(bench.run([design.as_os_str()]).status.code(), Some(0));
+    let objects = bench.run([
+        OsStr::new("measure"),
+        OsStr::new("--objects"),
+        OsStr::from_bytes(b"stack:\xff"),
+        OsStr::new("--out"),
+        odd,
+    ]);
+    assert_eq!(objects.status.code(), Some(2));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 60,
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(20_260_301),
+        ..ProptestConfig::default()
+    })]
+
+    /// Numbers and words from the edges of what the parsers know, in every option.
+    #[test]
+    fn no_value_makes_it_panic(
+        option in prop::sample::select(vec![
+            "--objects", "--noise", "--bias", "--mean-photons", "--seed", "--lenslets", "--tiff", "--unknown",
+        ]),
+        kind in prop::sample::select(vec!["", "beads:", "volume:2:", "volume:", "read:", "shot+read:", "heuristic:",
+            "random:", "diffuser:", "depth:", "psf:", "design:", "stack:", "idx:", "images:", "cifar:"]),
+        value in prop_oneof![
+            "[0-9]{1,2}", "-?[0-9]{0,3}(\\.[0-9]{0,3})?(e-?[0-9]{1,3})?", "[a-z:@ .x]{0,8}", "\\PC{0,6}",
+            Just("nan".to_owned()), Just("inf".to_owned()), Just("1e999".to_owned()),
+        ],
+    ) {
+        let bench = Bench::new();
+        let value = format!("{kind}{value}");
+        let output = bench.run(["measure", "--count=1", "--out=out", &format!("{option}={value}")]);
+        let told = text(&output.stderr);
+        prop_assert!(matches!(output.status.code(), Some(0 | 2)), "{option}={value}: {:?} {told}", output.status);
+        prop_assert!(!told.contains("panicked"), "{option}={value}: {told}");
+    }
+}

@@ -1,0 +1,209 @@
+//! What every subcommand writes and prints.
+
+use lenslet_studio::formats::{read_array, read_grey, read_pages};
+use ndarray::{Array2, Array3, Axis, Ix2, Ix3};
+use serde_json::Value;
+
+use super::{Bench, idx};
+
+fn array2(bench: &Bench, name: &str) -> Array2<f32> {
+    read_array(&bench.path(name)).unwrap().into_dimensionality::<Ix2>().unwrap()
+}
+
+fn array3(bench: &Bench, name: &str) -> Array3<f32> {
+    read_array(&bench.path(name)).unwrap().into_dimensionality::<Ix3>().unwrap()
+}
+
+fn bytes(bench: &Bench, name: &str) -> Vec<u8> {
+    std::fs::read(bench.path(name)).unwrap()
+}
+
+#[test]
+fn export_writes_one_psf_in_every_format() {
+    let bench = Bench::new();
+    let result = bench.json("export --lenslets heuristic:6 --out a");
+    assert_eq!((&result["encoder"], &result["psf_rows"]), (&Value::from("6 lenslets"), &Value::from(32)));
+    let files: Vec<&str> = result["files"].as_array().unwrap().iter().map(|file| file.as_str().unwrap()).collect();
+    assert_eq!(files.len(), 6);
+    assert!(files.iter().all(|file| bench.path(file).is_file()), "{files:?}");
+
+    let psf = array2(&bench, "a/psf.npy");
+    assert_eq!(psf.dim(), (32, 32));
+    assert!((psf.mapv(f64::from).sum() - 1.0).abs() < 1e-6);
+    // Row and column are those of the layout: lenslet 2 stands at row 7, column 9.
+    assert!(psf[[7, 9]] > 0.9 * psf[[16, 16]] && psf[[9, 7]] < 0.1 * psf[[16, 16]]);
+    let pages = read_pages(&bench.path("a/psf.tiff")).unwrap();
+    assert!(pages.len() == 1 && pages[0] == psf);
+    let peak = psf.iter().copied().fold(0.0, f32::max);
+    for (name, levels) in [("a/psf.png", 255.0), ("a/psf16.png", 65535.0)] {
+        let picture = read_grey(&bench.path(name)).unwrap();
+        let apart = (&picture - &(&psf / peak * levels)).mapv(f32::abs).iter().copied().fold(0.0, f32::max);
+        assert!(picture.dim() == (32, 32) && apart <= 0.51, "{name}: {apart}");
+    }
+    let table = std::fs::read_to_string(bench.path("a/lenslets.csv")).unwrap();
+    let lines: Vec<&str> = table.lines().collect();
+    assert!(lines[0].starts_with("x_px,y_px,sigma_px,weight") && lines.len() == 7, "{table}");
+    assert!(lines[2].starts_with("9.0,7.0,0.8,"), "{table}");
+}
+
+#[test]
+fn an_exported_design_exports_the_same_bytes() {
+    let bench = Bench::new();
+    for (name, mask) in [("lenslets", "random:7"), ("volume", "depth:4"), ("diffuser", "diffuser:16")] {
+        let (first, second) = (format!("{name}1"), format!("{name}2"));
+        bench.done(&format!("export --lenslets {mask} --seed 5 --out {first}"));
+        let result = bench.json(&format!("export {first}/design.json --out {second}"));
+        for file in result["files"].as_array().unwrap() {
+            let again = file.as_str().unwrap();
+            let once = again.replacen(&second, &first, 1);
+            assert!(bytes(&bench, &once) == bytes(&bench, again), "{once} and {again}");
+        }
+    }
+    bench.done("export --lenslets psf:lenslets1/psf.tiff --out picture1");
+    bench.done("export picture1/design.json --out picture2");
+    assert_eq!(bytes(&bench, "picture1/psf.npy"), bytes(&bench, "lenslets1/psf.npy"));
+    assert_eq!(bytes(&bench, "picture1/design.json"), bytes(&bench, "picture2/design.json"));
+    assert_eq!(read_array(&bench.path("volume1/psf.npy")).unwrap().shape(), [5, 32, 32]);
+    bench.done("export --lenslets psf:lenslets1/psf16.png@20 --out small");
+    assert_eq!(array2(&bench, "small/psf.npy").dim(), (20, 20));
+}
+
+#[test]
+fn colours_are_extra_and_change_no_data() {
+    let bench = Bench::new();
+    bench.done("export --out plain");
+    for name in ["gray", "viridis", "inferno", "cividis", "diverging"] {
+        bench.done(&format!("export --out coloured --colormap {name}"));
+        assert!(read_grey(&bench.path(format!("coloured/psf-{name}.png"))).unwrap().dim() == (32, 32));
+    }
+    for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
+        assert_eq!(bytes(&bench, &format!("plain/{name}")), bytes(&bench, &format!("coloured/{name}")), "{name}");
+    }
+}
+
+#[test]
+fn measurements_have_their_shapes_and_poisson_statistics() {
+    let bench = Bench::new();
+    let result = bench.json("measure --lenslets heuristic:3 --count 40 --seed 9 --out a");
+    assert_eq!(result["object_shape"], serde_json::json!([40, 96, 96]));
+    assert_eq!(result["measurement_shape"], serde_json::json!([40, 65, 65]));
+    let noiseless = array3(&bench, "a/noiseless.npy");
+    let noisy = array3(&bench, "a/measurements.npy");
+    assert_eq!(array3(&bench, "a/objects.npy").dim(), (40, 96, 96));
+    assert!(String::from_utf8_lossy(&bytes(&bench, "a/measurements.npy")[..128]).contains("'<f4'"));
+    assert!(noiseless.iter().all(|&photons| photons >= 10.0));
+    assert!(noisy.iter().all(|&photons| photons >= 0.0 && photons.fract() == 0.0));
+    let scores: Vec<f64> =
+        noisy.iter().zip(&noiseless).map(|(&y, &x)| f64::from(y - x) / f64::from(x).sqrt()).collect();
+    let samples = scores.len() as f64;
+    let (mean, variance) = (scores.iter().sum::<f64>() / samples, scores.iter().map(|z| z * z).sum::<f64>() / samples);
+    assert!(mean.abs() < 4.0 / samples.sqrt(), "{mean}");
+    // The fourth moment of a standardised Poisson value is 3 + 1/x, with x at least 10.
+    assert!((variance - 1.0).abs() < 4.0 * (2.1 / samples).sqrt(), "{variance}");
+
+    let rated = bench.json("tamura a/measurements.npy");
+    assert_eq!(rated, result["tamura"]);
+    assert_eq!(rated["count"], 40);
+    assert!((0.6..0.9).contains(&rated["mean"].as_f64().unwrap()), "{rated}");
+    assert_eq!(bench.json("tamura a/objects.npy a/objects.npy")["count"], 80);
+}
+
+#[test]
+fn seeds_reproduce_and_the_design_that_is_kept_repeats_the_run() {
+    let bench = Bench::new();
+    let line = "measure --objects volume:3:0.01 --lenslets depth:3 --noise shot+read:2 --bias 4 --count 3";
+    bench.done(&format!("{line} --seed 18446744073709551615 --out a"));
+    bench.done("measure a/design.json --count 3 --out b");
+    bench.done(&format!("{line} --seed 1 --out c"));
+    bench.done("measure a/design.json --count 2 --out d");
+    for name in ["objects.npy", "noiseless.npy", "measurements.npy", "design.json"] {
+        assert!(bytes(&bench, &format!("a/{name}")) == bytes(&bench, &format!("b/{name}")), "{name}");
+    }
+    assert_ne!(bytes(&bench, "a/measurements.npy"), bytes(&bench, "c/measurements.npy"));
+    assert_eq!(
+        array3(&bench, "a/measurements.npy").slice_axis(Axis(0), (0..2).into()),
+        array3(&bench, "d/measurements.npy")
+    );
+    assert_eq!(read_array(&bench.path("a/objects.npy")).unwrap().shape(), [3, 3, 96, 96]);
+}
+
+#[test]
+fn tiff_stacks_hold_what_npy_stacks_hold() {
+    let bench = Bench::new();
+    bench.write("a.idx", idx(20, 28, |index| (index * 7 % 251) as u8));
+    bench.done("measure --objects idx:a.idx --count 3 --out npy");
+    bench.done("measure --objects idx:a.idx --count 3 --out tiff --tiff");
+    for name in ["objects", "noiseless", "measurements"] {
+        let stack = array3(&bench, &format!("npy/{name}.npy"));
+        let pages = read_pages(&bench.path(format!("tiff/{name}.tiff"))).unwrap();
+        assert_eq!(pages.len(), 3);
+        assert!(pages.iter().zip(stack.outer_iter()).all(|(page, image)| page == image), "{name}");
+    }
+}
+
+#[test]
+fn an_estimate_is_never_bare() {
+    let bench = Bench::new();
+    let line = "estimate --patch 8x6 --patches-train 300 --patches-test 100 --trials 2 --noise shot --seed 3";
+    for (estimator, name) in [
+        ("gaussian", "gaussian-stationary"),
+        ("gaussian-full", "gaussian-full"),
+        ("gaussian-analytic", "gaussian-analytic"),
+    ] {
+        let result = bench.json(&format!("{line} --estimator {estimator}"));
+        let number = |key: &str| result[key].as_f64().unwrap_or_else(|| panic!("{key} in {result}"));
+        let bits = number("bits_per_pixel");
+        assert!((number("entropy_y") - number("entropy_y_given_x") - bits).abs() < 1e-9);
+        let [low, high] = [0, 1].map(|end| result["interval_95"][end].as_f64().unwrap());
+        assert!(low <= bits && bits <= high && high - low < 0.5, "{low} {bits} {high}");
+        assert!(number("ceiling") > 0.0 && number("seconds") >= 0.0 && number("trial_spread") >= 0.0);
+        assert_eq!(result["estimator"], name);
+        assert_eq!(result["protocol"], "default");
+        assert_eq!(result["patch"], serde_json::json!([8, 6]));
+        assert_eq!(result["patches_train"], if estimator == "gaussian-analytic" { 0 } else { 300 });
+        assert_eq!((&result["patches_test"], &result["trials"]), (&Value::from(100), &Value::from(2)));
+        assert_eq!((&result["noise"], &result["bias"]), (&Value::from("shot"), &Value::from(10.0)));
+        assert!([3.0, 4.0].contains(&number("seed")), "the seed of the smallest trial");
+        for key in ["format", "format_version", "objects", "objects_fingerprint", "encoder", "notes"] {
+            assert!(!result[key].is_null(), "{key}");
+        }
+        let mut again = bench.json(&format!("{line} --estimator {estimator}"));
+        again["seconds"] = result["seconds"].clone();
+        assert_eq!(again, result, "the same seed gives the same estimate");
+    }
+    let told = bench.done(line);
+    for part in
+        ["at most", "bits per pixel", "ceiling", "gaussian-stationary", "default protocol", "seed", "patch 8 x 6"]
+    {
+        assert!(told.contains(part), "{part} in {told}");
+    }
+    assert_eq!(
+        bench.json("estimate --patch sensor --patches-train 40 --patches-test 20")["patch"],
+        serde_json::json!([65, 65])
+    );
+    let paper = bench.json(&format!("{line} --protocol paper"));
+    assert_eq!(paper["protocol"], "paper");
+}
+
+#[test]
+fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
+    let bench = Bench::new();
+    let output = bench.run::<&str>([]);
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(super::text(&output.stderr).trim_end().lines().count(), 1, "{}", super::text(&output.stderr));
+    let told = super::text(&output.stdout);
+    for part in
+        ["9 lenslets before beads:0.02", "Gaussian bound", "object-entropy ceiling", "Tamura coefficient", "psf.npy"]
+    {
+        assert!(told.contains(part), "{part} in {told}");
+    }
+    for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
+        assert!(bench.path("lenslet-studio-export").join(name).is_file(), "{name}");
+    }
+    bench.done("measure --noise none --count 1 --out dark");
+    let told = bench.done("dark/design.json");
+    assert!(
+        told.contains("No information: information is unbounded without noise") && told.contains("psf.npy"),
+        "{told}"
+    );
+}
