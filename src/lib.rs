@@ -27,6 +27,7 @@
 pub mod cli;
 pub mod formats;
 pub mod information;
+pub mod network;
 pub mod objects;
 pub mod optics;
 pub mod sensor;

@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::network::NetworkError;
+
 /// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum InformationError {
@@ -146,6 +148,47 @@ pub enum InformationError {
     TrialsDiffer {
         /// The setting that differs.
         what: &'static str,
+    },
+    /// A photon count is beyond what a network in single precision can resolve.
+    #[error("photon counts up to {limit} can be modelled, found {found}; divide by the gain or bin less")]
+    TooBright {
+        /// The first value beyond the limit.
+        found: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// A network has no layers, or absurdly many.
+    #[error(
+        "a network of {channels} channels, {components} components and dilations {dilations:?} cannot be built; use 1 to \
+         512 channels and components, and 1 to 64 blocks of dilations up to 64"
+    )]
+    NetworkShape {
+        /// Channels asked for.
+        channels: usize,
+        /// Components asked for.
+        components: usize,
+        /// Dilations asked for.
+        dilations: Vec<usize>,
+    },
+    /// A fit whose steps keep failing.
+    #[error("the fit gave no finite numbers in {refused} steps; check the measurements for extreme values")]
+    Diverged {
+        /// Steps that were refused.
+        refused: usize,
+    },
+    /// A person or program asked to stop.
+    #[error("the estimate was cancelled")]
+    Cancelled,
+    /// Weights that are not those of a network.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    /// A file of weights that cannot be read or written.
+    #[error("{path}: {reason}")]
+    WeightsFile {
+        /// The file.
+        path: String,
+        /// What happened and what to do.
+        reason: String,
     },
     /// A file is not an estimate, or is one from the future.
     #[error("cannot read the estimate: {reason}")]

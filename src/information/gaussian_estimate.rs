@@ -16,7 +16,7 @@ use super::{
 use crate::sensor::Noise;
 
 /// First random stream of the test patches; training patches count from 0.
-const TEST_STREAM: u64 = 1 << 32;
+pub(super) const TEST_STREAM: u64 = 1 << 32;
 
 /// What a fitted Gaussian knows of the covariance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -103,7 +103,7 @@ pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, Informa
     Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, started.elapsed().as_secs_f64(), notes)
 }
 
-fn check_clean(clean: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+pub(super) fn check_clean(clean: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(), InformationError> {
     let (count, found_rows, found_cols) = clean.dim();
     let (noisy, rows, cols) = test.dim();
     if (found_rows, found_cols) != (rows, cols) {
@@ -115,12 +115,12 @@ fn check_clean(clean: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<
     Ok(())
 }
 
-fn whole(patches: ArrayView3<'_, f32>) -> bool {
+pub(super) fn whole(patches: ArrayView3<'_, f32>) -> bool {
     patches.iter().all(|y| y.fract() == 0.0)
 }
 
 /// The patches plus uniform numbers from 0 to 1; one random stream for each patch.
-fn dequantised(patches: ArrayView3<'_, f32>, seed: u64, first_stream: u64) -> Array3<f32> {
+pub(super) fn dequantised(patches: ArrayView3<'_, f32>, seed: u64, first_stream: u64) -> Array3<f32> {
     let mut out = patches.to_owned();
     let each: Vec<_> = out.axis_iter_mut(Axis(0)).enumerate().collect();
     each.into_par_iter().for_each(|(index, mut patch)| {

@@ -14,6 +14,7 @@ mod fourier;
 mod gaussian;
 mod gaussian_estimate;
 mod interpolation;
+mod pixelcnn;
 mod poisson;
 mod poisson_gaussian;
 mod stationary;
@@ -31,6 +32,10 @@ pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};
 pub use gaussian::FullGaussian;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
+pub use pixelcnn::{
+    DataScale, FitProgress, FitReport, Mixtures, PixelCnn, PixelCnnFit, PixelCnnRequest, PixelCnnShape,
+    TrainingPatches, pixelcnn_estimate,
+};
 pub use poisson::poisson_entropy;
 pub use stationary::StationaryGaussian;
 pub use trial::{Estimator, Trial, TrialSettings};

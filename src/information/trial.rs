@@ -17,6 +17,9 @@ pub enum Estimator {
     GaussianFull,
     /// Gaussian of the exact covariance, without samples.
     GaussianAnalytic,
+    /// The published autoregressive network, fitted to patches.
+    #[serde(rename = "pixelcnn")]
+    PixelCnn,
 }
 
 impl fmt::Display for Estimator {
@@ -25,6 +28,7 @@ impl fmt::Display for Estimator {
             Self::GaussianStationary => "gaussian-stationary",
             Self::GaussianFull => "gaussian-full",
             Self::GaussianAnalytic => "gaussian-analytic",
+            Self::PixelCnn => "pixelcnn",
         })
     }
 }

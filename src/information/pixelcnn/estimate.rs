@@ -1,0 +1,161 @@
+//! Information from noisy patches by a fitted `PixelCNN`.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use ndarray::{ArrayView3, Axis};
+
+use super::fit::{FitReport, OnProgress, PixelCnnFit, TrainingPatches};
+use super::model::PixelCnn;
+use super::progress::FitProgress;
+use super::shape::PixelCnnShape;
+pub(super) use crate::information::gaussian_estimate::check_clean;
+use crate::information::gaussian_estimate::{TEST_STREAM, dequantised, whole};
+use crate::information::{Estimator, InformationError, NoiseEntropy, Protocol, Trial, TrialSettings};
+use crate::sensor::Noise;
+
+/// Held-out patches scored between two progress reports.
+const GROUP: usize = 64;
+
+/// Patches and settings of one `PixelCNN` trial.
+#[derive(Clone, Debug)]
+pub struct PixelCnnRequest<'a> {
+    /// Noisy patches to fit, photons per pixel, shape (n, rows, cols).
+    pub train: ArrayView3<'a, f32>,
+    /// The training patches without noise, in the same order. With them the default protocol draws the noise anew for
+    /// every batch; the paper protocol does not use them.
+    pub train_clean: Option<ArrayView3<'a, f32>>,
+    /// Noisy patches to score, photons per pixel, of scenes that the training patches do not show, shape (m, rows, cols).
+    pub test: ArrayView3<'a, f32>,
+    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones stand in for the
+    /// means, negative values as 0; fair above about 10 photons.
+    pub test_clean: Option<ArrayView3<'a, f32>>,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// How the fit is done and entropies are taken.
+    pub protocol: Protocol,
+    /// Time for the fit; scoring the test patches comes on top.
+    pub budget: Option<Duration>,
+    /// A network to start from, such as that of a similar design.
+    pub start: Option<&'a PixelCnn>,
+    /// Seed of first weights, order, noise, dequantisation and bootstraps.
+    pub seed: u64,
+}
+
+/// Fits a `PixelCNN` to noisy patches and bounds the information from above by its cross-entropy on held-out patches.
+///
+/// `I <= -E log2 p(y) - H(Y|X)`, bits per pixel (Pinkard et al. 2024): a measured cross-entropy, never an extrapolation,
+/// so a fit that ends early gives a looser bound and not a wrong one. Whole counts get a uniform number from 0 to 1, as
+/// [`super::super::gaussian_estimate`] says. Returns the trial and the network, which can start the next fit.
+///
+/// # Errors
+/// For patches of different shapes, fewer than a batch and its validation, constant, too bright or broken ones; for
+/// noise without a finite entropy; when `on_progress` cancels.
+pub fn pixelcnn_estimate(
+    request: &PixelCnnRequest<'_>,
+    on_progress: OnProgress<'_>,
+) -> Result<(Trial, PixelCnn), InformationError> {
+    let started = Instant::now();
+    let PixelCnnRequest { train, train_clean, test, test_clean, noise, protocol, budget, start, seed } = *request;
+    let entropy = NoiseEntropy::new(noise, protocol)?;
+    let (patches_train, rows, cols) = train.dim();
+    check_test(train, test)?;
+    let mut notes = Vec::new();
+    let entropy_y_given_x = if let Some(clean) = test_clean {
+        check_clean(clean, test)?;
+        entropy.patch_bits(clean)?
+    } else {
+        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+        entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
+    };
+    let dequantise = protocol == Protocol::Paper || noise == Noise::Shot;
+    if dequantise && !(whole(train) && whole(test)) {
+        notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
+    }
+    let (fit, fresh, min_width) = match protocol {
+        Protocol::Paper => (PixelCnnFit::paper(seed), None, 1.0),
+        Protocol::Default => (PixelCnnFit::standard(seed), train_clean, narrowest(noise)),
+    };
+    let fit = PixelCnnFit { dequantise, budget, ..fit };
+    let patches = TrainingPatches { noisy: train, clean: fresh.map(|clean| (clean, noise)) };
+    let (model, report) = fit.fit(PixelCnnShape::default(), min_width, patches, start, on_progress)?;
+    notes.extend(explained(&report, &fit, fresh.is_some()));
+
+    let test = if dequantise { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
+    let cross_entropy = scored(&model, test.view(), &report, started, on_progress)?;
+    let estimator = Estimator::PixelCnn;
+    let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
+    let seconds = started.elapsed().as_secs_f64();
+    Ok((Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?, model))
+}
+
+/// The narrowest width a Gaussian of the mixture needs: no noisy measurement is sharper than its read noise, and no
+/// whole count with a uniform number is worth more than 1 photon.
+fn narrowest(noise: Noise) -> f32 {
+    noise.read_sigma().map_or(1.0, |sigma| (sigma as f32).clamp(1e-3, 1.0))
+}
+
+fn check_test(train: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+    let (_, rows, cols) = train.dim();
+    let (found, found_rows, found_cols) = test.dim();
+    if (found_rows, found_cols) != (rows, cols) {
+        return Err(InformationError::PatchShape { what: "test patches", rows, cols, found_rows, found_cols });
+    }
+    if found == 0 {
+        let (model, pixels) = ("a held-out test", rows * cols);
+        return Err(InformationError::TooFewPatches { model, needed: 1, found, pixels });
+    }
+    super::model::check(test).map(|_| ())
+}
+
+/// Cross-entropy of each test patch, bits per pixel, with progress.
+fn scored(
+    model: &PixelCnn,
+    test: ArrayView3<'_, f32>,
+    report: &FitReport,
+    started: Instant,
+    on_progress: OnProgress<'_>,
+) -> Result<Vec<f64>, InformationError> {
+    let total = test.len_of(Axis(0));
+    let best = report.best_epoch.checked_sub(1).and_then(|epoch| report.epochs.get(epoch)).map(|&(_, bits)| bits);
+    let mut bits = Vec::with_capacity(total);
+    for group in test.axis_chunks_iter(Axis(0), GROUP) {
+        bits.extend(model.cross_entropy_bits(group)?);
+        let progress = FitProgress {
+            epoch: report.epochs.len(),
+            epochs: report.epochs.len(),
+            step: report.steps,
+            validation_bits: report.epochs.last().map(|&(_, bits)| bits),
+            best_bits: best,
+            elapsed: started.elapsed(),
+            remaining: None,
+            scored: Some((bits.len(), total)),
+        };
+        if on_progress(&progress) == ControlFlow::Break(()) {
+            return Err(InformationError::Cancelled);
+        }
+    }
+    Ok(bits)
+}
+
+/// What a reader must know of the fit.
+fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> {
+    let seconds = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
+    let noise = if fresh { ", noise drawn anew for each" } else { "" };
+    let mut notes = vec![format!(
+        "fitted in {} steps of {} patches{noise}; weights of epoch {} of {}, {seconds:.0} s",
+        report.steps,
+        fit.batch,
+        report.best_epoch,
+        report.epochs.len()
+    )];
+    if report.cut_short {
+        notes.push(
+            "the time budget ended the fit before it had converged, so the bound is looser than it could be".into(),
+        );
+    }
+    if report.refused > 0 {
+        notes.push(format!("{} steps without finite numbers were refused and the rate was lowered", report.refused));
+    }
+    notes
+}

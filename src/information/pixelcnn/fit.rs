@@ -1,0 +1,319 @@
+//! The fit of a `PixelCNN` to training patches: the published procedure, and one that gets further in the same time.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use ndarray::{ArrayView3, Axis, s};
+
+use super::batches::{Batches, Purpose, prepared, seed_for};
+use super::gradient::Gradients;
+use super::model::{PixelCnn, check};
+use super::optimizer::Optimizer;
+use super::progress::FitProgress;
+use super::scale::{DataScale, check_values};
+use super::shape::PixelCnnShape;
+use crate::information::InformationError;
+use crate::sensor::Noise;
+
+/// Share of the schedule in which the rate rises, and the share of the rate that is left at its end.
+const WARM_UP: f64 = 0.03;
+const FINAL_RATE: f64 = 0.02;
+/// Steps without finite numbers after which a fit is given up.
+const MAX_REFUSED: usize = 30;
+/// A gradient of this norm is as good as an infinite one.
+const LARGEST_NORM: f64 = 1e15;
+
+/// Patches to fit, photons per pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct TrainingPatches<'a> {
+    /// Noisy patches, shape (n, rows, cols); the first of them validate.
+    pub noisy: ArrayView3<'a, f32>,
+    /// The same without noise, and the noise to draw anew for every batch.
+    pub clean: Option<(ArrayView3<'a, f32>, Noise)>,
+}
+
+/// How a network is fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PixelCnnFit {
+    /// Patches of one step.
+    pub batch: usize,
+    /// Steps of one epoch; validation follows each.
+    pub steps_per_epoch: usize,
+    /// Most epochs.
+    pub max_epochs: usize,
+    /// Epochs without improvement after which the fit ends.
+    pub patience: Option<usize>,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Whether the rate rises at first and falls by a cosine to the end; with a budget, to the end of the budget.
+    pub schedule: bool,
+    /// Whether hidden matrices move by Muon instead of Adam.
+    pub muon: bool,
+    /// Whether the weights are averaged over the last tenth of the steps.
+    pub average: bool,
+    /// Largest norm of a gradient; longer ones are shortened to it.
+    pub max_norm: Option<f64>,
+    /// Largest number of validation patches; it is a tenth of all patches where that is less.
+    pub max_validation: usize,
+    /// Whether a uniform number from 0 to 1 is added to every pixel, anew for every batch.
+    pub dequantise: bool,
+    /// Time after which the fit ends, that of validation included.
+    pub budget: Option<Duration>,
+    /// Seed of first weights, order, noise and dequantisation.
+    pub seed: u64,
+}
+
+/// What a fit did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitReport {
+    /// Steps taken.
+    pub steps: usize,
+    /// Seconds taken, and cross-entropy of the validation patches in bits per pixel, after each epoch.
+    pub epochs: Vec<(f64, f64)>,
+    /// Number of the epoch whose weights were kept, from 1.
+    pub best_epoch: usize,
+    /// Steps that were refused because loss or gradient were not finite.
+    pub refused: usize,
+    /// Whether the budget ended it before its own rule did.
+    pub cut_short: bool,
+}
+
+/// Receives progress; `ControlFlow::Break` cancels the fit before its next step.
+pub type OnProgress<'a> = &'a mut dyn FnMut(&FitProgress) -> ControlFlow<()>;
+
+impl PixelCnnFit {
+    /// The published procedure (Kabuli et al. 2026): Adam at 1e-3, batches of 64, 500 steps per epoch, at most 200
+    /// epochs, an end after 20 without improvement, the best one kept, a tenth of the patches to validate.
+    pub fn paper(seed: u64) -> Self {
+        Self {
+            batch: 64,
+            steps_per_epoch: 500,
+            max_epochs: 200,
+            patience: Some(20),
+            rate: 1e-3,
+            schedule: false,
+            muon: false,
+            average: false,
+            max_norm: None,
+            max_validation: usize::MAX,
+            dequantise: true,
+            budget: None,
+            seed,
+        }
+    }
+
+    /// The default procedure: small batches, Muon with a rate that rises and falls, averaged weights, fresh noise for
+    /// every batch where clean patches are given.
+    pub fn standard(seed: u64) -> Self {
+        Self {
+            batch: 4,
+            steps_per_epoch: 600,
+            max_epochs: 10,
+            patience: None,
+            rate: 3e-3,
+            schedule: true,
+            muon: true,
+            average: true,
+            max_norm: Some(1.0),
+            max_validation: 64,
+            dequantise: true,
+            budget: None,
+            seed,
+        }
+    }
+
+    /// Fits a network of the given shape, from its first weights or from those of `start`.
+    ///
+    /// Widths of the mixture stay above `min_width` photons. With a budget the number of steps depends on the machine;
+    /// without one, equal seeds give equal bits on one machine, whatever the number of threads.
+    ///
+    /// # Errors
+    /// For too few, constant, too bright or broken patches, for numbers that stay infinite, and when cancelled.
+    pub fn fit(
+        &self,
+        shape: PixelCnnShape,
+        min_width: f32,
+        patches: TrainingPatches<'_>,
+        start: Option<&PixelCnn>,
+        on_progress: OnProgress<'_>,
+    ) -> Result<(PixelCnn, FitReport), InformationError> {
+        let started = Instant::now();
+        let validation = self.check(patches)?;
+        let scale = DataScale::of(patches.noisy.slice(s![validation.., .., ..]), min_width)?;
+        let mut model = PixelCnn::new(shape, scale, seed_for(self.seed, Purpose::Weights, 0));
+        if let Some(start) = start.filter(|start| start.shape == model.shape) {
+            model.weights.copy_from_slice(&start.weights);
+        }
+        let held_out = patches.noisy.slice(s![..validation, .., ..]);
+        let held_out = prepared(held_out, self.dequantise, seed_for(self.seed, Purpose::Validation, 0));
+        let batches = Batches::new(patches, validation, self.dequantise, self.seed);
+        let mut run = Run::new(self, &model, started);
+        let cut_short = run.epochs(&mut model, batches, held_out.view(), on_progress)?;
+        let Run { best, report, .. } = run;
+        if let Some((weights, _)) = best {
+            model.weights = weights;
+        }
+        Ok((model, FitReport { cut_short, ..report }))
+    }
+
+    /// Number of patches that validate.
+    fn check(&self, patches: TrainingPatches<'_>) -> Result<usize, InformationError> {
+        let (count, rows, cols) = patches.noisy.dim();
+        let validation = (count / 10).min(self.max_validation).max(1);
+        if count < self.batch.max(1) + validation {
+            let (model, needed) = ("a PixelCNN", self.batch.max(1) + validation);
+            return Err(InformationError::TooFewPatches { model, needed, found: count, pixels: rows * cols });
+        }
+        check(patches.noisy)?;
+        if let Some((clean, _)) = patches.clean {
+            super::estimate::check_clean(clean, patches.noisy)?;
+            check_values(clean, "clean training patches")?;
+        }
+        Ok(validation)
+    }
+}
+
+/// The state of one fit.
+struct Run<'a> {
+    fit: &'a PixelCnnFit,
+    started: Instant,
+    optimizer: Optimizer,
+    gradients: Gradients,
+    /// Halved whenever a step is refused.
+    caution: f64,
+    best: Option<(Vec<f32>, f64)>,
+    report: FitReport,
+    /// Time the last validation took.
+    validation: Duration,
+}
+
+impl<'a> Run<'a> {
+    fn new(fit: &'a PixelCnnFit, model: &PixelCnn, started: Instant) -> Self {
+        Self {
+            fit,
+            started,
+            optimizer: Optimizer::new(&model.layout, &model.weights, fit.muon, fit.average),
+            gradients: Gradients::new(model.layout.count()),
+            caution: 1.0,
+            best: None,
+            report: FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false },
+            validation: Duration::ZERO,
+        }
+    }
+
+    /// All epochs; whether the budget cut them short.
+    fn epochs(
+        &mut self,
+        model: &mut PixelCnn,
+        mut batches: Batches<'_>,
+        held_out: ArrayView3<'_, f32>,
+        on_progress: OnProgress<'_>,
+    ) -> Result<bool, InformationError> {
+        let fit = self.fit;
+        loop {
+            let epoch = self.report.epochs.len() + 1;
+            loop {
+                let done = self.done();
+                let rate = fit.rate * self.caution * if fit.schedule { schedule(done) } else { 1.0 };
+                self.step(model, &mut batches, rate)?;
+                if on_progress(&self.progress(epoch)).is_break() {
+                    return Err(InformationError::Cancelled);
+                }
+                let done = self.done();
+                if self.out_of_time() || done * fit.max_epochs as f64 >= epoch as f64 {
+                    break;
+                }
+            }
+            self.validate(model, held_out)?;
+            if self.finished() {
+                return Ok(false);
+            }
+            if self.out_of_time() {
+                return Ok(!fit.schedule);
+            }
+        }
+    }
+
+    /// Share of the schedule that is over.
+    fn done(&self) -> f64 {
+        match self.fit.budget {
+            Some(budget) if self.fit.schedule => {
+                let budget = budget.saturating_sub(self.validation).as_secs_f64();
+                (self.started.elapsed().as_secs_f64() / budget.max(1e-9)).min(1.0)
+            }
+            _ => self.report.steps as f64 / (self.fit.max_epochs * self.fit.steps_per_epoch).max(1) as f64,
+        }
+    }
+
+    fn out_of_time(&self) -> bool {
+        self.fit.budget.is_some_and(|budget| self.started.elapsed() + self.validation >= budget)
+    }
+
+    fn finished(&self) -> bool {
+        let epochs = self.report.epochs.len();
+        epochs >= self.fit.max_epochs
+            || self.fit.patience.is_some_and(|patience| epochs >= self.report.best_epoch + patience)
+    }
+
+    fn step(&mut self, model: &mut PixelCnn, batches: &mut Batches<'_>, rate: f64) -> Result<(), InformationError> {
+        let batch = batches.draw(self.fit.batch.max(1));
+        let (samples, rows, cols) = batch.dim();
+        let grid = crate::network::Grid { samples, rows, cols };
+        // A fresh array is contiguous, so the slice is there.
+        let loss = self.gradients.evaluate(model, grid, batch.as_slice().unwrap_or_default(), None);
+        let norm = self.gradients.norm();
+        self.report.steps += 1;
+        if !(loss.is_finite() && norm < LARGEST_NORM) {
+            self.report.refused += 1;
+            self.caution *= 0.5;
+            let refused = self.report.refused;
+            return if refused < MAX_REFUSED { Ok(()) } else { Err(InformationError::Diverged { refused }) };
+        }
+        let scale = self.fit.max_norm.map_or(1.0, |most| (most / norm.max(1e-30)).min(1.0));
+        self.optimizer.step(&mut model.weights, &self.gradients.total, scale as f32, rate as f32);
+        Ok(())
+    }
+
+    /// Scores the validation patches and keeps the weights if they are the best so far.
+    fn validate(&mut self, model: &mut PixelCnn, held_out: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+        let began = Instant::now();
+        let candidate = PixelCnn { weights: self.optimizer.result(&model.weights).to_vec(), ..model.clone() };
+        let bits = candidate.cross_entropy_bits(held_out)?;
+        let mean = bits.iter().sum::<f64>() / held_out.len_of(Axis(0)) as f64;
+        self.report.epochs.push((self.started.elapsed().as_secs_f64(), mean));
+        if mean.is_finite() && self.best.as_ref().is_none_or(|(_, best)| mean < *best) {
+            self.best = Some((candidate.weights, mean));
+            self.report.best_epoch = self.report.epochs.len();
+        }
+        self.validation = began.elapsed();
+        Ok(())
+    }
+
+    fn progress(&self, epoch: usize) -> FitProgress {
+        let elapsed = self.started.elapsed();
+        let done = self.done();
+        let by_schedule =
+            (done > 0.0).then(|| Duration::try_from_secs_f64(elapsed.as_secs_f64() * (1.0 / done - 1.0)).ok());
+        let by_budget = self.fit.budget.map(|budget| budget.saturating_sub(elapsed));
+        FitProgress {
+            epoch,
+            epochs: self.fit.max_epochs,
+            step: self.report.steps,
+            validation_bits: self.report.epochs.last().map(|&(_, bits)| bits),
+            best_bits: self.best.as_ref().map(|&(_, bits)| bits),
+            elapsed,
+            remaining: match (by_schedule.flatten(), by_budget) {
+                (Some(a), Some(b)) => Some(a.min(b)),
+                (a, b) => a.or(b),
+            },
+            scored: None,
+        }
+    }
+}
+
+/// Factor of the rate when a share `done` of the schedule is over: a linear rise, then a cosine.
+fn schedule(done: f64) -> f64 {
+    let rise = (done / WARM_UP).min(1.0);
+    let fall = FINAL_RATE + (1.0 - FINAL_RATE) * 0.5 * (1.0 + (std::f64::consts::PI * done).cos());
+    rise.max(FINAL_RATE) * fall
+}

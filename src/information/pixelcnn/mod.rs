@@ -1,0 +1,22 @@
+//! PixelCNN: a density model of patches as a product of densities of each pixel given those above and to its left
+//! (van den Oord et al. 2016), with the network and the fit of Pinkard et al. 2024 and Kabuli et al. 2026.
+
+mod batches;
+mod estimate;
+mod file;
+mod fit;
+mod gradient;
+mod mixture;
+mod model;
+mod network;
+mod optimizer;
+mod progress;
+mod scale;
+mod shape;
+
+pub use estimate::{PixelCnnRequest, pixelcnn_estimate};
+pub use fit::{FitReport, PixelCnnFit, TrainingPatches};
+pub use model::{Mixtures, PixelCnn};
+pub use progress::FitProgress;
+pub use scale::DataScale;
+pub use shape::PixelCnnShape;

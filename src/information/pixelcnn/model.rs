@@ -1,0 +1,190 @@
+//! A `PixelCNN` with its weights: densities of patches and gradients of their loss.
+
+use std::sync::{Mutex, PoisonError};
+
+use ndarray::{Array3, Array4, ArrayView3};
+use rayon::prelude::*;
+
+use super::gradient::Gradients;
+use super::mixture::component;
+use super::network::Workspace;
+use super::scale::{DataScale, check_values};
+use super::shape::{Layers, PixelCnnShape};
+use crate::information::InformationError;
+use crate::network::{Grid, ParameterLayout};
+
+/// Largest patch, px: a thread needs about 22 kB for each.
+const MAX_PATCH_PIXELS: usize = 1 << 14;
+/// Pixels that a thread takes through the network at a time, if a patch is not larger: they fit its cache.
+pub(super) const CHUNK_PIXELS: usize = 1024;
+
+/// The published autoregressive network (Pinkard et al. 2024) for one kind of data.
+///
+/// Its 617,592 open weights (847,480 with those behind masks) see 13 rows up and 13 px to the left.
+#[derive(Clone, Debug)]
+pub struct PixelCnn {
+    pub(super) shape: PixelCnnShape,
+    pub(super) layers: Layers,
+    pub(super) layout: ParameterLayout,
+    pub(super) scale: DataScale,
+    pub(super) weights: Vec<f32>,
+}
+
+/// The mixture of Gaussians that the network puts at every pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mixtures {
+    /// Means in photons, shape (n, rows, cols, components).
+    pub means: Array4<f32>,
+    /// Standard deviations in photons, the same shape.
+    pub widths: Array4<f32>,
+    /// Logarithms of the weights up to a constant, the same shape.
+    pub logits: Array4<f32>,
+}
+
+impl PixelCnn {
+    /// A network before training, for data of this scale.
+    pub fn new(shape: PixelCnnShape, scale: DataScale, seed: u64) -> Self {
+        let (layers, layout) = shape.layers(&scale);
+        let weights = layout.draw(seed);
+        Self { shape, layers, layout, scale, weights }
+    }
+
+    /// Statistics of the data it is for.
+    pub fn scale(&self) -> &DataScale {
+        &self.scale
+    }
+
+    /// Names, shapes and places of its weights.
+    pub fn layout(&self) -> &ParameterLayout {
+        &self.layout
+    }
+
+    /// All weights, in the order of [`PixelCnn::layout`].
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// All weights, to be changed.
+    pub fn weights_mut(&mut self) -> &mut [f32] {
+        &mut self.weights
+    }
+
+    /// Cross-entropy of each patch, `-log2 p(y)` in bits per pixel; patches in photons, shape (n, rows, cols).
+    ///
+    /// # Errors
+    /// For empty or too large patches, and values that are not finite or above 10 million.
+    pub fn cross_entropy_bits(&self, patches: ArrayView3<'_, f32>) -> Result<Vec<f64>, InformationError> {
+        let pixels = patches.dim().1 * patches.dim().2;
+        self.over_chunks(patches, |workspace, values, out| {
+            workspace.score(&self.scale, values, 0.0);
+            out.extend(workspace.losses.chunks_exact(pixels).map(|losses| {
+                let nats: f64 = losses.iter().map(|&loss| f64::from(loss)).sum();
+                nats / pixels as f64 / std::f64::consts::LN_2
+            }));
+        })
+    }
+
+    /// The mixture at every pixel of patches (photons), shape (n, rows, cols).
+    ///
+    /// # Errors
+    /// As [`PixelCnn::cross_entropy_bits`].
+    pub fn mixtures(&self, patches: ArrayView3<'_, f32>) -> Result<Mixtures, InformationError> {
+        let components = self.shape.components;
+        let all = self.over_chunks(patches, |workspace, _, out| {
+            out.extend(workspace.heads.chunks_exact(components).map(<[f32]>::to_vec));
+        })?;
+        let (samples, rows, cols) = patches.dim();
+        let pick = |value: &dyn Fn(usize, usize) -> f32| {
+            Array4::from_shape_fn((samples, rows, cols, components), |(n, row, col, k)| {
+                value(3 * ((n * rows + row) * cols + col), k)
+            })
+        };
+        let gaussian = |at: usize, k: usize| component(&self.scale, all[at][k], all[at + 1][k]);
+        Ok(Mixtures {
+            means: pick(&|at, k| gaussian(at, k).0),
+            widths: pick(&|at, k| gaussian(at, k).1),
+            logits: pick(&|at, k| all[at + 2][k]),
+        })
+    }
+
+    /// Mean negative log density, nats per pixel, with its gradients by the weights (in the order of
+    /// [`PixelCnn::layout`]) and by the patches (per photon, shape of the patches).
+    ///
+    /// # Errors
+    /// As [`PixelCnn::cross_entropy_bits`].
+    pub fn loss_and_gradients(
+        &self,
+        patches: ArrayView3<'_, f32>,
+    ) -> Result<(f64, Vec<f32>, Array3<f32>), InformationError> {
+        let grid = check(patches)?;
+        let values = patches.as_standard_layout();
+        // A standard layout is contiguous, so the slice is there.
+        let values = values.as_slice().unwrap_or_default();
+        let mut gradients = Gradients::new(self.layout.count());
+        let mut by_patch = vec![0.0; values.len()];
+        let loss = gradients.evaluate(self, grid, values, Some(&mut by_patch));
+        let by_patch = Array3::from_shape_vec(patches.dim(), by_patch).unwrap_or_default();
+        Ok((loss, gradients.total, by_patch))
+    }
+
+    /// Takes patches through the network, some at a time, and joins what `read` takes from each, in order.
+    fn over_chunks<T: Send>(
+        &self,
+        patches: ArrayView3<'_, f32>,
+        read: impl Fn(&mut Workspace, &[f32], &mut Vec<T>) + Sync,
+    ) -> Result<Vec<T>, InformationError> {
+        let grid = check(patches)?;
+        let values = patches.as_standard_layout();
+        // A standard layout is contiguous, so the slice is there.
+        let values = values.as_slice().unwrap_or_default();
+        let pixels = grid.rows * grid.cols;
+        let chunk = samples_per_chunk(pixels) * pixels;
+        let workspaces = Workspaces::default();
+        let parts: Vec<Vec<T>> = values
+            .par_chunks(chunk)
+            .map(|values| {
+                let grid = Grid { samples: values.len() / pixels, ..grid };
+                let mut out = Vec::new();
+                workspaces.with(&self.shape, grid, |workspace| {
+                    workspace.forward(&self.layers, &self.scale, &self.weights, values);
+                    read(workspace, values, &mut out);
+                });
+                out
+            })
+            .collect();
+        Ok(parts.into_iter().flatten().collect())
+    }
+}
+
+/// Patches that a thread takes through the network at a time.
+pub(super) fn samples_per_chunk(patch_pixels: usize) -> usize {
+    (CHUNK_PIXELS / patch_pixels.max(1)).max(1)
+}
+
+/// Refuses patches the network cannot take.
+pub(super) fn check(patches: ArrayView3<'_, f32>) -> Result<Grid, InformationError> {
+    let (samples, rows, cols) = patches.dim();
+    if !(1..=MAX_PATCH_PIXELS).contains(&(rows * cols)) {
+        return Err(InformationError::PatchSize { rows, cols, limit: MAX_PATCH_PIXELS });
+    }
+    check_values(patches, "patches")?;
+    Ok(Grid { samples, rows, cols })
+}
+
+/// Memory of the threads, kept from one stack of patches to the next. Which thread gets which does not matter.
+#[derive(Debug, Default)]
+pub(super) struct Workspaces(Mutex<Vec<Workspace>>);
+
+impl Workspaces {
+    /// Lends a workspace for this grid.
+    pub fn with(&self, shape: &PixelCnnShape, grid: Grid, work: impl FnOnce(&mut Workspace)) {
+        let kept = {
+            // A workspace holds nothing that a panic elsewhere could have broken: all of it is written before it is read.
+            let mut free = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            free.iter().position(|workspace| workspace.grid() == grid).map(|index| free.swap_remove(index))
+        };
+        let mut workspace = kept.unwrap_or_else(|| Workspace::new(shape, grid));
+        work(&mut workspace);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+    }
+}

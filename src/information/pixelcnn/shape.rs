@@ -1,0 +1,174 @@
+//! Layers of the network and where their weights lie.
+
+use std::ops::Range;
+
+use super::scale::DataScale;
+use crate::information::InformationError;
+use crate::network::{
+    Initial, ParameterLayout, Taps, Write, column_sums, fill_bias, product, product_of_transposed,
+    product_with_transposed,
+};
+
+/// Size of a `PixelCNN`. [`PixelCnnShape::default`] is the published one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PixelCnnShape {
+    /// Channels C of the hidden layers.
+    pub(super) channels: usize,
+    /// Gaussians K that are mixed in every pixel.
+    pub(super) components: usize,
+    /// Distance in px between the taps of each gated block.
+    pub(super) dilations: Vec<usize>,
+}
+
+/// Most channels, and most components.
+const MAX_WIDTH: usize = 512;
+/// Most gated blocks, and the largest dilation, px.
+const MAX_DEPTH: usize = 64;
+
+impl Default for PixelCnnShape {
+    fn default() -> Self {
+        Self { channels: 64, components: 40, dilations: vec![1, 2, 1, 4, 1, 2, 1] }
+    }
+}
+
+/// A matrix and a bias: (inputs, outputs) and (outputs).
+#[derive(Clone, Debug)]
+pub(super) struct Layer {
+    pub kernel: Range<usize>,
+    pub bias: Range<usize>,
+    pub inputs: usize,
+    pub outputs: usize,
+}
+
+/// The four layers of a gated block, and what the two convolutions see.
+#[derive(Clone, Debug)]
+pub(super) struct Block {
+    pub vertical_taps: Taps,
+    pub horizontal_taps: Taps,
+    /// Taps C -> 2C.
+    pub vertical: Layer,
+    /// Taps C -> 2C.
+    pub horizontal: Layer,
+    /// 2C -> 2C, from the vertical to the horizontal features.
+    pub link: Layer,
+    /// C -> C.
+    pub output: Layer,
+}
+
+/// All layers, in the order of the computation.
+#[derive(Clone, Debug)]
+pub(super) struct Layers {
+    pub first_vertical_taps: Taps,
+    pub first_horizontal_taps: Taps,
+    pub first_vertical: Layer,
+    pub first_horizontal: Layer,
+    pub blocks: Vec<Block>,
+    pub out: Layer,
+    /// C -> 3K: means, widths, logits.
+    pub heads: Layer,
+}
+
+impl PixelCnnShape {
+    /// A network of `channels` hidden channels, `components` Gaussians per pixel and one gated block per dilation (px).
+    ///
+    /// # Errors
+    /// For a network of no or of absurd size.
+    pub fn new(channels: usize, components: usize, dilations: Vec<usize>) -> Result<Self, InformationError> {
+        let depth = 1..=MAX_DEPTH;
+        let widths = [channels, components].iter().all(|width| (1..=MAX_WIDTH).contains(width));
+        if widths && depth.contains(&dilations.len()) && dilations.iter().all(|dilation| depth.contains(dilation)) {
+            return Ok(Self { channels, components, dilations });
+        }
+        Err(InformationError::NetworkShape { channels, components, dilations })
+    }
+
+    /// Layers, and the names and first values of their weights.
+    ///
+    /// Kernels hold open taps only, shape (taps, inputs, outputs); their first variance counts the masked taps too, as
+    /// published. The bias of the means starts anywhere in the range of the data.
+    pub(super) fn layers(&self, scale: &DataScale) -> (Layers, ParameterLayout) {
+        let (channels, components) = (self.channels, self.components);
+        let wide = 2 * channels;
+        let mut layout = ParameterLayout::default();
+        let mut layer = |name: &str, taps: (usize, usize), inputs: usize, outputs: usize| {
+            let (open, all) = taps;
+            let initial = Initial::LecunNormal { inputs: all * inputs };
+            let shape = [open, inputs, outputs];
+            let shape = if all == 1 { &shape[1..] } else { &shape };
+            let kernel = layout.add(format!("{name}.kernel"), shape, initial);
+            let bias = layout.add(format!("{name}.bias"), &[outputs], Initial::Zeros);
+            Layer { kernel, bias, inputs: open * inputs, outputs }
+        };
+        let first_vertical = layer("first.vertical", (3, 9), 1, channels);
+        let first_horizontal = layer("first.horizontal", (1, 3), 1, channels);
+        let mut blocks = Vec::new();
+        for (index, &dilation) in self.dilations.iter().enumerate() {
+            let d = dilation as isize;
+            blocks.push(Block {
+                vertical_taps: Taps::new([(-d, -d), (-d, 0), (-d, d), (0, -d), (0, 0), (0, d)]),
+                horizontal_taps: Taps::new([(0, -d), (0, 0)]),
+                vertical: layer(&format!("block{index}.vertical"), (6, 9), channels, wide),
+                horizontal: layer(&format!("block{index}.horizontal"), (2, 3), channels, wide),
+                link: layer(&format!("block{index}.link"), (1, 1), wide, wide),
+                output: layer(&format!("block{index}.output"), (1, 1), channels, channels),
+            });
+        }
+        let out = layer("out", (1, 1), channels, channels);
+        let kernel = Initial::LecunNormal { inputs: channels };
+        let kernel = layout.add("heads.kernel", &[channels, 3 * components], kernel);
+        let means = Initial::Uniform { low: scale.min, high: scale.max };
+        let parts = vec![(components, means), (2 * components, Initial::Zeros)];
+        let bias = layout.add_in_parts("heads.bias", &[3 * components], parts);
+        let heads = Layer { kernel, bias, inputs: channels, outputs: 3 * components };
+        let layers = Layers {
+            first_vertical_taps: Taps::new([(-1, -1), (-1, 0), (-1, 1)]),
+            first_horizontal_taps: Taps::new([(0, -1)]),
+            first_vertical,
+            first_horizontal,
+            blocks,
+            out,
+            heads,
+        };
+        (layers, layout)
+    }
+}
+
+impl Layer {
+    pub fn bias<'a>(&self, weights: &'a [f32]) -> &'a [f32] {
+        &weights[self.bias.clone()]
+    }
+
+    /// `out = input kernel + bias`.
+    pub fn forward(&self, weights: &[f32], input: &[f32], out: &mut [f32]) {
+        fill_bias(self.bias(weights), out);
+        self.add_forward(weights, input, out);
+    }
+
+    /// `out += input kernel`.
+    pub fn add_forward(&self, weights: &[f32], input: &[f32], out: &mut [f32]) {
+        let shape = (input.len() / self.inputs, self.inputs, self.outputs);
+        product(input, &weights[self.kernel.clone()], shape, out, Write::Add);
+    }
+
+    /// Gradient by kernel and bias from the gradient by the output.
+    pub fn by_weights(&self, input: &[f32], by_output: &[f32], gradient: &mut [f32], write: Write) {
+        self.by_kernel(input, by_output, gradient, write);
+        let bias = &mut gradient[self.bias.clone()];
+        if write == Write::Replace {
+            bias.fill(0.0);
+        }
+        column_sums(by_output, bias);
+    }
+
+    /// Gradient by the kernel alone.
+    pub fn by_kernel(&self, input: &[f32], by_output: &[f32], gradient: &mut [f32], write: Write) {
+        let shape = (self.inputs, input.len() / self.inputs, self.outputs);
+        product_of_transposed(input, by_output, shape, &mut gradient[self.kernel.clone()], write);
+    }
+
+    /// Gradient by the input from the gradient by the output.
+    pub fn by_input(&self, weights: &[f32], by_output: &[f32], by_input: &mut [f32], write: Write) {
+        let shape = (by_output.len() / self.outputs, self.outputs, self.inputs);
+        product_with_transposed(by_output, &weights[self.kernel.clone()], shape, by_input, write);
+    }
+}

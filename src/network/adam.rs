@@ -1,0 +1,81 @@
+//! Adam, and averages of weights over steps.
+
+use super::arithmetic::vectorised;
+
+/// Decay of the mean of gradients.
+const FIRST_DECAY: f32 = 0.9;
+/// Decay of the mean of squared gradients.
+const SECOND_DECAY: f32 = 0.999;
+/// Keeps steps finite where all gradients were 0.
+const EPSILON: f32 = 1e-8;
+
+/// Adam (Kingma and Ba 2015) with decays 0.9 and 0.999 and epsilon 1e-8, for one stretch of weights.
+#[derive(Clone, Debug)]
+pub struct Adam {
+    first: Vec<f32>,
+    second: Vec<f32>,
+    steps: i32,
+}
+
+impl Adam {
+    /// For `count` weights, before the first step.
+    pub fn new(count: usize) -> Self {
+        Self { first: vec![0.0; count], second: vec![0.0; count], steps: 0 }
+    }
+
+    /// Takes one step of `rate` (units of the weights) against `scale` times `gradient`.
+    pub fn step(&mut self, weights: &mut [f32], gradient: &[f32], scale: f32, rate: f32) {
+        self.steps = self.steps.saturating_add(1);
+        let first_bias = 1.0 / (1.0 - FIRST_DECAY.powi(self.steps));
+        let second_bias = 1.0 / (1.0 - SECOND_DECAY.powi(self.steps));
+        let (first, second) = (&mut self.first, &mut self.second);
+        vectorised(|| {
+            let moments = first.iter_mut().zip(second);
+            for ((weight, gradient), (first, second)) in weights.iter_mut().zip(gradient).zip(moments) {
+                let gradient = gradient * scale;
+                *first = FIRST_DECAY * *first + (1.0 - FIRST_DECAY) * gradient;
+                *second = SECOND_DECAY * *second + (1.0 - SECOND_DECAY) * gradient * gradient;
+                *weight -= rate * (*first * first_bias) / ((*second * second_bias).sqrt() + EPSILON);
+            }
+        });
+    }
+}
+
+/// `average += share (weights - average)`.
+pub fn moving_average(average: &mut [f32], weights: &[f32], share: f32) {
+    vectorised(|| {
+        for (average, weight) in average.iter_mut().zip(weights) {
+            *average += share * (weight - *average);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_those_of_the_published_algorithm() {
+        let (mut weight, mut first, mut second) = (0.3_f64, 0.0, 0.0);
+        let mut adam = Adam::new(1);
+        let mut found = [0.3_f32];
+        for step in 1..=20 {
+            let gradient = 2.0 * f64::from(found[0]) - 0.1 * f64::from(step);
+            adam.step(&mut found, &[gradient as f32 * 0.5], 2.0, 0.01);
+            first = 0.9 * first + 0.1 * gradient;
+            second = 0.999 * second + 0.001 * gradient * gradient;
+            let corrected = (first / (1.0 - 0.9_f64.powi(step)), second / (1.0 - 0.999_f64.powi(step)));
+            weight -= 0.01 * corrected.0 / (corrected.1.sqrt() + 1e-8);
+            assert!((weight - f64::from(found[0])).abs() < 1e-5, "{step}: {weight} {}", found[0]);
+        }
+    }
+
+    #[test]
+    fn an_average_of_all_steps_is_their_mean() {
+        let mut average = [9.0_f32, 9.0];
+        for (step, weights) in [[1.0, 2.0], [3.0, 2.0], [5.0, 8.0]].iter().enumerate() {
+            moving_average(&mut average, weights, 1.0 / (step as f32 + 1.0));
+        }
+        assert!((average[0] - 3.0).abs() < 1e-6 && (average[1] - 4.0).abs() < 1e-6);
+    }
+}

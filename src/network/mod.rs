@@ -1,0 +1,29 @@
+//! Parts that small networks on the CPU are built from: matrix products, causal taps, activations, optimizers, weights.
+//!
+//! Arrays are plain slices of `f32`, row-major, the last axis being the channel: (samples, rows, cols, channels). Work
+//! that is split between threads is split the same way whatever their number, and summed in order, so equal seeds give
+//! equal bits.
+
+mod activation;
+mod adam;
+mod arithmetic;
+mod bias;
+mod error;
+mod muon;
+mod parameters;
+mod parts;
+mod product;
+mod taps;
+mod weights_file;
+
+pub use activation::{elu, elu_backward, gate, gate_backward};
+pub use adam::{Adam, moving_average};
+pub use arithmetic::{exponential, logarithm, vectorised};
+pub use bias::{add_bias, column_sums, fill_bias};
+pub use error::NetworkError;
+pub use muon::Muon;
+pub use parameters::{Initial, ParameterLayout, Tensor};
+pub use parts::{part_range, sum_in_order};
+pub use product::{Write, product, product_of_transposed, product_with_transposed};
+pub use taps::{Grid, Taps};
+pub use weights_file::{WeightsHeader, read_details, read_weights, write_weights};
