@@ -2,13 +2,13 @@
 
 use super::arithmetic::{exponential, vectorised};
 
-/// Gated activation (van den Oord et al. 2016): `out = tanh(a) sigmoid(b)` where a and b are the first and second half
-/// of the channels of `features` (pixels, 2 channels).
-///
-/// `factors` (pixels, 2 channels) keeps tanh and sigmoid for [`gate_backward`]; `out` is (pixels, channels).
-pub fn gate(features: &[f32], channels: usize, factors: &mut [f32], out: &mut [f32]) {
-    let wide = 2 * channels;
-    vectorised(|| {
+vectorised! {
+    /// Gated activation (van den Oord et al. 2016): `out = tanh(a) sigmoid(b)` where a and b are the first and second half
+    /// of the channels of `features` (pixels, 2 channels).
+    ///
+    /// `factors` (pixels, 2 channels) keeps tanh and sigmoid for [`gate_backward`]; `out` is (pixels, channels).
+    pub fn gate<'a>(features: &'a [f32], channels: usize, factors: &'a mut [f32], out: &'a mut [f32]) {
+        let wide = 2 * channels;
         let rows = features.chunks_exact(wide).zip(factors.chunks_exact_mut(wide)).zip(out.chunks_exact_mut(channels));
         for ((feature, factor), out) in rows {
             let (a, b) = feature.split_at(channels);
@@ -22,13 +22,13 @@ pub fn gate(features: &[f32], channels: usize, factors: &mut [f32], out: &mut [f
                 *out = t * s;
             }
         }
-    });
+    }
 }
 
-/// Gradient of [`gate`] by its features, from the gradient by its output (pixels, channels).
-pub fn gate_backward(factors: &[f32], channels: usize, gradient: &[f32], features: &mut [f32]) {
-    let wide = 2 * channels;
-    vectorised(|| {
+vectorised! {
+    /// Gradient of [`gate`] by its features, from the gradient by its output (pixels, channels).
+    pub fn gate_backward<'a>(factors: &'a [f32], channels: usize, gradient: &'a [f32], features: &'a mut [f32]) {
+        let wide = 2 * channels;
         let rows = factors.chunks_exact(wide).zip(gradient.chunks_exact(channels)).zip(features.chunks_exact_mut(wide));
         for ((factor, gradient), out) in rows {
             let (tanh, sigmoid) = factor.split_at(channels);
@@ -38,26 +38,26 @@ pub fn gate_backward(factors: &[f32], channels: usize, gradient: &[f32], feature
                 *by_b = g * t * s * (1.0 - s);
             }
         }
-    });
+    }
 }
 
-/// Exponential linear unit (Clevert et al. 2016): x above 0, `e^x - 1` below.
-pub fn elu(input: &[f32], out: &mut [f32]) {
-    vectorised(|| {
+vectorised! {
+    /// Exponential linear unit (Clevert et al. 2016): x above 0, `e^x - 1` below.
+    pub fn elu<'a>(input: &'a [f32], out: &'a mut [f32]) {
         for (x, out) in input.iter().zip(out) {
             let below = exponential(x.min(0.0)) - 1.0;
             *out = if *x > 0.0 { *x } else { below };
         }
-    });
+    }
 }
 
-/// Multiplies `gradient` by the derivative of [`elu`], taken from its output.
-pub fn elu_backward(output: &[f32], gradient: &mut [f32]) {
-    vectorised(|| {
+vectorised! {
+    /// Multiplies `gradient` by the derivative of [`elu`], taken from its output.
+    pub fn elu_backward<'a>(output: &'a [f32], gradient: &'a mut [f32]) {
         for (y, gradient) in output.iter().zip(gradient) {
             *gradient *= 1.0 + y.min(0.0);
         }
-    });
+    }
 }
 
 #[cfg(test)]

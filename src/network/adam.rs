@@ -28,26 +28,37 @@ impl Adam {
         self.steps = self.steps.saturating_add(1);
         let first_bias = 1.0 / (1.0 - FIRST_DECAY.powi(self.steps));
         let second_bias = 1.0 / (1.0 - SECOND_DECAY.powi(self.steps));
-        let (first, second) = (&mut self.first, &mut self.second);
-        vectorised(|| {
-            let moments = first.iter_mut().zip(second);
-            for ((weight, gradient), (first, second)) in weights.iter_mut().zip(gradient).zip(moments) {
-                let gradient = gradient * scale;
-                *first = FIRST_DECAY * *first + (1.0 - FIRST_DECAY) * gradient;
-                *second = SECOND_DECAY * *second + (1.0 - SECOND_DECAY) * gradient * gradient;
-                *weight -= rate * (*first * first_bias) / ((*second * second_bias).sqrt() + EPSILON);
-            }
-        });
+        let factors = [scale, first_bias, second_bias, rate];
+        step(weights, gradient, &mut self.first, &mut self.second, factors);
     }
 }
 
-/// `average += share (weights - average)`.
-pub fn moving_average(average: &mut [f32], weights: &[f32], share: f32) {
-    vectorised(|| {
+vectorised! {
+    fn step<'a>(
+        weights: &'a mut [f32],
+        gradient: &'a [f32],
+        first: &'a mut [f32],
+        second: &'a mut [f32],
+        factors: [f32; 4],
+    ) {
+        let [scale, first_bias, second_bias, rate] = factors;
+        let moments = first.iter_mut().zip(second);
+        for ((weight, gradient), (first, second)) in weights.iter_mut().zip(gradient).zip(moments) {
+            let gradient = gradient * scale;
+            *first = FIRST_DECAY * *first + (1.0 - FIRST_DECAY) * gradient;
+            *second = SECOND_DECAY * *second + (1.0 - SECOND_DECAY) * gradient * gradient;
+            *weight -= rate * (*first * first_bias) / ((*second * second_bias).sqrt() + EPSILON);
+        }
+    }
+}
+
+vectorised! {
+    /// `average += share (weights - average)`.
+    pub fn moving_average<'a>(average: &'a mut [f32], weights: &'a [f32], share: f32) {
         for (average, weight) in average.iter_mut().zip(weights) {
             *average += share * (weight - *average);
         }
-    });
+    }
 }
 
 #[cfg(test)]

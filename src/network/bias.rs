@@ -9,28 +9,28 @@ pub fn fill_bias(bias: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Sets every row of `out` (pixels, channels) to that of `input` plus `bias` (channels).
-pub fn add_bias(bias: &[f32], input: &[f32], out: &mut [f32]) {
-    let channels = bias.len();
-    vectorised(|| {
+vectorised! {
+    /// Sets every row of `out` (pixels, channels) to that of `input` plus `bias` (channels).
+    pub fn add_bias<'a>(bias: &'a [f32], input: &'a [f32], out: &'a mut [f32]) {
+        let channels = bias.len();
         for (row, input) in out.chunks_exact_mut(channels).zip(input.chunks_exact(channels)) {
             for ((out, x), b) in row.iter_mut().zip(input).zip(bias) {
                 *out = x + b;
             }
         }
-    });
+    }
 }
 
-/// Adds the sums over the rows of `values` (pixels, channels) to `sums` (channels).
-pub fn column_sums(values: &[f32], sums: &mut [f32]) {
-    let channels = sums.len();
-    vectorised(|| {
+vectorised! {
+    /// Adds the sums over the rows of `values` (pixels, channels) to `sums` (channels).
+    pub fn column_sums<'a>(values: &'a [f32], sums: &'a mut [f32]) {
+        let channels = sums.len();
         for row in values.chunks_exact(channels) {
             for (sum, value) in sums.iter_mut().zip(row) {
                 *sum += value;
             }
         }
-    });
+    }
 }
 
 #[cfg(test)]

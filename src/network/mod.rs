@@ -18,7 +18,8 @@ mod weights_file;
 
 pub use activation::{elu, elu_backward, gate, gate_backward};
 pub use adam::{Adam, moving_average};
-pub use arithmetic::{exponential, logarithm, vectorised};
+pub(crate) use arithmetic::vectorised;
+pub use arithmetic::{exponential, logarithm};
 pub use bias::{add_bias, column_sums, fill_bias};
 pub use error::NetworkError;
 pub use muon::Muon;

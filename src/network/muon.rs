@@ -1,6 +1,5 @@
 //! Muon: momentum whose every singular value is made equal, for matrices in the middle of a network.
 
-use super::arithmetic::vectorised;
 use super::product::{Write, product, product_of_transposed, product_with_transposed};
 
 /// Decay of the momentum.
@@ -30,21 +29,16 @@ impl Muon {
     /// Takes one step of `rate` (units of the weights) against `scale` times `gradient`, both (rows, cols).
     pub fn step(&mut self, weights: &mut [f32], gradient: &[f32], scale: f32, rate: f32) {
         let mut direction = vec![0.0; gradient.len()];
-        let momentum = &mut self.momentum;
-        vectorised(|| {
-            for ((momentum, gradient), out) in momentum.iter_mut().zip(gradient).zip(&mut direction) {
-                let gradient = gradient * scale;
-                *momentum = DECAY * *momentum + gradient;
-                *out = DECAY * *momentum + gradient;
-            }
-        });
+        for ((momentum, gradient), out) in self.momentum.iter_mut().zip(gradient).zip(&mut direction) {
+            let gradient = gradient * scale;
+            *momentum = DECAY * *momentum + gradient;
+            *out = DECAY * *momentum + gradient;
+        }
         let direction = equalised(direction, self.rows, self.cols);
         let factor = rate * MATCHED * (self.rows.max(self.cols) as f32).sqrt();
-        vectorised(|| {
-            for (weight, direction) in weights.iter_mut().zip(&direction) {
-                *weight -= factor * direction;
-            }
-        });
+        for (weight, direction) in weights.iter_mut().zip(&direction) {
+            *weight -= factor * direction;
+        }
     }
 }
 

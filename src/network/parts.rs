@@ -20,14 +20,18 @@ pub fn sum_in_order(parts: &[&[f32]], total: &mut [f32]) {
         let stretch = index * STRETCH..index * STRETCH + total.len();
         let Some((first, others)) = parts.split_first() else { return total.fill(0.0) };
         total.copy_from_slice(&first[stretch.clone()]);
-        vectorised(|| {
-            for part in others {
-                for (sum, value) in total.iter_mut().zip(&part[stretch.clone()]) {
-                    *sum += value;
-                }
-            }
-        });
+        for part in others {
+            add(total, &part[stretch.clone()]);
+        }
     });
+}
+
+vectorised! {
+    fn add<'a>(total: &'a mut [f32], part: &'a [f32]) {
+        for (sum, value) in total.iter_mut().zip(part) {
+            *sum += value;
+        }
+    }
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ impl Taps {
     /// Writes what each pixel of `input` (pixels, channels) sees to `columns` (pixels, taps, channels).
     pub fn gather(&self, grid: Grid, channels: usize, input: &[f32], columns: &mut [f32]) {
         match channels {
-            64 => vectorised(|| self.gather_by(grid, 64, input, columns)),
+            64 => gather_64(self, grid, input, columns),
             _ => self.gather_by(grid, channels, input, columns),
         }
     }
@@ -74,7 +74,7 @@ impl Taps {
     /// The transpose of [`Taps::gather`]: adds each column entry to the pixel it was read from.
     pub fn scatter_add(&self, grid: Grid, channels: usize, columns: &[f32], output: &mut [f32]) {
         match channels {
-            64 => vectorised(|| self.scatter_by(grid, 64, columns, output)),
+            64 => scatter_64(self, grid, columns, output),
             _ => self.scatter_by(grid, channels, columns, output),
         }
     }
@@ -98,6 +98,18 @@ impl Taps {
                 }
             }
         }
+    }
+}
+
+vectorised! {
+    fn gather_64<'a>(taps: &'a Taps, grid: Grid, input: &'a [f32], columns: &'a mut [f32]) {
+        taps.gather_by(grid, 64, input, columns);
+    }
+}
+
+vectorised! {
+    fn scatter_64<'a>(taps: &'a Taps, grid: Grid, columns: &'a [f32], output: &'a mut [f32]) {
+        taps.scatter_by(grid, 64, columns, output);
     }
 }
 

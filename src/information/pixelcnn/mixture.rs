@@ -32,7 +32,7 @@ pub(super) fn mixture_losses(
     let components = scratch.len() / SCRATCH;
     match components {
         // A constant length turns the loops into straight vector code.
-        40 => vectorised(|| pixels::<40>(components, scale, values, weight, heads, losses, by_value, scratch)),
+        40 => pixels_of_40(scale, values, weight, heads, losses, by_value, scratch),
         _ => pixels::<0>(components, scale, values, weight, heads, losses, by_value, scratch),
     }
 }
@@ -43,6 +43,20 @@ pub(super) fn mixture_losses(
 pub(super) fn component(scale: &DataScale, mean: f32, width: f32) -> (f32, f32) {
     let softplus = width.max(0.0) + logarithm(1.0 + exponential(-width.abs()));
     (mean.max(scale.min).min(scale.max), softplus.max(scale.min_width).min(scale.deviation))
+}
+
+vectorised! {
+    fn pixels_of_40<'a>(
+        scale: &'a DataScale,
+        values: &'a [f32],
+        weight: f32,
+        heads: &'a mut [f32],
+        losses: &'a mut [f32],
+        by_value: &'a mut [f32],
+        scratch: &'a mut [f32],
+    ) {
+        pixels::<40>(40, scale, values, weight, heads, losses, by_value, scratch);
+    }
 }
 
 #[inline(always)]
