@@ -361,6 +361,66 @@ fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
 }
 
 #[test]
+fn the_wheel_changes_weight_and_with_alt_width() {
+    let mut window = open(Design::default());
+    let turn = |window: &mut Window, modifiers: Modifiers| {
+        let place = window.get_by_label("Lenslet 5").rect().center();
+        window.hover_at(place);
+        window.run_steps(2);
+        let wheel = egui::Event::MouseWheel {
+            unit: egui::MouseWheelUnit::Line,
+            delta: Vec2::new(0.0, 1.0),
+            phase: egui::TouchPhase::Move,
+            source: egui::MouseWheelSource::Wheel,
+            modifiers,
+        };
+        window.event_modifiers(wheel, modifiers);
+        // The turn is spread over some frames.
+        window.run_steps(40);
+        settle(window);
+    };
+    let before = lenslets(&window)[4];
+    turn(&mut window, Modifiers::NONE);
+    let heavier = lenslets(&window)[4];
+    assert!(heavier.weight > 1.02 * before.weight && heavier.spot == before.spot, "{before:?} {heavier:?}");
+    turn(&mut window, Modifiers::ALT);
+    let wider = lenslets(&window)[4];
+    assert!(wider.spot.mean_sigma() > 1.02 * before.spot.mean_sigma(), "{heavier:?} {wider:?}");
+    assert_eq!(wider.weight, heavier.weight);
+}
+
+#[test]
+fn closing_asks_about_unsaved_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("kept.json");
+    let mut window = open(Design::default());
+    click(&mut window, "Add lenslet");
+    settle(&mut window);
+    let close = |window: &mut Window| {
+        let viewport = window.input().viewport_id;
+        let info = window.input_mut().viewports.entry(viewport).or_default();
+        info.events.push(egui::ViewportEvent::Close);
+        window.step();
+        window.input_mut().viewports.entry(viewport).or_default().events.clear();
+        window.run_steps(8);
+    };
+    close(&mut window);
+    window.get_by_label_contains("changes that are not in a file");
+    click(&mut window, "Cancel");
+    assert!(studio(&window).bench().is_dirty(), "nothing is lost by asking");
+
+    close(&mut window);
+    click(&mut window, "Save");
+    // A cancelled path leaves the design dirty and the question open.
+    click(&mut window, "Cancel");
+    assert!(studio(&window).bench().is_dirty());
+    click(&mut window, "Save");
+    answer(&mut window, &file, "Save");
+    assert!(!studio(&window).bench().is_dirty());
+    assert_eq!(Design::open(&file).unwrap(), **studio(&window).bench().design());
+}
+
+#[test]
 fn the_window_looks_as_it_did() {
     let drivers = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
     if !drivers.iter().any(|folder| std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_some())) {

@@ -59,9 +59,6 @@ enum Failure {
     Closed,
     /// Bad input, usage, or a file that cannot be read or written: code 2.
     Input(anyhow::Error),
-    /// Anything else: code 1. Only the window fails so.
-    #[cfg_attr(not(feature = "studio"), expect(dead_code, reason = "only the window fails so"))]
-    Other(anyhow::Error),
 }
 
 /// Every error of the library is about what it was given: files, settings, designs.
@@ -98,7 +95,6 @@ fn finish(result: Result<(), Failure>) -> ExitCode {
         // Whoever closed the pipe has what they wanted.
         Ok(()) | Err(Failure::Closed) => return ExitCode::SUCCESS,
         Err(Failure::Input(error)) => (error, 2),
-        Err(Failure::Other(error)) => (error, 1),
     };
     output::tell(format_args!("lenslet-studio: {error:#}"));
     ExitCode::from(code)
@@ -127,8 +123,13 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
         output::tell("No display was found, so there is no window; the design is computed here instead.");
         return headless::run(&design);
     }
-    crate::studio::open_window(design, arguments.design, arguments.renderer)
-        .map_err(|error| Failure::Other(error.into()))
+    match crate::studio::open_window(design.clone(), arguments.design, arguments.renderer) {
+        Ok(()) => Ok(()),
+        Err(error) => {
+            output::tell(format_args!("{error}; the design is computed here instead."));
+            headless::run(&design)
+        }
+    }
 }
 
 /// A build without the window runs headless.

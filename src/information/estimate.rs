@@ -66,7 +66,7 @@ pub struct Estimate {
     pub trial_spread: f64,
     /// Seed of the smallest trial.
     pub seed: u64,
-    /// Time of all trials, seconds.
+    /// Time that the estimate took, seconds: of all trials, and of drawing their measurements where that was done for it.
     pub seconds: f64,
     /// The object set, for a reader.
     pub objects: String,

@@ -274,7 +274,8 @@ impl Limits {
         lenslet.x = lenslet.x.clamp(left, right);
         lenslet.y = lenslet.y.clamp(top, bottom);
         lenslet.weight = lenslet.weight.max(0.0);
-        if lenslet.spot.principal_sigmas().0 < self.min_sigma_px {
+        // A width on the floor may come out below it by rounding; it stays as it is, to the bit.
+        if lenslet.spot.principal_sigmas().0 < self.min_sigma_px * (1.0 - 1e-9) {
             lenslet.spot = match lenslet.spot {
                 Spot::Isotropic(_) => Spot::Isotropic(self.min_sigma_px),
                 Spot::Anisotropic { xx, xy, yy } => floor_eigenvalues(xx, xy, yy, self.min_sigma_px.powi(2)),

@@ -1,11 +1,13 @@
 //! The sensor: valid convolution with the point spread function, bias, noise, and random patches.
 
 mod convolution;
+mod error;
 pub mod noise;
 mod patches;
 mod poisson;
 
-pub use convolution::{Convolution, Convolver, ObjectSpectra, SensorError};
+pub use convolution::{Convolution, Convolver, ObjectSpectra};
+pub use error::SensorError;
 pub use noise::Noise;
 pub use patches::Patches;
 pub use poisson::sample_poisson;

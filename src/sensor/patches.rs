@@ -4,7 +4,7 @@ use ndarray::{Array3, ArrayView3, Axis, s};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::convolution::SensorError;
+use super::error::SensorError;
 
 /// Where patches are cut: drawn once, so that noisy and noiseless stacks give the same places.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -17,8 +17,8 @@ use crate::workbench::{Command, LensletChange};
 const NUDGE_PX: f64 = 0.1;
 /// One notch of the wheel changes weight or width by this factor.
 const WHEEL_FACTOR: f64 = 1.08;
-/// Points that the wheel reports for one notch.
-const WHEEL_NOTCH: f64 = 40.0;
+/// Points that a touch pad reports for what a wheel would call one notch.
+const POINTS_PER_NOTCH: f32 = 40.0;
 /// Handles are never smaller than this, in points.
 const MIN_HANDLE: f32 = 7.0;
 
@@ -228,29 +228,43 @@ fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -
 }
 
 /// The wheel over a handle changes the weight of the selection, with Alt the width.
+///
+/// Each turn counts with the modifiers it was made with; egui's smoothed scrolling would go on after Alt is released.
 fn wheel(ui: &Ui, state: &mut State, index: usize) {
-    let (scroll, alt) = ui.input(|input| {
-        let delta = input.smooth_scroll_delta();
-        (f64::from(delta.y + delta.x), input.modifiers.alt)
+    let turns: Vec<(f64, bool)> = ui.input(|input| {
+        let turn = |event: &egui::Event| match event {
+            egui::Event::MouseWheel { unit, delta, modifiers, .. } => {
+                // Some systems turn the wheel sideways while Alt or Shift is held.
+                let notches = match unit {
+                    egui::MouseWheelUnit::Point => (delta.x + delta.y) / POINTS_PER_NOTCH,
+                    egui::MouseWheelUnit::Line | egui::MouseWheelUnit::Page => delta.x + delta.y,
+                };
+                Some((f64::from(notches), modifiers.alt))
+            }
+            _ => None,
+        };
+        input.events.iter().filter_map(turn).collect()
     });
-    if scroll == 0.0 {
+    if turns.is_empty() {
         return;
     }
     if !state.selection.contains(&index) {
         select(state, index, false);
     }
-    let factor = WHEEL_FACTOR.powf(scroll / WHEEL_NOTCH);
-    let change = |lenslet: Lenslet| {
-        if alt {
-            let sigma = (lenslet.spot.mean_sigma() * factor).clamp(0.2, 100.0);
-            Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet }
-        } else {
-            Lenslet { weight: (lenslet.weight * factor).clamp(0.0, 1e6), ..lenslet }
-        }
-    };
-    let lenslets = state.selected_lenslets().into_iter().map(|(index, lenslet)| (index, change(lenslet))).collect();
-    let what = if alt { LensletChange::Width } else { LensletChange::Weight };
-    state.send(&Command::ChangeLenslets { what, lenslets });
+    for (notches, alt) in turns {
+        let factor = WHEEL_FACTOR.powf(notches);
+        let change = |lenslet: Lenslet| {
+            if alt {
+                let sigma = (lenslet.spot.mean_sigma() * factor).clamp(0.2, 100.0);
+                Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet }
+            } else {
+                Lenslet { weight: (lenslet.weight * factor).clamp(0.0, 1e6), ..lenslet }
+            }
+        };
+        let lenslets = state.selected_lenslets().into_iter().map(|(index, lenslet)| (index, change(lenslet))).collect();
+        let what = if alt { LensletChange::Width } else { LensletChange::Weight };
+        state.send(&Command::ChangeLenslets { what, lenslets });
+    }
 }
 
 fn draw_handle(

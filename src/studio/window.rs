@@ -45,8 +45,8 @@ impl RendererChoice {
 pub enum WindowError {
     /// Neither renderer starts.
     #[error(
-        "no window could be opened: {first_name}: {first}; {second_name}: {second}; \
-         check that a display is running (DISPLAY or WAYLAND_DISPLAY), or use a subcommand such as `export`"
+        "no window could be opened ({first_name}: {first}; {second_name}: {second}); check that the display named by \
+         DISPLAY or WAYLAND_DISPLAY is running"
     )]
     NoRenderer {
         /// Name of the renderer that was tried first.

@@ -61,6 +61,7 @@ pub fn estimate(
     request: &EstimateRequest,
     progress: Progress<'_>,
 ) -> Result<Estimate, EvaluationError> {
+    let start = std::time::Instant::now();
     // Without noise there is nothing to estimate; better told before the objects are read.
     NoiseEntropy::new(design.noise, request.protocol)?;
     progress("Reading objects", 0, 1);
@@ -91,7 +92,10 @@ pub fn estimate(
         ceiling,
         notes: set.notices().to_vec(),
     };
-    Ok(Estimate::new(&trials, provenance)?)
+    let mut estimate = Estimate::new(&trials, provenance)?;
+    // What the person waited for: reading, drawing and measuring objects, not the fit alone.
+    estimate.seconds = start.elapsed().as_secs_f64();
+    Ok(estimate)
 }
 
 fn fitted(

@@ -80,7 +80,7 @@ struct Mailbox {
 struct Results {
     live: Live,
     outcomes: Vec<Result<Outcome, String>>,
-    /// Jobs handed over and not yet answered.
+    /// Jobs handed over whose answers have not been taken.
     open_jobs: usize,
 }
 
@@ -132,10 +132,12 @@ impl Worker {
 
     /// Answers to jobs since the last call, oldest first.
     pub fn take_outcomes(&self) -> Vec<Result<Outcome, String>> {
-        std::mem::take(&mut lock(&self.shared.results).outcomes)
+        let mut results = lock(&self.shared.results);
+        results.open_jobs -= results.outcomes.len();
+        std::mem::take(&mut results.outcomes)
     }
 
-    /// Whether a job has not been answered yet.
+    /// Whether a job has not been answered yet, or its answer not been taken.
     pub fn has_open_jobs(&self) -> bool {
         lock(&self.shared.results).open_jobs > 0
     }
@@ -174,7 +176,6 @@ fn run(shared: &Shared) {
                 let outcome = evaluator.run_job(job, shared);
                 let mut results = lock(&shared.results);
                 results.outcomes.push(outcome);
-                results.open_jobs -= 1;
             }
         };
         let done = catch_unwind(AssertUnwindSafe(|| match &pool {
@@ -191,7 +192,6 @@ fn run(shared: &Shared) {
                 Task::Evaluate(revision, _) => results.live.failure = Some((revision, text)),
                 Task::Job(_) => {
                     results.outcomes.push(Err(text));
-                    results.open_jobs -= 1;
                 }
             }
         }
