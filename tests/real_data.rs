@@ -8,7 +8,7 @@ use lenslet_studio::optics::{Encoder, heuristic_layout};
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::sparsity::tamura_of_stack;
 use lenslet_studio::workbench::{
-    Design, EstimateRequest, GaussianModel, MeasurementFormat, Simulator, estimate, measure_into,
+    DensityModel, Design, EstimateRequest, MeasurementFormat, Simulator, estimate, measure_into,
 };
 
 const SETS: [(&str, &str); 3] = [
@@ -33,7 +33,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn estimated(design: &Design, model: GaussianModel) -> Estimate {
+fn estimated(design: &Design, model: DensityModel) -> Estimate {
     let request = EstimateRequest {
         model,
         protocol: Protocol::Default,
@@ -77,8 +77,8 @@ fn estimates_are_finite_and_fitted_bounds_agree_with_the_analytic_one() {
     for (name, source) in SETS {
         for lenslets in [1, 9] {
             let Some(design) = design(source, lenslets) else { return };
-            let fitted = estimated(&design, GaussianModel::Stationary);
-            let analytic = estimated(&design, GaussianModel::Analytic);
+            let fitted = estimated(&design, DensityModel::Stationary);
+            let analytic = estimated(&design, DensityModel::Analytic);
             println!(
                 "{name}, {lenslets} lenslets: stationary {:.3}, analytic {:.3}",
                 fitted.bits_per_pixel, analytic.bits_per_pixel
@@ -92,7 +92,7 @@ fn estimates_are_finite_and_fitted_bounds_agree_with_the_analytic_one() {
             // Both are cross-entropies of Gaussians with nearly the same covariance.
             assert!((fitted.bits_per_pixel - analytic.bits_per_pixel).abs() < 0.25, "{name}, {lenslets} lenslets");
             let louder =
-                estimated(&Design { noise: Noise::ShotRead { sigma: 20.0 }, ..design }, GaussianModel::Analytic);
+                estimated(&Design { noise: Noise::ShotRead { sigma: 20.0 }, ..design }, DensityModel::Analytic);
             assert!(louder.bits_per_pixel < analytic.bits_per_pixel, "{name}: more noise, less information");
         }
     }
@@ -102,7 +102,7 @@ fn estimates_are_finite_and_fitted_bounds_agree_with_the_analytic_one() {
 #[test]
 fn one_lenslet_is_better_than_nine_for_natural_images() {
     let Some((one, nine)) = design(SETS[2].1, 1).zip(design(SETS[2].1, 9)) else { return };
-    let bits = |design: &Design| estimated(design, GaussianModel::Stationary).bits_per_pixel;
+    let bits = |design: &Design| estimated(design, DensityModel::Stationary).bits_per_pixel;
     let (one, nine) = (bits(&one), bits(&nine));
     assert!(one > nine + 0.05, "{one} against {nine}");
 }
@@ -124,7 +124,7 @@ fn captures_are_whole_objects_and_the_diffuser_evens_them_out() {
         println!("{folder}: Tamura coefficient {tamura:.3}");
         assert!((0.5..2.0).contains(&tamura));
         coefficients.push(tamura);
-        let estimate = estimated(&design, GaussianModel::Stationary);
+        let estimate = estimated(&design, DensityModel::Stationary);
         println!("{folder}: {:.3} bits per pixel, notes {:?}", estimate.bits_per_pixel, estimate.notes);
         assert!(estimate.bits_per_pixel.is_finite() && estimate.entropy_y > 0.0);
     }

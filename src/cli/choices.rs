@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 
@@ -130,6 +131,29 @@ pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
     crate::formats::create_folder(folder).context("the output folder cannot be made")
 }
 
+/// The time of a fit: `60s`, `5m` or `1h`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BudgetChoice(pub Duration);
+
+/// Longest time of a fit, seconds: a week.
+const LONGEST_BUDGET: f64 = 7.0 * 86_400.0;
+
+impl FromStr for BudgetChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let unit = |suffix: char, seconds: f64| text.strip_suffix(suffix).map(|number| (number, seconds));
+        let (number, unit) = unit('s', 1.0).or(unit('m', 60.0)).or(unit('h', 3600.0)).unwrap_or((text, 0.0));
+        number
+            .parse::<f64>()
+            .ok()
+            .map(|number| number * unit)
+            .filter(|seconds| (0.001..=LONGEST_BUDGET).contains(seconds))
+            .map(|seconds| Self(Duration::from_secs_f64(seconds)))
+            .ok_or_else(|| format!("budget {text:?}: expected a time such as 60s, 5m or 1h, at most 168h"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -147,6 +171,16 @@ mod tests {
         }
         for wrong in ["", "9", "heuristic:0", "heuristic:10", "random:x", "psf:", "psf:a@0", "lens:1"] {
             assert!(wrong.parse::<EncoderChoice>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn budgets_are_read_with_their_unit() {
+        for (text, seconds) in [("60s", 60.0), ("1.5m", 90.0), ("2h", 7200.0), ("0.25s", 0.25)] {
+            assert_eq!(text.parse(), Ok(BudgetChoice(Duration::from_secs_f64(seconds))));
+        }
+        for wrong in ["", "60", "s", "-5s", "0s", "nans", "infs", "1e9h", "5 m", "5d"] {
+            assert!(wrong.parse::<BudgetChoice>().is_err(), "{wrong}");
         }
     }
 

@@ -2,11 +2,11 @@
 
 use clap::{Args, ValueEnum};
 
-use super::choices::{PatchChoice, about_objects, check_count};
+use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{Estimate, Protocol};
-use crate::workbench::{EstimateRequest, GaussianModel, estimate};
+use crate::workbench::{DensityModel, EstimateRequest, estimate};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
 const MOST_PATCHES: usize = 1_000_000;
@@ -42,6 +42,10 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1_500)]
     patches_test: usize,
 
+    /// Time for the fit of one pixelcnn trial, such as 60s, 5m or 1h; without it the protocol decides.
+    #[arg(long)]
+    budget: Option<BudgetChoice>,
+
     /// Repetitions with other seeds; the smallest estimate is reported.
     #[arg(long, default_value_t = 1)]
     trials: usize,
@@ -61,6 +65,9 @@ enum EstimatorChoice {
     GaussianFull,
     /// Gaussian of the covariance that objects and PSF have, without fitting.
     GaussianAnalytic,
+    /// The published autoregressive network fitted to patches.
+    #[value(name = "pixelcnn")]
+    PixelCnn,
 }
 
 impl Arguments {
@@ -69,12 +76,17 @@ impl Arguments {
         check_count("--patches-train", self.patches_train, 0..=MOST_PATCHES)?;
         check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
+        let budget = self.budget.map(|choice| choice.0);
+        if budget.is_some() && !matches!(self.estimator, EstimatorChoice::PixelCnn) {
+            return Err(anyhow::anyhow!("--budget is the time of a fit by --estimator pixelcnn; leave it out").into());
+        }
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
             model: match self.estimator {
-                EstimatorChoice::Gaussian => GaussianModel::Stationary,
-                EstimatorChoice::GaussianFull => GaussianModel::Full,
-                EstimatorChoice::GaussianAnalytic => GaussianModel::Analytic,
+                EstimatorChoice::Gaussian => DensityModel::Stationary,
+                EstimatorChoice::GaussianFull => DensityModel::Full,
+                EstimatorChoice::GaussianAnalytic => DensityModel::Analytic,
+                EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget },
             },
             protocol: self.protocol,
             patch: match self.patch {

@@ -1,33 +1,41 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
+use std::ops::ControlFlow;
+use std::time::Duration;
+
 use ndarray::{Array3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
 use super::simulation::{convolver, derived_seed, open_set};
 use crate::information::{
-    AnalyticGaussian, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, Protocol,
-    Provenance, Trial, TrialSettings, gaussian_estimate,
+    AnalyticGaussian, Covariance, Estimate, Estimator, FitProgress, GaussianRequest, InformationError, NoiseEntropy,
+    PixelCnnRequest, Protocol, Provenance, Trial, TrialSettings, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
 
-/// Which Gaussian.
+/// Which density model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GaussianModel {
-    /// Stationary, fitted to patches.
+pub enum DensityModel {
+    /// Stationary Gaussian, fitted to patches.
     Stationary,
-    /// Full covariance, fitted to patches.
+    /// Gaussian of full covariance, fitted to patches.
     Full,
-    /// Of the covariance that objects and PSF have; patches serve the noise entropy alone.
+    /// Gaussian of the covariance that objects and PSF have; patches serve the noise entropy alone.
     Analytic,
+    /// The published autoregressive network, fitted to patches.
+    PixelCnn {
+        /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
+        budget: Option<Duration>,
+    },
 }
 
 /// What is to be estimated, and how carefully.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EstimateRequest {
     /// The density model.
-    pub model: GaussianModel,
+    pub model: DensityModel,
     /// The protocol.
     pub protocol: Protocol,
     /// Rows and columns of a patch in pixels; `None` takes whole measurements.
@@ -76,9 +84,10 @@ pub fn estimate(
         .map(|trial| {
             let seed = design.seed.wrapping_add(trial);
             match request.model {
-                GaussianModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, progress),
-                GaussianModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
-                GaussianModel::Analytic => analytic(&source, request, seed, progress),
+                DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, progress),
+                DensityModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
+                DensityModel::Analytic => analytic(&source, request, seed, progress),
+                DensityModel::PixelCnn { budget } => network(&source, request, budget, seed, progress),
             }
         })
         .collect::<Result<Vec<_>, _>>()?;
@@ -118,6 +127,50 @@ fn fitted(
         protocol: request.protocol,
         seed,
     })?)
+}
+
+fn network(
+    source: &PatchSource<'_>,
+    request: &EstimateRequest,
+    budget: Option<Duration>,
+    seed: u64,
+    progress: Progress<'_>,
+) -> Result<Trial, EvaluationError> {
+    let (train, test) = source.splits();
+    let (train_clean, train) =
+        source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", progress)?;
+    let (test_clean, test) =
+        source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
+    let request = PixelCnnRequest {
+        train: train.view(),
+        train_clean: Some(train_clean.view()),
+        test: test.view(),
+        test_clean: Some(test_clean.view()),
+        noise: source.design.noise,
+        protocol: request.protocol,
+        budget,
+        start: None,
+        seed,
+    };
+    let (trial, _) = pixelcnn_estimate(&request, &mut |fit| {
+        tell(fit, progress);
+        ControlFlow::Continue(())
+    })?;
+    Ok(trial)
+}
+
+/// Tells how far a fit is: the best cross-entropy yet, and the seconds that are over and left.
+fn tell(fit: &FitProgress, progress: Progress<'_>) {
+    if let Some((scored, all)) = fit.scored {
+        return progress("Scoring test patches", scored, all);
+    }
+    let elapsed = fit.elapsed.as_secs() as usize;
+    let left = fit.remaining.map_or(0, |left| left.as_secs_f64().ceil() as usize);
+    let step = match fit.best_bits {
+        Some(bits) => format!("Fitting, {bits:.3} bits per pixel, {left} s left at most"),
+        None => format!("Fitting, {left} s left at most"),
+    };
+    progress(&step, elapsed, elapsed + left);
 }
 
 fn analytic(

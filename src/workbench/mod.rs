@@ -17,7 +17,7 @@ pub use bench::Workbench;
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
-pub use estimation::{EstimateRequest, GaussianModel, estimate};
+pub use estimation::{DensityModel, EstimateRequest, estimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
