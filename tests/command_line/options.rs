@@ -23,7 +23,10 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --noise none", "unbounded without noise"),
         ("estimate --noise read:0", "read noise"),
         ("estimate --noise read:nan", "read noise"),
-        ("estimate --estimator pixelcnn", "gaussian-analytic"),
+        ("estimate --estimator pixel", "pixelcnn"),
+        ("estimate --budget 60s", "--estimator pixelcnn"),
+        ("estimate --estimator pixelcnn --budget 60", "budget \"60\""),
+        ("estimate --estimator pixelcnn --budget 200h", "168h"),
         ("estimate --protocol mine", "paper"),
         (
             "estimate --bias 0 --protocol paper --patch 8 --patches-train 50 --patches-test 50 --objects beads:0.0005",

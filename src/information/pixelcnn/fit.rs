@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use ndarray::{ArrayView3, Axis, s};
 
 use super::batches::{Batches, Purpose, prepared, seed_for};
+use super::first_mixture::spread_over;
 use super::gradient::Gradients;
 use super::model::{PixelCnn, check};
 use super::optimizer::Optimizer;
@@ -18,6 +19,8 @@ use crate::sensor::Noise;
 /// Share of the schedule in which the rate rises, and the share of the rate that is left at its end.
 const WARM_UP: f64 = 0.03;
 const FINAL_RATE: f64 = 0.02;
+/// Share of the time of a budgeted fit that validation may take before the last one.
+const VALIDATION_SHARE: f64 = 0.1;
 /// Steps without finite numbers after which a fit is given up.
 const MAX_REFUSED: usize = 30;
 /// A gradient of this norm is as good as an infinite one.
@@ -51,6 +54,9 @@ pub struct PixelCnnFit {
     pub muon: bool,
     /// Whether the weights are averaged over the last tenth of the steps.
     pub average: bool,
+    /// Whether the first mixture is spread over the data, and means and widths, which are in photons, move by the
+    /// deviation of the data times the rate.
+    pub photon_scale: bool,
     /// Largest norm of a gradient; longer ones are shortened to it.
     pub max_norm: Option<f64>,
     /// Largest number of validation patches; it is a tenth of all patches where that is less.
@@ -94,6 +100,7 @@ impl PixelCnnFit {
             schedule: false,
             muon: false,
             average: false,
+            photon_scale: false,
             max_norm: None,
             max_validation: usize::MAX,
             dequantise: true,
@@ -110,10 +117,11 @@ impl PixelCnnFit {
             steps_per_epoch: 600,
             max_epochs: 10,
             patience: None,
-            rate: 3e-3,
+            rate: 5e-3,
             schedule: true,
             muon: true,
             average: true,
+            photon_scale: true,
             max_norm: Some(1.0),
             max_validation: 64,
             dequantise: true,
@@ -143,6 +151,8 @@ impl PixelCnnFit {
         let mut model = PixelCnn::new(shape, scale, seed_for(self.seed, Purpose::Weights, 0));
         if let Some(start) = start.filter(|start| start.shape == model.shape) {
             model.weights.copy_from_slice(&start.weights);
+        } else if self.photon_scale {
+            spread_over(&mut model, patches.noisy);
         }
         let held_out = patches.noisy.slice(s![..validation, .., ..]);
         let held_out = prepared(held_out, self.dequantise, seed_for(self.seed, Purpose::Validation, 0));
@@ -154,6 +164,17 @@ impl PixelCnnFit {
             model.weights = weights;
         }
         Ok((model, FitReport { cut_short, ..report }))
+    }
+
+    /// Factors of the rate for means, widths and logits.
+    fn head_rates(&self, model: &PixelCnn) -> Vec<f32> {
+        if !self.photon_scale {
+            return Vec::new();
+        }
+        let components = model.shape.components;
+        let mut rates = vec![model.scale.deviation.max(1.0); 3 * components];
+        rates[2 * components..].fill(1.0);
+        rates
     }
 
     /// Number of patches that validate.
@@ -192,7 +213,7 @@ impl<'a> Run<'a> {
         Self {
             fit,
             started,
-            optimizer: Optimizer::new(&model.layout, &model.weights, fit.muon, fit.average),
+            optimizer: Optimizer::new(&model.layout, &model.weights, fit.muon, fit.average, fit.head_rates(model)),
             gradients: Gradients::new(model.layout.count()),
             caution: 1.0,
             best: None,
@@ -220,7 +241,7 @@ impl<'a> Run<'a> {
                     return Err(InformationError::Cancelled);
                 }
                 let done = self.done();
-                if self.out_of_time() || done * fit.max_epochs as f64 >= epoch as f64 {
+                if self.out_of_time() || (done * fit.max_epochs as f64 >= epoch as f64 && self.can_spare_validation()) {
                     break;
                 }
             }
@@ -247,6 +268,14 @@ impl<'a> Run<'a> {
 
     fn out_of_time(&self) -> bool {
         self.fit.budget.is_some_and(|budget| self.started.elapsed() + self.validation >= budget)
+    }
+
+    /// Whether a validation more takes no large part of a short budget.
+    fn can_spare_validation(&self) -> bool {
+        let spent = self.validation * (self.report.epochs.len() as u32 + 1);
+        self.fit.budget.is_none()
+            || !self.fit.schedule
+            || spent.as_secs_f64() < VALIDATION_SHARE * self.started.elapsed().as_secs_f64()
     }
 
     fn finished(&self) -> bool {

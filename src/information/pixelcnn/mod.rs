@@ -4,6 +4,7 @@
 mod batches;
 mod estimate;
 mod file;
+mod first_mixture;
 mod fit;
 mod gradient;
 mod mixture;

@@ -8,6 +8,8 @@ use crate::network::{Adam, Muon, ParameterLayout, moving_average};
 #[derive(Clone, Debug)]
 enum Rule {
     Adam(Adam),
+    /// Adam with a rate for every column.
+    Columns(Adam),
     Muon(Muon),
 }
 
@@ -15,6 +17,8 @@ enum Rule {
 #[derive(Clone, Debug)]
 pub(super) struct Optimizer {
     rules: Vec<(usize, Rule)>,
+    /// Factors of the rate for the columns of the last layer.
+    head_rates: Vec<f32>,
     /// Average of the weights over the last steps.
     average: Option<Vec<f32>>,
     steps: usize,
@@ -25,11 +29,15 @@ const AVERAGED_SHARE: f32 = 0.1;
 
 impl Optimizer {
     /// Adam for all tensors, or Muon for the matrices between the first and the last layer.
-    pub fn new(layout: &ParameterLayout, weights: &[f32], muon: bool, average: bool) -> Self {
+    ///
+    /// `head_rates` are factors of the rate for the columns of the last layer; none are as many ones.
+    pub fn new(layout: &ParameterLayout, weights: &[f32], muon: bool, average: bool, head_rates: Vec<f32>) -> Self {
         let rules = layout.tensors().iter().map(|tensor| {
             let count = tensor.range.len();
             let hidden = tensor.name.starts_with("block") || tensor.name.starts_with("out");
-            let rule = if muon && hidden && tensor.shape.len() > 1 {
+            let rule = if !head_rates.is_empty() && tensor.name.starts_with("heads") {
+                Rule::Columns(Adam::new(count))
+            } else if muon && hidden && tensor.shape.len() > 1 {
                 // The last axis holds the outputs, all others are inputs.
                 let cols = tensor.shape.last().copied().unwrap_or(1);
                 Rule::Muon(Muon::new(count / cols, cols))
@@ -38,7 +46,8 @@ impl Optimizer {
             };
             (count, rule)
         });
-        Self { rules: rules.collect(), average: average.then(|| weights.to_vec()), steps: 0 }
+        let rules = rules.collect();
+        Self { rules, head_rates, average: average.then(|| weights.to_vec()), steps: 0 }
     }
 
     /// One step of `rate` against `scale` times the gradient.
@@ -54,6 +63,14 @@ impl Optimizer {
         }
         tensors.into_par_iter().with_max_len(1).for_each(|(rule, weights, gradient)| match rule {
             Rule::Adam(adam) => adam.step(weights, gradient, scale, rate),
+            Rule::Columns(adam) => {
+                let before = weights.to_vec();
+                adam.step(weights, gradient, scale, rate);
+                let factors = self.head_rates.iter().cycle();
+                for ((weight, before), factor) in weights.iter_mut().zip(before).zip(factors) {
+                    *weight = before + factor * (*weight - before);
+                }
+            }
             Rule::Muon(muon) => muon.step(weights, gradient, scale, rate),
         });
         weights = &mut *weights;
