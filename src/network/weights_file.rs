@@ -25,7 +25,7 @@ pub fn write_weights(
     layout: &ParameterLayout,
     weights: &[f32],
     header: &WeightsHeader<'_>,
-    details: HashMap<String, String>,
+    details: Vec<(&str, String)>,
 ) -> Result<Vec<u8>, NetworkError> {
     if weights.len() != layout.count() {
         return Err(wrong(format!("{} weights", layout.count()), format!("{}", weights.len())));
@@ -38,7 +38,8 @@ pub fn write_weights(
             .map_err(|error| wrong(format!("tensor {}", tensor.name), error.to_string()))?;
         tensors.push((tensor.name.as_str(), view));
     }
-    let mut metadata = details;
+    let mut metadata: HashMap<String, String> =
+        details.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
     metadata.insert("format".to_owned(), header.format.to_owned());
     metadata.insert("format_version".to_owned(), header.version.to_string());
     serialize(tensors, Some(metadata)).map_err(|error| wrong("weights that fit a file".to_owned(), error.to_string()))
@@ -114,7 +115,7 @@ mod tests {
     fn weights_come_back_bit_for_bit() {
         let layout = layout(4);
         let weights = layout.draw(3);
-        let details = HashMap::from([("mean".to_owned(), "1.5".to_owned())]);
+        let details = vec![("mean", "1.5".to_owned())];
         let bytes = write_weights(&layout, &weights, &HEADER, details).unwrap();
         assert_eq!(read_details(&bytes, &HEADER).unwrap()["mean"], "1.5");
         assert_eq!(read_weights(&layout, &bytes).unwrap(), weights);
@@ -123,7 +124,7 @@ mod tests {
     #[test]
     fn other_files_are_refused_in_a_sentence() {
         let ours = layout(4);
-        let bytes = write_weights(&ours, &ours.draw(1), &HEADER, HashMap::new()).unwrap();
+        let bytes = write_weights(&ours, &ours.draw(1), &HEADER, Vec::new()).unwrap();
         let message = read_weights(&layout(5), &bytes).unwrap_err().to_string();
         assert!(message.contains("z.kernel of F32 [3, 5]") && message.contains("[3, 4]"), "{message}");
         let mut more = layout(4);
@@ -139,8 +140,8 @@ mod tests {
         }
         let mut broken = ours.draw(1);
         broken[2] = f32::NAN;
-        let bytes = write_weights(&ours, &broken, &HEADER, HashMap::new()).unwrap();
+        let bytes = write_weights(&ours, &broken, &HEADER, Vec::new()).unwrap();
         assert!(read_weights(&ours, &bytes).unwrap_err().to_string().contains("NaN"));
-        assert!(write_weights(&ours, &broken[1..], &HEADER, HashMap::new()).is_err());
+        assert!(write_weights(&ours, &broken[1..], &HEADER, Vec::new()).is_err());
     }
 }

@@ -35,7 +35,7 @@ impl PixelCnn {
             ("max", &max),
             ("min_width", &min_width),
         ];
-        let details = details.iter().map(|(name, value)| ((*name).to_owned(), value.to_string())).collect();
+        let details = details.iter().map(|(name, value)| (*name, value.to_string())).collect();
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
     }
 

@@ -36,6 +36,8 @@ pub struct TrainingPatches<'a> {
 }
 
 /// How a network is fitted.
+// Each switch is a choice of its own: what the two protocols do differently.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Debug, PartialEq)]
 pub struct PixelCnnFit {
     /// Patches of one step.
