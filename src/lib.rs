@@ -11,6 +11,7 @@
 //! |---|---|---|
 //! | 0 | [`formats`] | array and picture files, safe writing |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
+//! | 1 | [`network`] | the parts that networks on the CPU are built from; knows no optics |
 //! | 2 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
 //! | 4 | [`workbench`] | the open design, commands, the worker, exports |
 //! | 5 | `studio`, `cli` | window, command line |
