@@ -9,11 +9,11 @@ use super::batches::{Batches, Purpose, prepared, seed_for};
 use super::first_mixture::spread_over;
 use super::gradient::Gradients;
 use super::model::{PixelCnn, check};
-use super::optimizer::Optimizer;
 use super::progress::FitProgress;
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
 use crate::information::InformationError;
+use crate::network::{Optimizer, Rule};
 use crate::sensor::Noise;
 
 /// Share of the schedule in which the rate rises, and the share of the rate that is left at its end.
@@ -168,15 +168,22 @@ impl PixelCnnFit {
         Ok((model, FitReport { cut_short, ..report }))
     }
 
-    /// Factors of the rate for means, widths and logits.
-    fn head_rates(&self, model: &PixelCnn) -> Vec<f32> {
-        if !self.photon_scale {
-            return Vec::new();
-        }
-        let components = model.shape.components;
-        let mut rates = vec![model.scale.deviation.max(1.0); 3 * components];
-        rates[2 * components..].fill(1.0);
-        rates
+    /// Adam for all tensors, or Muon for the matrices between the first and the last layer.
+    fn optimizer(&self, model: &PixelCnn) -> Optimizer {
+        Optimizer::new(&model.layout, &model.weights, self.average, |tensor| {
+            let hidden = tensor.name.starts_with("block") || tensor.name.starts_with("out");
+            if self.photon_scale && tensor.name.starts_with("heads") {
+                // Means and widths are in photons, logits are not.
+                let components = model.shape.components;
+                let mut factors = vec![model.scale.deviation.max(1.0); 3 * components];
+                factors[2 * components..].fill(1.0);
+                Rule::Columns(factors)
+            } else if self.muon && hidden {
+                Rule::Muon
+            } else {
+                Rule::Adam
+            }
+        })
     }
 
     /// Number of patches that validate.
@@ -215,7 +222,7 @@ impl<'a> Run<'a> {
         Self {
             fit,
             started,
-            optimizer: Optimizer::new(&model.layout, &model.weights, fit.muon, fit.average, fit.head_rates(model)),
+            optimizer: fit.optimizer(model),
             gradients: Gradients::new(model.layout.count()),
             caution: 1.0,
             best: None,

@@ -1,13 +1,8 @@
 //! Layers of the network and where their weights lie.
 
-use std::ops::Range;
-
 use super::scale::DataScale;
 use crate::information::InformationError;
-use crate::network::{
-    Initial, ParameterLayout, Taps, Write, column_sums, fill_bias, product, product_of_transposed,
-    product_with_transposed,
-};
+use crate::network::{Initial, Layer, ParameterLayout, Taps};
 
 /// Size of a `PixelCNN`. [`PixelCnnShape::default`] is the published one.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,15 +24,6 @@ impl Default for PixelCnnShape {
     fn default() -> Self {
         Self { channels: 64, components: 40, dilations: vec![1, 2, 1, 4, 1, 2, 1] }
     }
-}
-
-/// A matrix and a bias: (inputs, outputs) and (outputs).
-#[derive(Clone, Debug)]
-pub(super) struct Layer {
-    pub kernel: Range<usize>,
-    pub bias: Range<usize>,
-    pub inputs: usize,
-    pub outputs: usize,
 }
 
 /// The four layers of a gated block, and what the two convolutions see.
@@ -130,45 +116,5 @@ impl PixelCnnShape {
             heads,
         };
         (layers, layout)
-    }
-}
-
-impl Layer {
-    pub fn bias<'a>(&self, weights: &'a [f32]) -> &'a [f32] {
-        &weights[self.bias.clone()]
-    }
-
-    /// `out = input kernel + bias`.
-    pub fn forward(&self, weights: &[f32], input: &[f32], out: &mut [f32]) {
-        fill_bias(self.bias(weights), out);
-        self.add_forward(weights, input, out);
-    }
-
-    /// `out += input kernel`.
-    pub fn add_forward(&self, weights: &[f32], input: &[f32], out: &mut [f32]) {
-        let shape = (input.len() / self.inputs, self.inputs, self.outputs);
-        product(input, &weights[self.kernel.clone()], shape, out, Write::Add);
-    }
-
-    /// Gradient by kernel and bias from the gradient by the output.
-    pub fn by_weights(&self, input: &[f32], by_output: &[f32], gradient: &mut [f32], write: Write) {
-        self.by_kernel(input, by_output, gradient, write);
-        let bias = &mut gradient[self.bias.clone()];
-        if write == Write::Replace {
-            bias.fill(0.0);
-        }
-        column_sums(by_output, bias);
-    }
-
-    /// Gradient by the kernel alone.
-    pub fn by_kernel(&self, input: &[f32], by_output: &[f32], gradient: &mut [f32], write: Write) {
-        let shape = (self.inputs, input.len() / self.inputs, self.outputs);
-        product_of_transposed(input, by_output, shape, &mut gradient[self.kernel.clone()], write);
-    }
-
-    /// Gradient by the input from the gradient by the output.
-    pub fn by_input(&self, weights: &[f32], by_output: &[f32], by_input: &mut [f32], write: Write) {
-        let shape = (by_output.len() / self.outputs, self.outputs, self.inputs);
-        product_with_transposed(by_output, &weights[self.kernel.clone()], shape, by_input, write);
     }
 }

@@ -1,0 +1,93 @@
+//! Which weights move by which rule.
+
+use rayon::prelude::*;
+
+use super::adam::{Adam, moving_average};
+use super::muon::Muon;
+use super::parameters::{ParameterLayout, Tensor};
+
+/// How a tensor moves.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Rule {
+    /// By [`Adam`].
+    Adam,
+    /// By [`Adam`], with a factor of the rate for every column.
+    Columns(Vec<f32>),
+    /// By [`Muon`]; for matrices between the first and the last layer.
+    Muon,
+}
+
+/// The state of one tensor.
+#[derive(Clone, Debug)]
+enum State {
+    Adam(Adam),
+    Columns(Adam, Vec<f32>),
+    Muon(Muon),
+}
+
+/// Moves all weights of a network, and averages them where that is wanted.
+#[derive(Clone, Debug)]
+pub struct Optimizer {
+    states: Vec<(usize, State)>,
+    /// Average of the weights over the last steps.
+    average: Option<Vec<f32>>,
+    steps: usize,
+}
+
+/// Share of all steps so far that the average reaches back over.
+const AVERAGED_SHARE: f32 = 0.1;
+
+impl Optimizer {
+    /// For the weights of a layout; `rule` tells how each tensor moves. Vectors given to Muon move by Adam.
+    pub fn new(layout: &ParameterLayout, weights: &[f32], average: bool, rule: impl Fn(&Tensor) -> Rule) -> Self {
+        let states = layout.tensors().iter().map(|tensor| {
+            let count = tensor.range.len();
+            let state = match rule(tensor) {
+                Rule::Muon if tensor.shape.len() > 1 => {
+                    // The last axis holds the outputs, all others are inputs.
+                    let cols = tensor.shape.last().copied().unwrap_or(1);
+                    State::Muon(Muon::new(count / cols, cols))
+                }
+                Rule::Adam | Rule::Muon => State::Adam(Adam::new(count)),
+                Rule::Columns(factors) => State::Columns(Adam::new(count), factors),
+            };
+            (count, state)
+        });
+        Self { states: states.collect(), average: average.then(|| weights.to_vec()), steps: 0 }
+    }
+
+    /// One step of `rate` against `scale` times the gradient.
+    pub fn step(&mut self, mut weights: &mut [f32], mut gradient: &[f32], scale: f32, rate: f32) {
+        let all = &mut *weights;
+        let mut tensors = Vec::with_capacity(self.states.len());
+        let mut rest = all;
+        for (count, state) in &mut self.states {
+            let (own, others) = rest.split_at_mut(*count);
+            let (by, by_others) = gradient.split_at(*count);
+            tensors.push((state, own, by));
+            (rest, gradient) = (others, by_others);
+        }
+        tensors.into_par_iter().with_max_len(1).for_each(|(state, weights, gradient)| match state {
+            State::Adam(adam) => adam.step(weights, gradient, scale, rate),
+            State::Columns(adam, factors) => {
+                let before = weights.to_vec();
+                adam.step(weights, gradient, scale, rate);
+                let moved = weights.iter_mut().zip(before).zip(factors.iter().cycle());
+                for ((weight, before), factor) in moved {
+                    *weight = before + factor * (*weight - before);
+                }
+            }
+            State::Muon(muon) => muon.step(weights, gradient, scale, rate),
+        });
+        weights = &mut *weights;
+        if let Some(average) = &mut self.average {
+            moving_average(average, weights, 1.0 / (AVERAGED_SHARE * self.steps as f32 + 1.0));
+        }
+        self.steps += 1;
+    }
+
+    /// The averaged weights, or those given where there is no average.
+    pub fn result<'a>(&'a self, weights: &'a [f32]) -> &'a [f32] {
+        self.average.as_deref().unwrap_or(weights)
+    }
+}
