@@ -1,17 +1,23 @@
 //! `estimate`: the information of a design's measurements.
 
+use std::time::Duration;
+
 use clap::{Args, ValueEnum};
 
 use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::{Estimate, Protocol};
+use crate::information::{Estimate, Estimator, Protocol};
 use crate::workbench::{DensityModel, EstimateRequest, estimate};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
 const MOST_PATCHES: usize = 1_000_000;
 /// Most repetitions.
 const MOST_TRIALS: usize = 10_000;
+
+/// Time of a fit where none is given.
+const LIVE_BUDGET: Duration = Duration::from_secs(60);
+const FULL_BUDGET: Duration = Duration::from_secs(1800);
 
 /// Arguments of `estimate`.
 #[derive(Args, Debug)]
@@ -68,6 +74,10 @@ enum EstimatorChoice {
     /// The published autoregressive network fitted to patches.
     #[value(name = "pixelcnn")]
     PixelCnn,
+    /// Causal density model over clean levels, fitted to fresh patches for 60 s or the --budget.
+    Live,
+    /// The same with a fit of 30 minutes or the --budget.
+    Full,
 }
 
 impl Arguments {
@@ -77,8 +87,13 @@ impl Arguments {
         check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let budget = self.budget.map(|choice| choice.0);
-        if budget.is_some() && !matches!(self.estimator, EstimatorChoice::PixelCnn) {
-            return Err(anyhow::anyhow!("--budget is the time of a fit by --estimator pixelcnn; leave it out").into());
+        let fitted =
+            matches!(self.estimator, EstimatorChoice::PixelCnn | EstimatorChoice::Live | EstimatorChoice::Full);
+        if budget.is_some() && !fitted {
+            return Err(anyhow::anyhow!(
+                "--budget is the time of a fit by --estimator pixelcnn, live or full; leave it out"
+            )
+            .into());
         }
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
@@ -87,6 +102,12 @@ impl Arguments {
                 EstimatorChoice::GaussianFull => DensityModel::Full,
                 EstimatorChoice::GaussianAnalytic => DensityModel::Analytic,
                 EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget },
+                EstimatorChoice::Live => {
+                    DensityModel::Causal { estimator: Estimator::Live, budget: budget.unwrap_or(LIVE_BUDGET) }
+                }
+                EstimatorChoice::Full => {
+                    DensityModel::Causal { estimator: Estimator::Full, budget: budget.unwrap_or(FULL_BUDGET) }
+                }
             },
             protocol: self.protocol,
             patch: match self.patch {

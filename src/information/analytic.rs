@@ -123,6 +123,24 @@ impl AnalyticGaussian {
         })
     }
 
+    /// Autocovariance of the measurement, noise included, photons squared, shape (2 rows - 1, 2 cols - 1) for the patch;
+    /// arguments as in [`AnalyticGaussian::evaluate`].
+    ///
+    /// # Errors
+    /// For another shape, no noise, or a mean that is negative or not finite.
+    pub fn measured_autocovariance(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        mean_measurement: f64,
+        noise: Noise,
+    ) -> Result<Array2<f64>, InformationError> {
+        let variance = noise_variance(noise, mean_measurement)?;
+        let mut autocovariance = self.signal_autocovariance(psf)?;
+        let (rows, cols) = self.patch;
+        autocovariance[[rows - 1, cols - 1]] += variance;
+        Ok(autocovariance)
+    }
+
     /// Autocovariance of the encoded image before noise, photons squared, shape (2 rows - 1, 2 cols - 1) for the
     /// patch: that of the objects correlated with the autocorrelation of the point spread function, summed over planes.
     ///

@@ -51,6 +51,11 @@ impl DenseGaussian {
         Ok(Self { factor, log2_determinant })
     }
 
+    /// Lower Cholesky factor of the covariance.
+    pub(super) fn factor(&self) -> faer::MatRef<'_, f64> {
+        self.factor.as_ref()
+    }
+
     /// log2 det C.
     #[cfg(test)]
     pub(super) fn log2_determinant(&self) -> f64 {

@@ -176,6 +176,12 @@ pub enum InformationError {
         /// Steps that were refused.
         refused: usize,
     },
+    /// Fresh patches could not be drawn.
+    #[error("{reason}")]
+    Stream {
+        /// Why.
+        reason: String,
+    },
     /// A person or program asked to stop.
     #[error("the estimate was cancelled")]
     Cancelled,

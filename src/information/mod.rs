@@ -5,6 +5,7 @@
 mod analytic;
 mod block_toeplitz;
 mod bootstrap;
+mod causal;
 mod ceiling;
 mod conditional;
 mod dense;
@@ -14,6 +15,7 @@ mod fourier;
 mod gaussian;
 mod gaussian_estimate;
 mod interpolation;
+mod likelihood;
 mod pixelcnn;
 mod poisson;
 mod poisson_gaussian;
@@ -25,6 +27,10 @@ mod trial;
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::bootstrap_interval;
+pub use causal::{
+    CausalFit, CausalModel, CausalRequest, CausalShape, FitLength, Moments, PatchBatch, PatchStream, causal_estimate,
+    causal_model, score,
+};
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use dense::MAX_PATCH_PIXELS;
@@ -32,6 +38,7 @@ pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};
 pub use gaussian::FullGaussian;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
+pub use likelihood::log_likelihood;
 pub use pixelcnn::{
     DataScale, FitProgress, FitReport, Mixtures, PixelCnn, PixelCnnFit, PixelCnnRequest, PixelCnnShape,
     TrainingPatches, pixelcnn_estimate,

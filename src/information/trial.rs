@@ -20,6 +20,10 @@ pub enum Estimator {
     /// The published autoregressive network, fitted to patches.
     #[serde(rename = "pixelcnn")]
     PixelCnn,
+    /// Causal density model over clean levels, fitted for as long as one waits.
+    Live,
+    /// The same, fitted until it gains no more.
+    Full,
 }
 
 impl fmt::Display for Estimator {
@@ -29,6 +33,8 @@ impl fmt::Display for Estimator {
             Self::GaussianFull => "gaussian-full",
             Self::GaussianAnalytic => "gaussian-analytic",
             Self::PixelCnn => "pixelcnn",
+            Self::Live => "live",
+            Self::Full => "full",
         })
     }
 }

@@ -60,6 +60,64 @@ vectorised! {
     }
 }
 
+vectorised! {
+    /// Gated linear unit (Dauphin et al. 2017): `out = a sigmoid(b)` where a and b are the first and second half of the
+    /// channels of `features` (pixels, 2 channels).
+    ///
+    /// `sigmoids` and `out` are (pixels, channels); the former is kept for [`glu_backward`].
+    pub fn glu<'a>(features: &'a [f32], channels: usize, sigmoids: &'a mut [f32], out: &'a mut [f32]) {
+        let rows = features.chunks_exact(2 * channels).zip(sigmoids.chunks_exact_mut(channels));
+        for ((feature, sigmoid), out) in rows.zip(out.chunks_exact_mut(channels)) {
+            let (a, b) = feature.split_at(channels);
+            for (((a, b), sigmoid), out) in a.iter().zip(b).zip(sigmoid).zip(out) {
+                *sigmoid = 1.0 / (1.0 + exponential(-b));
+                *out = a * *sigmoid;
+            }
+        }
+    }
+}
+
+vectorised! {
+    /// Gradient of [`glu`] by its features, from the gradient by its output (pixels, channels) and that output.
+    pub fn glu_backward<'a>(
+        sigmoids: &'a [f32],
+        output: &'a [f32],
+        channels: usize,
+        gradient: &'a [f32],
+        features: &'a mut [f32],
+    ) {
+        let rows = sigmoids.chunks_exact(channels).zip(output.chunks_exact(channels));
+        let rows = rows.zip(gradient.chunks_exact(channels)).zip(features.chunks_exact_mut(2 * channels));
+        for (((sigmoid, output), gradient), out) in rows {
+            let (by_a, by_b) = out.split_at_mut(channels);
+            let inputs = sigmoid.iter().zip(output).zip(gradient);
+            for (((s, y), g), (by_a, by_b)) in inputs.zip(by_a.iter_mut().zip(by_b)) {
+                *by_a = g * s;
+                *by_b = g * y * (1.0 - s);
+            }
+        }
+    }
+}
+
+vectorised! {
+    /// Sigmoid linear unit (Elfwing et al. 2018): `out = x sigmoid(x)`.
+    pub fn silu<'a>(input: &'a [f32], out: &'a mut [f32]) {
+        for (x, out) in input.iter().zip(out) {
+            *out = x / (1.0 + exponential(-x));
+        }
+    }
+}
+
+vectorised! {
+    /// Multiplies `gradient` by the derivative of [`silu`] at `input`.
+    pub fn silu_backward<'a>(input: &'a [f32], gradient: &'a mut [f32]) {
+        for (x, gradient) in input.iter().zip(gradient) {
+            let s = 1.0 / (1.0 + exponential(-x));
+            *gradient *= s * (1.0 + x * (1.0 - s));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -100,6 +158,41 @@ mod tests {
         for ((x, y), g) in input.iter().zip(&out).zip(&gradient) {
             let (expected, slope) = if *x > 0.0 { (*x, 1.0) } else { (x.exp_m1(), x.exp()) };
             assert!((y - expected).abs() < 1e-6 && (g - 2.0 * slope).abs() < 1e-6, "{x}: {y}, {g}");
+        }
+    }
+
+    #[test]
+    fn glu_is_its_formula_and_its_derivative() {
+        let (channels, pixels) = (6, 5);
+        let features = numbers(2 * channels * pixels, 4);
+        let (mut sigmoids, mut out) = (vec![0.0; channels * pixels], vec![0.0; channels * pixels]);
+        glu(&features, channels, &mut sigmoids, &mut out);
+        let gradient = numbers(channels * pixels, 5);
+        let mut found = vec![0.0; features.len()];
+        glu_backward(&sigmoids, &out, channels, &gradient, &mut found);
+        for (i, out) in out.iter().enumerate() {
+            let at = i / channels * 2 * channels + i % channels;
+            let (a, b) = (f64::from(features[at]), f64::from(features[at + channels]));
+            let (sigmoid, g) = (1.0 / (1.0 + (-b).exp()), f64::from(gradient[i]));
+            assert!((f64::from(*out) - a * sigmoid).abs() < 2e-6);
+            assert!((f64::from(found[at]) - g * sigmoid).abs() < 3e-6);
+            let by_b = g * a * sigmoid * (1.0 - sigmoid);
+            assert!((f64::from(found[at + channels]) - by_b).abs() < 5e-6);
+        }
+    }
+
+    #[test]
+    fn silu_is_its_formula_and_its_derivative() {
+        let input = numbers(50, 6);
+        let mut out = vec![0.0; 50];
+        silu(&input, &mut out);
+        let mut gradient = vec![3.0; 50];
+        silu_backward(&input, &mut gradient);
+        for ((x, y), g) in input.iter().zip(&out).zip(&gradient) {
+            let formula = |x: f64| x / (1.0 + (-x).exp());
+            let x = f64::from(*x);
+            let slope = (formula(x + 1e-5) - formula(x - 1e-5)) / 2e-5;
+            assert!((f64::from(*y) - formula(x)).abs() < 2e-6 && (f64::from(*g) - 3.0 * slope).abs() < 1e-5);
         }
     }
 }

@@ -19,6 +19,13 @@ pub enum Initial {
         /// Numbers summed into one output, those behind a mask included.
         inputs: usize,
     },
+    /// All the same.
+    Constant(f32),
+    /// Normal around 0.
+    Normal {
+        /// Standard deviation.
+        deviation: f32,
+    },
     /// Uniform between two values.
     Uniform {
         /// Smallest value.
@@ -98,6 +105,11 @@ impl Initial {
     fn draw(self, random: &mut ChaCha8Rng) -> f32 {
         match self {
             Self::Zeros => 0.0,
+            Self::Constant(value) => value,
+            Self::Normal { deviation } => {
+                let normal: f32 = StandardNormal.sample(random);
+                deviation * normal
+            }
             Self::Uniform { low, high } => low + (high - low) * random.random::<f32>(),
             Self::LecunNormal { inputs } => loop {
                 let normal: f32 = StandardNormal.sample(random);

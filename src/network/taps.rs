@@ -42,6 +42,7 @@ impl Taps {
     /// Writes what each pixel of `input` (pixels, channels) sees to `columns` (pixels, taps, channels).
     pub fn gather(&self, grid: Grid, channels: usize, input: &[f32], columns: &mut [f32]) {
         match channels {
+            48 => gather_48(self, grid, input, columns),
             64 => gather_64(self, grid, input, columns),
             _ => self.gather_by(grid, channels, input, columns),
         }
@@ -74,6 +75,7 @@ impl Taps {
     /// The transpose of [`Taps::gather`]: adds each column entry to the pixel it was read from.
     pub fn scatter_add(&self, grid: Grid, channels: usize, columns: &[f32], output: &mut [f32]) {
         match channels {
+            48 => scatter_48(self, grid, columns, output),
             64 => scatter_64(self, grid, columns, output),
             _ => self.scatter_by(grid, channels, columns, output),
         }
@@ -98,6 +100,18 @@ impl Taps {
                 }
             }
         }
+    }
+}
+
+vectorised! {
+    fn gather_48<'a>(taps: &'a Taps, grid: Grid, input: &'a [f32], columns: &'a mut [f32]) {
+        taps.gather_by(grid, 48, input, columns);
+    }
+}
+
+vectorised! {
+    fn scatter_48<'a>(taps: &'a Taps, grid: Grid, columns: &'a [f32], output: &'a mut [f32]) {
+        taps.scatter_by(grid, 48, columns, output);
     }
 }
 
@@ -156,9 +170,11 @@ mod tests {
     fn gathering_is_that_of_every_pixel_and_scattering_its_transpose() {
         let offsets = [(-2, -2), (-2, 0), (0, -2), (0, 0), (1, 3), (-9, 0), (0, 9)];
         let taps = Taps::new(offsets);
-        for (channels, grid) in
-            [(3, Grid { samples: 2, rows: 5, cols: 4 }), (64, Grid { samples: 2, rows: 3, cols: 6 })]
-        {
+        for (channels, grid) in [
+            (3, Grid { samples: 2, rows: 5, cols: 4 }),
+            (48, Grid { samples: 1, rows: 5, cols: 3 }),
+            (64, Grid { samples: 2, rows: 3, cols: 6 }),
+        ] {
             let input: Vec<f32> = (0..grid.pixels() * channels).map(|i| ((i * 31) % 97) as f32).collect();
             let mut columns = vec![f32::NAN; input.len() * taps.count()];
             taps.gather(grid, channels, &input, &mut columns);

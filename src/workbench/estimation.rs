@@ -8,9 +8,11 @@ use ndarray::{Array3, Axis};
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
 use super::simulation::{convolver, derived_seed, open_set};
+use super::stream::DesignStream;
 use crate::information::{
-    AnalyticGaussian, Covariance, Estimate, Estimator, FitProgress, GaussianRequest, InformationError, NoiseEntropy,
-    PixelCnnRequest, Protocol, Provenance, Trial, TrialSettings, gaussian_estimate, pixelcnn_estimate,
+    AnalyticGaussian, CausalRequest, Covariance, Estimate, Estimator, FitLength, FitProgress, GaussianRequest,
+    InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol, Provenance, Trial, TrialSettings,
+    causal_estimate, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -28,6 +30,13 @@ pub enum DensityModel {
     PixelCnn {
         /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
         budget: Option<Duration>,
+    },
+    /// The causal density model over clean levels, fitted to fresh patches for this long.
+    Causal {
+        /// [`Estimator::Live`] or [`Estimator::Full`].
+        estimator: Estimator,
+        /// Time for the fit of each trial.
+        budget: Duration,
     },
 }
 
@@ -88,6 +97,9 @@ pub fn estimate(
                 DensityModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
                 DensityModel::Analytic => analytic(&source, request, seed, progress),
                 DensityModel::PixelCnn { budget } => network(&source, request, budget, seed, progress),
+                DensityModel::Causal { estimator, budget } => {
+                    causal(&source, request, estimator, budget, seed, progress)
+                }
             }
         })
         .collect::<Result<Vec<_>, _>>()?;
@@ -159,6 +171,49 @@ fn network(
     Ok(trial)
 }
 
+fn causal(
+    source: &PatchSource<'_>,
+    request: &EstimateRequest,
+    estimator: Estimator,
+    budget: Duration,
+    seed: u64,
+    progress: Progress<'_>,
+) -> Result<Trial, EvaluationError> {
+    let (train, test) = source.splits();
+    let stream = source.stream(train);
+    let (clean, noisy) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
+    let request = CausalRequest {
+        stream: &stream,
+        test: &PatchBatch { noisy, clean: Some(clean) },
+        moments: Some(&moments(source.design, source.set, source.patch)?),
+        noise: source.design.noise,
+        length: FitLength::Time(budget),
+        start: None,
+        estimator,
+        seed: derived_seed(seed, 3),
+    };
+    let (trial, _) = causal_estimate(&request, &mut |fit| {
+        tell(fit, progress);
+        ControlFlow::Continue(())
+    })?;
+    Ok(trial)
+}
+
+/// Mean and autocovariance of the measurements, from those of the objects and the PSF.
+pub(super) fn moments(design: &Design, set: &ObjectSet, patch: (usize, usize)) -> Result<Moments, EvaluationError> {
+    let grid = design.encoder.grid();
+    let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
+    let psf = design.psf(set.planes())?;
+    let seen = psf.slice(ndarray::s![..set.planes(), .., ..]);
+    let mean = super::evaluation::mean_measurement(design, set, seen);
+    let autocovariance = AnalyticGaussian::new(&set.autocovariance(reach), grid, patch)?.measured_autocovariance(
+        seen,
+        mean,
+        design.noise,
+    )?;
+    Ok(Moments { mean, autocovariance })
+}
+
 /// Tells how far a fit is: the best cross-entropy yet, and the seconds that are over and left.
 fn tell(fit: &FitProgress, progress: Progress<'_>) {
     if let Some((scored, all)) = fit.scored {
@@ -225,6 +280,11 @@ impl PatchSource<'_> {
             Protocol::Default => (Split::Train, Split::Test),
             Protocol::Paper => (Split::All, Split::All),
         }
+    }
+
+    /// Fresh patches of one part of the set.
+    fn stream(&self, split: Split) -> DesignStream<'_> {
+        DesignStream { design: self.design, set: self.set, convolver: self.convolver, split, patch: self.patch }
     }
 
     /// Noiseless and noisy patches, each of an object of its own.

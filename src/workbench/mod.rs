@@ -11,6 +11,7 @@ mod export;
 mod jobs;
 mod simulation;
 mod stacks;
+mod stream;
 mod worker;
 
 pub use bench::Workbench;

@@ -19,4 +19,5 @@ pub use fit::{FitReport, PixelCnnFit, TrainingPatches};
 pub use model::{Mixtures, PixelCnn};
 pub use progress::FitProgress;
 pub use scale::DataScale;
+pub(super) use scale::check_values;
 pub use shape::PixelCnnShape;

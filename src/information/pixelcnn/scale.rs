@@ -44,7 +44,10 @@ impl DataScale {
 }
 
 /// Refuses patches that are not finite or too bright, and empty ones.
-pub(super) fn check_values(patches: ArrayView3<'_, f32>, what: &'static str) -> Result<(), InformationError> {
+pub(in crate::information) fn check_values(
+    patches: ArrayView3<'_, f32>,
+    what: &'static str,
+) -> Result<(), InformationError> {
     if patches.is_empty() {
         return Err(InformationError::Empty);
     }

@@ -1,0 +1,155 @@
+//! What the network sees of patches: numbers of order one, made from photons before the first layer.
+
+use ndarray::{Array2, ArrayView3};
+use rayon::prelude::*;
+
+use super::levels::{Levels, Scale};
+use super::predictor::Predictor;
+use super::stream::PatchBatch;
+use crate::information::{InformationError, StationaryGaussian};
+use crate::sensor::Noise;
+
+/// Channels that the first window sees of every past pixel: square root, photons, one, surprise.
+pub(super) const WINDOW_CHANNELS: usize = 4;
+/// Numbers about the present pixel that do not depend on it: the prediction, how sure it is, and where the pixel lies.
+pub(super) const PRESENT_CHANNELS: usize = 9;
+/// Largest surprise, standard deviations.
+const MOST_SURPRISE: f32 = 8.0;
+/// Least variance that the prediction is given, as a share of that of the noise: it is a guess, not a certainty.
+const LEAST_VARIANCE: f32 = 0.05;
+
+/// Second moments of the measurements, noise included.
+#[derive(Clone, Debug)]
+pub struct Moments {
+    /// Mean, photons per pixel.
+    pub mean: f64,
+    /// Autocovariance, photons squared, shape (2 rows - 1, 2 cols - 1) for the patch, lag 0 in the centre.
+    pub autocovariance: Array2<f64>,
+}
+
+impl Moments {
+    /// Of noisy patches, averaged over patches and places ([`StationaryGaussian::fit`]).
+    ///
+    /// # Errors
+    /// As [`StationaryGaussian::fit`].
+    pub fn of_patches(noisy: ArrayView3<'_, f32>) -> Result<Self, InformationError> {
+        let model = StationaryGaussian::fit(noisy)?;
+        Ok(Self { mean: model.mean(), autocovariance: model.autocovariance().to_owned() })
+    }
+}
+
+/// Everything about one design and one kind of scene that the network is told.
+#[derive(Clone, Debug)]
+pub(super) struct Conditioning {
+    pub noise: Noise,
+    pub patch: (usize, usize),
+    pub levels: Levels,
+    scale: Scale,
+    /// Mean and inverse deviation on the square-root scale, and of photons.
+    roots: (f32, f32),
+    photons: (f32, f32),
+    predictor: Predictor,
+}
+
+/// Patches as the network sees them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Inputs {
+    /// Photons, (pixels).
+    pub values: Vec<f32>,
+    /// (pixels, [`WINDOW_CHANNELS`]).
+    pub window: Vec<f32>,
+    /// (pixels, [`PRESENT_CHANNELS`]).
+    pub present: Vec<f32>,
+    /// Predicted mean, photons, and -1/2 over its variance, per pixel.
+    pub guess: Vec<(f32, f32)>,
+}
+
+impl Conditioning {
+    /// From sample patches and the moments of many.
+    pub fn new(noise: Noise, sample: &PatchBatch, moments: &Moments) -> Result<Self, InformationError> {
+        let (_, rows, cols) = sample.noisy.dim();
+        let scale = Scale::new(noise);
+        let counts = sample.noisy.iter().all(|y| y.fract() == 0.0);
+        let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
+        let levels = Levels::new(noise, images.view(), counts);
+        let standard = |value: &dyn Fn(f32) -> f64| {
+            let count = sample.noisy.len() as f64;
+            let mean = sample.noisy.iter().map(|&y| value(y)).sum::<f64>() / count;
+            let square = sample.noisy.iter().map(|&y| (value(y) - mean).powi(2)).sum::<f64>() / count;
+            (mean as f32, (1.0 / square.sqrt().max(1e-6)) as f32)
+        };
+        Ok(Self {
+            noise,
+            patch: (rows, cols),
+            levels,
+            scale,
+            roots: standard(&|y| scale.of(f64::from(y))),
+            photons: standard(&|y| f64::from(y)),
+            predictor: Predictor::new(moments.mean, &moments.autocovariance, (rows, cols))?,
+        })
+    }
+
+    /// What belongs to this design alone, with the units that `start` gave to the inputs and, where they serve, its
+    /// levels: weights that were fitted to those keep their meaning.
+    pub fn in_units_of(mut self, start: &Self) -> Self {
+        self.roots = start.roots;
+        self.photons = start.photons;
+        let ((low, high), (start_low, start_high)) = (self.levels.range(), start.levels.range());
+        let serves = self.noise == start.noise && (low - start_low).abs() <= 1e-3 * start_low.abs().max(1.0);
+        if serves && high <= start_high && high >= 0.6 * start_high {
+            self.levels = start.levels.clone();
+        }
+        self
+    }
+
+    /// Patches (photons) for the network.
+    pub fn inputs(&self, patches: ArrayView3<'_, f32>) -> Inputs {
+        let values: Vec<f32> = patches.iter().copied().collect();
+        let predictions = self.predictor.predict(&values);
+        let (rows, cols) = self.patch;
+        let pixels = rows * cols;
+        let (low, high) = self.levels.range();
+        let mut window = vec![0.0; values.len() * WINDOW_CHANNELS];
+        let mut present = vec![0.0; values.len() * PRESENT_CHANNELS];
+        let mut guess = vec![(0.0, 0.0); values.len()];
+        let out =
+            window.par_chunks_mut(pixels * WINDOW_CHANNELS).zip(present.par_chunks_mut(pixels * PRESENT_CHANNELS));
+        let given = values.par_chunks(pixels).zip(predictions.par_chunks(pixels));
+        out.zip(guess.par_chunks_mut(pixels)).zip(given).for_each(
+            |(((window, present), guess), (values, predicted))| {
+                let numbers = window.chunks_exact_mut(WINDOW_CHANNELS).zip(present.chunks_exact_mut(PRESENT_CHANNELS));
+                for (i, ((window, present), guess)) in numbers.zip(guess).enumerate() {
+                    let (y, variance) = (values[i], self.predictor.variances[i]);
+                    let surprise = (y - predicted[i]) / variance.sqrt();
+                    window[0] = self.root(y);
+                    window[1] = (y - self.photons.0) * self.photons.1;
+                    window[2] = 1.0;
+                    window[3] = 0.5 * surprise.clamp(-MOST_SURPRISE, MOST_SURPRISE);
+                    let mean = predicted[i].clamp(low, high);
+                    let noise = self.scale.variance(f64::from(mean)) as f32;
+                    let signal = (variance - noise).max(LEAST_VARIANCE * noise);
+                    *guess = (mean, -0.5 / signal);
+                    present[0] = self.root(mean);
+                    present[1] = (predicted[i] - self.photons.0) * self.photons.1;
+                    present[2] = 0.5 * (signal / noise).ln();
+                    let (row, col) = (i / cols, i % cols);
+                    let near = |distance: usize, reach: f32| (-(distance as f32) / reach).exp();
+                    let right = cols - 1 - col;
+                    present[3..].copy_from_slice(&[
+                        near(row, 2.0),
+                        near(col, 2.0),
+                        near(right, 2.0),
+                        near(row, 8.0),
+                        near(col, 8.0),
+                        near(right, 8.0),
+                    ]);
+                }
+            },
+        );
+        Inputs { values, window, present, guess }
+    }
+
+    fn root(&self, photons: f32) -> f32 {
+        (self.scale.of(f64::from(photons)) as f32 - self.roots.0) * self.roots.1
+    }
+}

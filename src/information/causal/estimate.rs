@@ -1,0 +1,116 @@
+//! Information from an endless stream of patches by the causal density model.
+
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use ndarray::Axis;
+
+use super::conditioning::Moments;
+use super::fit::{CausalFit, FitLength};
+use super::model::CausalModel;
+use super::shape::CausalShape;
+use super::stream::{PatchBatch, PatchStream};
+use crate::information::likelihood::log_likelihood;
+use crate::information::{Estimator, FitProgress, InformationError, NoiseEntropy, Protocol, Trial, TrialSettings};
+use crate::sensor::Noise;
+
+/// Patches that levels and units are taken from.
+const SAMPLE: usize = 256;
+/// Patches that second moments are taken from where they are not given.
+const MOMENT_PATCHES: usize = 2048;
+
+/// What is to be estimated, from what, and for how long.
+#[derive(Clone, Copy)]
+pub struct CausalRequest<'a> {
+    /// Fresh patches to fit.
+    pub stream: &'a dyn PatchStream,
+    /// Held-out patches of other scenes.
+    pub test: &'a PatchBatch,
+    /// Mean and autocovariance of the measurements where they are known; otherwise they are taken from patches.
+    pub moments: Option<&'a Moments>,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// Length of the fit.
+    pub length: FitLength,
+    /// A model of a similar design to start from.
+    pub start: Option<&'a CausalModel>,
+    /// The name the estimate goes by.
+    pub estimator: Estimator,
+    /// Seed of first weights, patches, noise and bootstraps.
+    pub seed: u64,
+}
+
+/// Makes a model ready for a stream: levels, units, linear prediction, first weights.
+///
+/// # Errors
+/// Where the stream fails, or its patches allow no model (constant, too large, not finite).
+pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, InformationError> {
+    let sample = request.stream.draw(SAMPLE, request.seed ^ 0x5eed)?;
+    let own;
+    let moments = match request.moments {
+        Some(moments) => moments,
+        None => {
+            own = Moments::of_patches(request.stream.draw(MOMENT_PATCHES, request.seed ^ 0x5eee)?.noisy.view())?;
+            &own
+        }
+    };
+    CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.start, request.seed)
+}
+
+/// Fits the causal density model to a stream and bounds the information from above by its cross-entropy on held-out
+/// patches, `I <= E[log2 p(y|x) - log2 q(y)]`, bits per pixel.
+///
+/// Both terms are taken at the same measurements, so the luck of the noise drops out of their difference. Without clean
+/// patches (an experiment) the noisy ones stand in for the means in `H(Y|X)`.
+///
+/// # Errors
+/// As [`causal_model`]; when `on_progress` cancels.
+pub fn causal_estimate(
+    request: &CausalRequest<'_>,
+    on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+) -> Result<(Trial, CausalModel), InformationError> {
+    let started = Instant::now();
+    let mut model = causal_model(request)?;
+    let fit = CausalFit::new(request.length, request.seed);
+    let steps = fit.fit(&mut model, request.stream, on_progress)?;
+    let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches", fit.batch)];
+    if request.test.clean.is_none() {
+        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+    }
+    let (cross_entropy, entropy_y_given_x) = score(&model, request.noise, request.test)?;
+    let settings = TrialSettings {
+        estimator: request.estimator,
+        protocol: Protocol::Default,
+        noise: request.noise,
+        patch: model.patch(),
+        patches_train: steps * fit.batch,
+        seed: request.seed,
+    };
+    let seconds = started.elapsed().as_secs_f64();
+    Ok((Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?, model))
+}
+
+/// Cross-entropy and noise entropy of every held-out patch, bits per pixel; where clean patches are known, the former
+/// is relieved of the luck of the noise, `-log2 q(y) + log2 p(y|x) + H(Y|X)`.
+///
+/// # Errors
+/// For patches of another shape or broken ones.
+pub fn score(model: &CausalModel, noise: Noise, test: &PatchBatch) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let mut cross_entropy: Vec<f64> = Vec::with_capacity(test.noisy.len_of(Axis(0)));
+    for bits in model.cross_entropy_map(test.noisy.view())?.outer_iter() {
+        cross_entropy.push(bits.mean().unwrap_or(f64::NAN));
+    }
+    let entropy = NoiseEntropy::new(noise, Protocol::Default)?;
+    let Some(clean) = &test.clean else {
+        let entropy_y_given_x = entropy.patch_bits(test.noisy.mapv(|y| y.max(0.0)).view())?;
+        return Ok((cross_entropy, entropy_y_given_x));
+    };
+    let entropy_y_given_x = entropy.patch_bits(clean.view())?;
+    let pairs = test.noisy.outer_iter().zip(clean.outer_iter());
+    for ((cross_entropy, (noisy, clean)), bits) in cross_entropy.iter_mut().zip(pairs).zip(&entropy_y_given_x) {
+        let likelihood: f64 =
+            noisy.iter().zip(clean).map(|(&y, &x)| log_likelihood(noise, f64::from(y), f64::from(x))).sum();
+        *cross_entropy += likelihood / noisy.len() as f64 / std::f64::consts::LN_2 + bits;
+    }
+    Ok((cross_entropy, entropy_y_given_x))
+}

@@ -1,0 +1,129 @@
+//! The fit: small batches of fresh patches, Muon, a rate that rises and falls, averaged weights.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use super::model::{CausalModel, Gradients};
+use super::shape::rule;
+use super::stream::PatchStream;
+use crate::information::{FitProgress, InformationError};
+use crate::network::{Optimizer, rate_schedule};
+
+/// Patches that are drawn at a time.
+const DRAWN: usize = 64;
+/// Steps that the reported training value looks back over.
+const REMEMBERED: f64 = 100.0;
+/// Steps without finite numbers after which a fit is given up.
+const MAX_REFUSED: usize = 30;
+
+/// How long a fit takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FitLength {
+    /// So many steps; equal seeds then give equal bits on one machine.
+    Steps(usize),
+    /// So much time.
+    Time(Duration),
+}
+
+/// How a model is fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CausalFit {
+    /// Patches of one step.
+    pub batch: usize,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Largest norm of a gradient; longer ones are shortened to it.
+    pub max_norm: f64,
+    /// When it ends.
+    pub length: FitLength,
+    /// Seed of patches and noise.
+    pub seed: u64,
+}
+
+impl CausalFit {
+    /// The default procedure.
+    pub fn new(length: FitLength, seed: u64) -> Self {
+        Self { batch: 2, rate: 3e-3, max_norm: 1.0, length, seed }
+    }
+
+    /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the
+    /// number of steps.
+    ///
+    /// # Errors
+    /// Where the stream fails, numbers stay infinite, or `on_progress` cancels; the model then keeps what it had
+    /// learned.
+    pub fn fit(
+        &self,
+        model: &mut CausalModel,
+        stream: &dyn PatchStream,
+        on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+    ) -> Result<usize, InformationError> {
+        let started = Instant::now();
+        let mut optimizer = Optimizer::new(&model.layout, &model.weights, true, rule);
+        let mut gradients = Gradients::new(model.layout.count());
+        let batch = self.batch.clamp(1, DRAWN);
+        let (mut steps, mut refused, mut caution) = (0, 0, 1.0);
+        let mut recent: Option<f64> = None;
+        let mut draws = 0_u64;
+        loop {
+            let pool = stream.draw(DRAWN, self.seed.wrapping_add(draws.wrapping_mul(0x9e37_79b9_7f4a_7c15)))?;
+            draws += 1;
+            super::model::check(pool.noisy.view())?;
+            let inputs = model.conditioning.inputs(pool.noisy.view());
+            for first in (0..=DRAWN - batch).step_by(batch) {
+                let done = self.done(steps, started);
+                if done >= 1.0 {
+                    model.weights = optimizer.result(&model.weights).to_vec();
+                    return Ok(steps);
+                }
+                let indices: Vec<usize> = (first..first + batch).collect();
+                let loss = gradients.evaluate(model, &inputs, &indices);
+                let norm = gradients.norm();
+                steps += 1;
+                if loss.is_finite() && norm.is_finite() {
+                    let scale = (self.max_norm / norm.max(1e-30)).min(1.0);
+                    let rate = self.rate * caution * rate_schedule(done);
+                    optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
+                    let bits = loss / std::f64::consts::LN_2;
+                    let share = (1.0 / REMEMBERED).max(1.0 / steps as f64);
+                    recent = Some(recent.map_or(bits, |mean| mean + share * (bits - mean)));
+                } else {
+                    refused += 1;
+                    caution *= 0.5;
+                    if refused == MAX_REFUSED {
+                        return Err(InformationError::Diverged { refused });
+                    }
+                }
+                if on_progress(&self.progress(steps, started, recent)).is_break() {
+                    return Err(InformationError::Cancelled);
+                }
+            }
+        }
+    }
+
+    /// Share of the fit that is over.
+    fn done(&self, steps: usize, started: Instant) -> f64 {
+        match self.length {
+            FitLength::Steps(all) => steps as f64 / all.max(1) as f64,
+            FitLength::Time(all) => started.elapsed().as_secs_f64() / all.as_secs_f64().max(1e-9),
+        }
+    }
+
+    fn progress(&self, step: usize, started: Instant, recent: Option<f64>) -> FitProgress {
+        let elapsed = started.elapsed();
+        let remaining = match self.length {
+            FitLength::Steps(all) => elapsed.mul_f64((all as f64 / step as f64 - 1.0).max(0.0)),
+            FitLength::Time(all) => all.saturating_sub(elapsed),
+        };
+        FitProgress {
+            epoch: 1,
+            epochs: 1,
+            step,
+            validation_bits: recent,
+            best_bits: recent,
+            elapsed,
+            remaining: Some(remaining),
+            scored: None,
+        }
+    }
+}

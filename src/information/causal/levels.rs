@@ -1,0 +1,341 @@
+//! Clean levels: what an encoded pixel may hold, and how likely each makes what was measured.
+
+use ndarray::ArrayView3;
+use rayon::prelude::*;
+
+use crate::information::likelihood::{ln_normal, ln_poisson, log_likelihood};
+use crate::network::{exponential, vectorised};
+use crate::sensor::Noise;
+
+/// Levels are counted in multiples of this, which suits vector instructions.
+const ROUND: usize = 16;
+/// Fewest and most levels.
+const COUNTS: (usize, usize) = (64, 512);
+/// Wished distance between levels, in standard deviations of the noise.
+const SPACING: f64 = 0.8;
+/// Distance, in standard deviations of the noise, from which levels are widened so that no gap opens between them.
+const WIDEN_FROM: f64 = 1.2;
+/// Light in excess of the brightest pixel seen that levels still cover.
+const HEADROOM: f64 = 1.15;
+/// Darkest level, photons: counts of 0 are then all but certain.
+const DARKEST: f64 = 1e-3;
+/// Most rows of a table of likelihoods.
+const MOST_ROWS: usize = 16_384;
+/// Steps of an interpolated table per standard deviation of the read noise.
+const STEPS_PER_SIGMA: f64 = 10.0;
+
+/// The square-root scale on which shot noise has unit deviation (Anscombe 1948; with read noise, Murtagh et al. 1995),
+/// or units of the read noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Scale {
+    noise: Noise,
+}
+
+impl Scale {
+    pub fn new(noise: Noise) -> Self {
+        Self { noise }
+    }
+
+    fn shift(self) -> f64 {
+        0.375 + self.noise.read_sigma().map_or(0.0, |sigma| sigma * sigma)
+    }
+
+    /// From photons.
+    pub fn of(self, photons: f64) -> f64 {
+        match self.noise {
+            Noise::Read { sigma } => photons / sigma,
+            _ => 2.0 * (photons + self.shift()).max(0.0).sqrt(),
+        }
+    }
+
+    /// To photons.
+    fn back(self, z: f64) -> f64 {
+        match self.noise {
+            Noise::Read { sigma } => z * sigma,
+            _ => 0.25 * z * z - self.shift(),
+        }
+    }
+
+    /// Variance of the noise at a mean of `photons`.
+    pub fn variance(self, photons: f64) -> f64 {
+        let read = self.noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
+        if self.noise.has_shot_noise() { photons.max(DARKEST) + read } else { read }
+    }
+}
+
+/// How the likelihood of a level is found.
+#[derive(Clone, Debug)]
+enum Kernel {
+    /// Probabilities of the counts 0, 1, ..., each row (levels) divided by its largest entry.
+    Counts(Table),
+    /// Densities on a fine grid, interpolated linearly, which keeps their integral.
+    Grid { first: f64, step: f64, table: Table },
+    /// Gaussians of these inverse deviations and log norms, where levels are far apart or what was measured is no count.
+    Gaussian { inverse: Vec<f32>, log_norm: Vec<f32> },
+}
+
+#[derive(Clone, Debug)]
+struct Table {
+    /// (rows, levels).
+    shares: Vec<f32>,
+    /// ln of the largest entry of each row.
+    log_largest: Vec<f32>,
+}
+
+/// Levels x_l, uniform on the square-root scale, and the likelihoods P(y | x_l).
+#[derive(Clone, Debug)]
+pub(super) struct Levels {
+    noise: Noise,
+    /// Photons.
+    pub photons: Vec<f32>,
+    kernel: Kernel,
+}
+
+impl Levels {
+    /// Levels for images of `clean` photons under a noise, or for noisy ones where no clean ones are known. `counts`
+    /// tells whether shot noise has left whole numbers.
+    pub fn new(noise: Noise, images: ArrayView3<'_, f32>, counts: bool) -> Self {
+        let scale = Scale::new(noise);
+        let (low, high) = images.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
+            (low.min(f64::from(x)), high.max(f64::from(x)))
+        });
+        let low = if noise.has_shot_noise() { low.max(DARKEST) } else { low };
+        let high = low + (high - low).max(0.0) * HEADROOM;
+        let (first, last) = (scale.of(low), scale.of(high).max(scale.of(low) + 1.0));
+        let wished = ((last - first) / SPACING).ceil() as usize + 1;
+        let count = wished.clamp(COUNTS.0, COUNTS.1).div_ceil(ROUND) * ROUND;
+        let step = (last - first) / (count - 1) as f64;
+        let photons: Vec<f64> = (0..count)
+            .map(|l| if l == 0 { low } else { scale.back(first + l as f64 * step) })
+            .map(|x| if noise.has_shot_noise() { x.max(DARKEST) } else { x })
+            .collect();
+        let kernel = Self::kernel(noise, scale, &photons, step, counts);
+        Self { noise, photons: photons.iter().map(|&x| x as f32).collect(), kernel }
+    }
+
+    fn kernel(noise: Noise, scale: Scale, photons: &[f64], step: f64, counts: bool) -> Kernel {
+        let brightest = photons.last().copied().unwrap_or(1.0);
+        let spread = scale.variance(brightest).sqrt();
+        match noise {
+            Noise::Shot if counts && step <= WIDEN_FROM => {
+                let rows = (brightest + 12.0 * spread + 60.0) as usize;
+                if rows <= MOST_ROWS {
+                    return Kernel::Counts(Table::new(rows, photons, &|row, x| ln_poisson(row as f64, x)));
+                }
+            }
+            Noise::ShotRead { sigma } if step <= WIDEN_FROM => {
+                let (first, step) = (-9.0 * sigma, sigma / STEPS_PER_SIGMA);
+                let rows = ((brightest + 12.0 * spread + 60.0 - first) / step) as usize;
+                if rows <= MOST_ROWS {
+                    let value = |row: usize, x: f64| log_likelihood(noise, first + row as f64 * step, x);
+                    return Kernel::Grid { first, step, table: Table::new(rows, photons, &value) };
+                }
+            }
+            _ => {}
+        }
+        let deviations = photons.iter().map(|&x| {
+            let noise = scale.variance(x);
+            if step > WIDEN_FROM { (noise * (1.0 + 0.25 * step * step)).sqrt() } else { noise.sqrt() }
+        });
+        let (inverse, log_norm) = deviations.map(|s| ((1.0 / s) as f32, ln_normal(0.0, s) as f32)).unzip();
+        Kernel::Gaussian { inverse, log_norm }
+    }
+
+    /// Number of levels.
+    pub fn count(&self) -> usize {
+        self.photons.len()
+    }
+
+    /// Photons of the lowest and the highest level.
+    pub fn range(&self) -> (f32, f32) {
+        (self.photons.first().copied().unwrap_or(0.0), self.photons.last().copied().unwrap_or(0.0))
+    }
+
+    /// ln of how often the pixels of `images` (photons) lie nearest to each level, none of them impossible.
+    pub fn log_frequencies(&self, images: ArrayView3<'_, f32>) -> Vec<f32> {
+        let mut counts = vec![1.0_f64; self.count()];
+        for &x in images {
+            let above = self.photons.partition_point(|&level| level < x).clamp(1, self.count() - 1);
+            let nearest = if x - self.photons[above - 1] < self.photons[above] - x { above - 1 } else { above };
+            counts[nearest] += 1.0;
+        }
+        let total: f64 = counts.iter().sum();
+        counts.iter().map(|count| (count / total).ln() as f32).collect()
+    }
+
+    /// Likelihoods of all levels for each of `values` (photons): `shares` (pixels, levels) relative to the largest of
+    /// the pixel, whose logarithm goes to `log_largest` (pixels).
+    pub fn likelihoods(&self, values: &[f32], shares: &mut [f32], log_largest: &mut [f32]) {
+        let levels = self.count();
+        let pixels = values.iter().zip(shares.chunks_exact_mut(levels)).zip(log_largest);
+        for ((&y, shares), log_largest) in pixels {
+            match &self.kernel {
+                Kernel::Counts(table) if y >= 0.0 && (y as usize) < table.log_largest.len() => {
+                    shares.copy_from_slice(table.row(y as usize, levels));
+                    *log_largest = table.log_largest[y as usize];
+                }
+                Kernel::Grid { first, step, table } => {
+                    let position = (f64::from(y) - first) / step;
+                    if position >= 0.0 && (position as usize) + 1 < table.log_largest.len() {
+                        *log_largest = table.between(position, levels, shares);
+                    } else {
+                        *log_largest = self.directly(y, shares);
+                    }
+                }
+                Kernel::Gaussian { inverse, log_norm } => {
+                    gaussian_logs(&self.photons, inverse, log_norm, y, shares);
+                    *log_largest = largest(shares);
+                    relative(*log_largest, shares);
+                }
+                Kernel::Counts(_) => *log_largest = self.directly(y, shares),
+            }
+        }
+    }
+
+    /// ln P(y | x_l) without a table, nats.
+    pub fn log_likelihood(&self, y: f32, level: usize) -> f64 {
+        let x = f64::from(self.photons[level]);
+        match &self.kernel {
+            Kernel::Gaussian { inverse, .. } => ln_normal(f64::from(y) - x, 1.0 / f64::from(inverse[level])),
+            _ => log_likelihood(self.noise, f64::from(y), x),
+        }
+    }
+
+    fn directly(&self, y: f32, shares: &mut [f32]) -> f32 {
+        let logs: Vec<f64> = (0..self.count()).map(|level| self.log_likelihood(y, level)).collect();
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        for (share, log) in shares.iter_mut().zip(logs) {
+            *share = (log - most).exp() as f32;
+        }
+        most as f32
+    }
+}
+
+impl Table {
+    fn new(rows: usize, photons: &[f64], log_value: &(dyn Fn(usize, f64) -> f64 + Sync)) -> Self {
+        let rows: Vec<(Vec<f32>, f32)> = (0..rows)
+            .into_par_iter()
+            .map(|row| {
+                let logs: Vec<f64> = photons.iter().map(|&x| log_value(row, x)).collect();
+                let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                (logs.iter().map(|log| (log - most).exp() as f32).collect(), most as f32)
+            })
+            .collect();
+        let log_largest = rows.iter().map(|(_, most)| *most).collect();
+        Self { shares: rows.into_iter().flat_map(|(shares, _)| shares).collect(), log_largest }
+    }
+
+    fn row(&self, row: usize, levels: usize) -> &[f32] {
+        &self.shares[row * levels..(row + 1) * levels]
+    }
+
+    /// The densities between two rows; returns the logarithm of their scale.
+    fn between(&self, position: f64, levels: usize, shares: &mut [f32]) -> f32 {
+        let row = position as usize;
+        let share = position - row as f64;
+        let (a, b) = (f64::from(self.log_largest[row]), f64::from(self.log_largest[row + 1]));
+        let most = a.max(b);
+        let (wa, wb) = (((1.0 - share) * (a - most).exp()) as f32, (share * (b - most).exp()) as f32);
+        let rows = self.row(row, levels).iter().zip(self.row(row + 1, levels));
+        for (out, (a, b)) in shares.iter_mut().zip(rows) {
+            *out = wa * a + wb * b;
+        }
+        most as f32
+    }
+}
+
+vectorised! {
+    fn gaussian_logs<'a>(
+        photons: &'a [f32],
+        inverse: &'a [f32],
+        log_norm: &'a [f32],
+        y: f32,
+        logs: &'a mut [f32],
+    ) {
+        for (((x, inverse), norm), log) in photons.iter().zip(inverse).zip(log_norm).zip(logs) {
+            let z = (y - x) * inverse;
+            *log = norm - 0.5 * z * z;
+        }
+    }
+}
+
+vectorised! {
+    fn relative<'a>(largest: f32, logs: &'a mut [f32]) {
+        for log in logs {
+            *log = exponential(*log - largest);
+        }
+    }
+}
+
+fn largest(values: &[f32]) -> f32 {
+    values.iter().copied().fold(f32::NEG_INFINITY, f32::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    fn levels(noise: Noise, brightest: f32, counts: bool) -> Levels {
+        let images = Array3::from_shape_fn((1, 2, 2), |(_, r, c)| if r + c == 0 { 10.0 } else { brightest });
+        Levels::new(noise, images.view(), counts)
+    }
+
+    /// Every level is a density: the sum of its likelihoods over all that can be measured is 1.
+    fn total(levels: &Levels, level: usize, from: f64, step: f64, count: usize) -> f64 {
+        let mut shares = vec![0.0; levels.count()];
+        let mut sum = 0.0;
+        for i in 0..count {
+            let mut log = [0.0];
+            levels.likelihoods(&[(from + i as f64 * step) as f32], &mut shares, &mut log);
+            sum += f64::from(shares[level]) * f64::from(log[0]).exp();
+        }
+        sum * step
+    }
+
+    #[test]
+    fn every_level_is_a_density() {
+        for (noise, counts, step) in [
+            (Noise::Shot, true, 1.0),
+            (Noise::Shot, false, 0.25),
+            (Noise::Read { sigma: 5.0 }, false, 0.5),
+            (Noise::ShotRead { sigma: 2.0 }, false, 0.173),
+        ] {
+            let levels = levels(noise, 300.0, counts);
+            assert!((64..=512).contains(&levels.count()) && levels.count().is_multiple_of(16));
+            assert_eq!(levels.range().0, 10.0);
+            assert!(levels.range().1 > 330.0);
+            let from = if counts { 0.0 } else { -60.0 };
+            for level in [0, 20, levels.count() - 1] {
+                let found = total(&levels, level, from, step, (900.0 / step) as usize);
+                assert!((found - 1.0).abs() < 2e-4, "{noise} {level}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn very_bright_images_have_levels_without_gaps() {
+        let levels = levels(Noise::Shot, 1e6, true);
+        assert_eq!(levels.count(), 512);
+        let middle = 300;
+        let x = f64::from(levels.photons[middle]);
+        let found = total(&levels, middle, (x * 0.9).floor(), 1.0, (x * 0.2) as usize);
+        assert!((found - 1.0).abs() < 1e-3, "{found}");
+        // Between two levels the likelihood is not far below that at a level.
+        let between = 0.5 * (levels.photons[middle] + levels.photons[middle + 1]);
+        let at = levels.log_likelihood(levels.photons[middle].round(), middle);
+        assert!(levels.log_likelihood(between.round(), middle) > at - 1.0);
+    }
+
+    #[test]
+    fn values_beyond_the_tables_have_likelihoods() {
+        for (noise, counts) in [(Noise::Shot, true), (Noise::ShotRead { sigma: 2.0 }, false)] {
+            let levels = levels(noise, 50.0, counts);
+            let mut shares = vec![0.0; levels.count()];
+            let mut log = [0.0];
+            levels.likelihoods(&[5000.0], &mut shares, &mut log);
+            assert!(log[0].is_finite() && log[0] < -1000.0);
+            assert_eq!(shares[levels.count() - 1], 1.0);
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! The causal density model behind the live and the full estimate: a tighter upper bound than the published one, in less
+//! time.
+
+mod conditioning;
+mod estimate;
+mod fit;
+mod head;
+mod levels;
+mod model;
+mod network;
+mod predictor;
+mod shape;
+mod stream;
+
+pub use conditioning::Moments;
+pub use estimate::{CausalRequest, causal_estimate, causal_model, score};
+pub use fit::{CausalFit, FitLength};
+pub use model::CausalModel;
+pub use shape::CausalShape;
+pub use stream::{PatchBatch, PatchStream};

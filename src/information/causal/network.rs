@@ -1,0 +1,220 @@
+//! The network itself: from patches to losses, and from losses to gradients by weights.
+
+use std::ops::Range;
+
+use super::conditioning::{Conditioning, Inputs, PRESENT_CHANNELS, WINDOW_CHANNELS};
+use super::head::{level_losses, log_weights};
+use super::shape::{Block, CausalShape, Layers};
+use crate::network::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
+
+/// What the backward pass needs of one residual block.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    /// Input of the block, (pixels, C).
+    stream: Vec<f32>,
+    /// The same, normalised.
+    normalised: Vec<f32>,
+    /// 1 / rms of every pixel.
+    inverses: Vec<f32>,
+    /// Sigmoids of the gate, (pixels, C).
+    sigmoids: Vec<f32>,
+    /// Output of the gate, (pixels, C).
+    gated: Vec<f32>,
+}
+
+/// Memory of one thread for one patch.
+#[derive(Clone, Debug)]
+pub(super) struct Workspace {
+    grid: Grid,
+    channels: usize,
+    levels: usize,
+    kept: Vec<Kept>,
+    window_columns: Vec<f32>,
+    columns: Vec<f32>,
+    features: Vec<f32>,
+    first_sigmoids: Vec<f32>,
+    first: Vec<f32>,
+    stream: Vec<f32>,
+    before_last: Vec<f32>,
+    last: Vec<f32>,
+    /// Outputs, later the gradient by them; (pixels, levels + 1).
+    outputs: Vec<f32>,
+    shares: Vec<f32>,
+    log_largest: Vec<f32>,
+    /// Negative log-likelihoods of the pixels, nats.
+    pub losses: Vec<f32>,
+    by_stream: Vec<f32>,
+    by_gated: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+/// The part of [`Inputs`] that belongs to one patch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PatchInputs<'a> {
+    values: &'a [f32],
+    window: &'a [f32],
+    present: &'a [f32],
+    guess: &'a [(f32, f32)],
+}
+
+impl Inputs {
+    /// Patch `index` of patches of so many pixels.
+    pub fn patch(&self, index: usize, pixels: usize) -> PatchInputs<'_> {
+        let of = |count: usize| -> Range<usize> { index * pixels * count..(index + 1) * pixels * count };
+        PatchInputs {
+            values: &self.values[of(1)],
+            window: &self.window[of(WINDOW_CHANNELS)],
+            present: &self.present[of(PRESENT_CHANNELS)],
+            guess: &self.guess[of(1)],
+        }
+    }
+}
+
+impl Workspace {
+    pub fn new(shape: &CausalShape, layers: &Layers, patch: (usize, usize)) -> Self {
+        let grid = Grid { samples: 1, rows: patch.0, cols: patch.1 };
+        let pixels = grid.pixels();
+        let per_pixel = |count: usize| vec![0.0; pixels * count];
+        let (channels, levels) = (shape.channels, layers.head.outputs - 1);
+        let kept = Kept {
+            stream: per_pixel(channels),
+            normalised: per_pixel(channels),
+            inverses: per_pixel(1),
+            sigmoids: per_pixel(channels),
+            gated: per_pixel(channels),
+        };
+        let widest = layers.blocks.iter().map(|block| block.wide.inputs).max().unwrap_or(0);
+        Self {
+            grid,
+            channels,
+            levels,
+            kept: vec![kept; layers.blocks.len()],
+            window_columns: per_pixel(layers.window.inputs),
+            columns: per_pixel(widest),
+            features: per_pixel(2 * channels),
+            first_sigmoids: per_pixel(channels),
+            first: per_pixel(channels),
+            stream: per_pixel(channels),
+            before_last: per_pixel(channels),
+            last: per_pixel(channels),
+            outputs: per_pixel(levels + 1),
+            shares: per_pixel(levels),
+            log_largest: per_pixel(1),
+            losses: per_pixel(1),
+            by_stream: per_pixel(channels),
+            by_gated: per_pixel(channels),
+            scratch: vec![0.0; 3 * levels],
+        }
+    }
+
+    /// Whether it is of this size.
+    pub fn serves(&self, layers: &Layers, patch: (usize, usize)) -> bool {
+        (self.grid.rows, self.grid.cols) == patch
+            && self.levels + 1 == layers.head.outputs
+            && self.kept.len() == layers.blocks.len()
+            && self.channels == layers.last.inputs
+    }
+
+    /// Outputs of the network, before the losses: (pixels, levels + 1).
+    pub fn forward(&mut self, layers: &Layers, weights: &[f32], inputs: PatchInputs<'_>) -> &[f32] {
+        let (grid, channels) = (self.grid, self.channels);
+        layers.window_taps.gather(grid, WINDOW_CHANNELS, inputs.window, &mut self.window_columns);
+        layers.window.forward(weights, &self.window_columns, &mut self.features);
+        layers.present.add_forward(weights, inputs.present, &mut self.features);
+        glu(&self.features, channels, &mut self.first_sigmoids, &mut self.first);
+        for (index, block) in layers.blocks.iter().enumerate() {
+            let (now, later) = self.kept.split_at_mut(index + 1);
+            let now = &mut now[index];
+            if index == 0 {
+                now.stream.copy_from_slice(&self.first);
+            }
+            rms_norm(&now.stream, &weights[block.gain.clone()], &mut now.inverses, &mut now.normalised);
+            let columns = &mut self.columns[..grid.pixels() * block.wide.inputs];
+            block.taps.gather(grid, channels, &now.normalised, columns);
+            block.wide.forward(weights, columns, &mut self.features);
+            glu(&self.features, channels, &mut now.sigmoids, &mut now.gated);
+            let next = later.first_mut().map_or(&mut self.stream, |next| &mut next.stream);
+            crate::network::add_bias(block.out.bias(weights), &now.stream, next);
+            block.out.add_forward(weights, &now.gated, next);
+        }
+        layers.last.forward(weights, &self.stream, &mut self.before_last);
+        silu(&self.before_last, &mut self.last);
+        layers.head.forward(weights, &self.last, &mut self.outputs);
+        &self.outputs
+    }
+
+    /// Losses in [`Workspace::losses`] and `weight` times their gradients by the outputs; call [`Workspace::forward`]
+    /// first.
+    pub fn score(&mut self, conditioning: &Conditioning, inputs: PatchInputs<'_>, weight: f32) {
+        let levels = &conditioning.levels;
+        levels.likelihoods(inputs.values, &mut self.shares, &mut self.log_largest);
+        // Where single precision fails, the outputs are needed as they were.
+        let outputs = if weight == 0.0 { self.outputs.clone() } else { Vec::new() };
+        level_losses(
+            &levels.photons,
+            inputs.guess,
+            &self.shares,
+            &self.log_largest,
+            weight,
+            &mut self.outputs,
+            &mut self.losses,
+            &mut self.scratch,
+        );
+        if outputs.is_empty() {
+            return;
+        }
+        let pixels = outputs.chunks_exact(levels.count() + 1).zip(inputs.guess).zip(inputs.values);
+        for (loss, ((outputs, &guess), &y)) in self.losses.iter_mut().zip(pixels) {
+            if !loss.is_finite() {
+                let logs = log_weights(&levels.photons, guess, outputs);
+                let terms: Vec<f64> =
+                    logs.iter().enumerate().map(|(level, log)| log + levels.log_likelihood(y, level)).collect();
+                let most = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                *loss = -(most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()) as f32;
+            }
+        }
+    }
+
+    /// Gradient by the weights, written or added to `gradient`; call [`Workspace::score`] first.
+    pub fn backward(
+        &mut self,
+        layers: &Layers,
+        weights: &[f32],
+        inputs: PatchInputs<'_>,
+        gradient: &mut [f32],
+        write: Write,
+    ) {
+        layers.head.by_weights(&self.last, &self.outputs, gradient, write);
+        layers.head.by_input(weights, &self.outputs, &mut self.by_gated, Write::Replace);
+        silu_backward(&self.before_last, &mut self.by_gated);
+        layers.last.by_weights(&self.stream, &self.by_gated, gradient, write);
+        layers.last.by_input(weights, &self.by_gated, &mut self.by_stream, Write::Replace);
+        for (index, block) in layers.blocks.iter().enumerate().rev() {
+            self.block_backward(block, index, weights, gradient, write);
+        }
+        glu_backward(&self.first_sigmoids, &self.first, self.channels, &self.by_stream, &mut self.features);
+        layers.window.by_weights(&self.window_columns, &self.features, gradient, write);
+        layers.present.by_kernel(inputs.present, &self.features, gradient, write);
+    }
+
+    /// Takes `by_stream` from the output of a block to its input.
+    fn block_backward(&mut self, block: &Block, index: usize, weights: &[f32], gradient: &mut [f32], write: Write) {
+        let (grid, channels) = (self.grid, self.channels);
+        let kept = &self.kept[index];
+        block.out.by_weights(&kept.gated, &self.by_stream, gradient, write);
+        block.out.by_input(weights, &self.by_stream, &mut self.by_gated, Write::Replace);
+        glu_backward(&kept.sigmoids, &kept.gated, channels, &self.by_gated, &mut self.features);
+        let columns = &mut self.columns[..grid.pixels() * block.wide.inputs];
+        block.taps.gather(grid, channels, &kept.normalised, columns);
+        block.wide.by_weights(columns, &self.features, gradient, write);
+        block.wide.by_input(weights, &self.features, columns, Write::Replace);
+        self.by_gated.fill(0.0);
+        block.taps.scatter_add(grid, channels, columns, &mut self.by_gated);
+        let by_gain = &mut gradient[block.gain.clone()];
+        if write == Write::Replace {
+            by_gain.fill(0.0);
+        }
+        let gain = &weights[block.gain.clone()];
+        rms_norm_backward(&kept.stream, gain, &kept.inverses, &self.by_gated, &mut self.by_stream, by_gain);
+    }
+}

@@ -1,0 +1,102 @@
+//! Layers of the network and where their weights lie.
+
+use std::ops::Range;
+
+use super::conditioning::{PRESENT_CHANNELS, WINDOW_CHANNELS};
+use crate::network::{Initial, Layer, ParameterLayout, Rule, Taps, Tensor};
+
+/// Rows above and columns to either side that the first window sees.
+const WINDOW: (isize, isize) = (2, 2);
+
+/// Size of the network.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CausalShape {
+    /// Channels C of the hidden layers.
+    pub(super) channels: usize,
+    /// Distance in px between the taps of each residual block.
+    pub(super) dilations: Vec<usize>,
+}
+
+impl Default for CausalShape {
+    fn default() -> Self {
+        Self { channels: 48, dilations: vec![1, 2, 4, 8, 1] }
+    }
+}
+
+/// A residual block: normalise, see five taps, gate, project.
+#[derive(Clone, Debug)]
+pub(super) struct Block {
+    pub taps: Taps,
+    /// Gain of the normalisation (C).
+    pub gain: Range<usize>,
+    /// Taps C -> 2C.
+    pub wide: Layer,
+    /// C -> C.
+    pub out: Layer,
+}
+
+/// All layers, in the order of the computation.
+#[derive(Clone, Debug)]
+pub(super) struct Layers {
+    pub window_taps: Taps,
+    /// Window of the past -> 2C.
+    pub window: Layer,
+    /// What is known of the present -> 2C, added to it.
+    pub present: Layer,
+    pub blocks: Vec<Block>,
+    /// C -> C.
+    pub last: Layer,
+    /// C -> levels and, last, the weight of the linear prediction.
+    pub head: Layer,
+}
+
+impl CausalShape {
+    /// Layers for so many levels, and the names and first values of their weights.
+    pub(super) fn layers(&self, levels: usize) -> (Layers, ParameterLayout) {
+        let channels = self.channels;
+        let mut layout = ParameterLayout::default();
+        let mut layer = |name: &str, inputs: usize, outputs: usize, gain: f32| {
+            let initial = Initial::Normal { deviation: gain / (inputs as f32).sqrt() };
+            let kernel = layout.add(format!("{name}.kernel"), &[inputs, outputs], initial);
+            let bias = layout.add(format!("{name}.bias"), &[outputs], Initial::Zeros);
+            Layer { kernel, bias, inputs, outputs }
+        };
+        let window_taps = first_window();
+        let window = layer("window", window_taps.count() * WINDOW_CHANNELS, 2 * channels, 1.0);
+        let mut blocks = Vec::new();
+        for (index, &dilation) in self.dilations.iter().enumerate() {
+            let d = dilation as isize;
+            let taps = Taps::new([(0, 0), (0, -d), (-d, -d), (-d, 0), (-d, d)]);
+            blocks.push(Block {
+                wide: layer(&format!("block{index}.wide"), taps.count() * channels, 2 * channels, 1.0),
+                out: layer(&format!("block{index}.out"), channels, channels, 0.5),
+                gain: 0..0,
+                taps,
+            });
+        }
+        let last = layer("last", channels, channels, 1.0);
+        let head = layer("head", channels, levels + 1, 0.1);
+        // The window has a bias already.
+        let initial = Initial::Normal { deviation: 1.0 / (PRESENT_CHANNELS as f32).sqrt() };
+        let kernel = layout.add("present.kernel", &[PRESENT_CHANNELS, 2 * channels], initial);
+        let present = Layer { kernel, bias: 0..0, inputs: PRESENT_CHANNELS, outputs: 2 * channels };
+        for (index, block) in blocks.iter_mut().enumerate() {
+            block.gain = layout.add(format!("block{index}.gain"), &[channels], Initial::Constant(1.0));
+        }
+        (Layers { window_taps, window, present, blocks, last, head }, layout)
+    }
+}
+
+/// Muon for the matrices between the inputs and the head, Adam for the rest.
+pub(super) fn rule(tensor: &Tensor) -> Rule {
+    let hidden = ["window.kernel", "last.kernel"].contains(&tensor.name.as_str()) || tensor.name.starts_with("block");
+    if hidden && tensor.shape.len() > 1 { Rule::Muon } else { Rule::Adam }
+}
+
+/// The pixels before the present one in raster order, two rows up and two columns to either side.
+fn first_window() -> Taps {
+    let (up, side) = WINDOW;
+    let above = (1..=up).flat_map(|down| (-side..=side).map(move |right| (-down, right)));
+    let left = (1..=side).map(|left| (0, -left));
+    Taps::new(above.chain(left).collect::<Vec<_>>())
+}

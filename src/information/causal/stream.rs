@@ -1,0 +1,23 @@
+//! Where fresh patches come from.
+
+use ndarray::Array3;
+
+use crate::information::InformationError;
+
+/// Noisy patches, and what they were before the noise where that is known; photons per pixel, shape (n, rows, cols).
+#[derive(Clone, Debug)]
+pub struct PatchBatch {
+    /// With noise.
+    pub noisy: Array3<f32>,
+    /// Without, in the same order.
+    pub clean: Option<Array3<f32>>,
+}
+
+/// An endless source of patches of one shape.
+pub trait PatchStream: Sync {
+    /// Draws `count` patches; equal seeds give equal patches.
+    ///
+    /// # Errors
+    /// Where the objects behind them cannot be drawn or measured.
+    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError>;
+}
