@@ -13,6 +13,14 @@ use crate::sensor::Noise;
 pub(super) const WINDOW_CHANNELS: usize = 4;
 /// Numbers about the present pixel that do not depend on it: the prediction, how sure it is, and where the pixel lies.
 pub(super) const PRESENT_CHANNELS: usize = 9;
+/// Far places that are looked at.
+const FAR_PLACES: usize = 16;
+/// A place outside of every patch.
+const NOWHERE: (isize, isize) = (-1_000_000, 0);
+/// Largest distance in rows or columns that the first window and its neighbours see well, px.
+const NEAR: isize = 3;
+/// Least peak of the autocovariance that makes a place worth looking at, as a share of that next to lag 0.
+const LEAST_PEAK: f64 = 0.02;
 /// Largest surprise, standard deviations.
 const MOST_SURPRISE: f32 = 8.0;
 /// Least variance that the prediction is given, as a share of that of the noise: it is a guess, not a certainty.
@@ -49,6 +57,8 @@ pub(super) struct Conditioning {
     roots: (f32, f32),
     photons: (f32, f32),
     predictor: Predictor,
+    /// Offsets (rows down, columns right) of far places that tell of the present pixel, px; as many for all designs.
+    pub far: Vec<(isize, isize)>,
 }
 
 /// Patches as the network sees them.
@@ -85,6 +95,7 @@ impl Conditioning {
             scale,
             roots: standard(&|y| scale.of(f64::from(y))),
             photons: standard(&|y| f64::from(y)),
+            far: far_places(&moments.autocovariance),
             predictor: Predictor::new(moments.mean, &moments.autocovariance, (rows, cols))?,
         })
     }
@@ -94,6 +105,7 @@ impl Conditioning {
     pub fn in_units_of(mut self, start: &Self) -> Self {
         self.roots = start.roots;
         self.photons = start.photons;
+        self.far = in_order_of(&start.far, self.far);
         let ((low, high), (start_low, start_high)) = (self.levels.range(), start.levels.range());
         let serves = self.noise == start.noise && (low - start_low).abs() <= 1e-3 * start_low.abs().max(1.0);
         if serves && high <= start_high && high >= 0.6 * start_high {
@@ -152,4 +164,66 @@ impl Conditioning {
     fn root(&self, photons: f32) -> f32 {
         (self.scale.of(f64::from(photons)) as f32 - self.roots.0) * self.roots.1
     }
+}
+
+/// Places at the largest peaks of the autocovariance before the present pixel and beyond the reach of the first window:
+/// where lenslets make copies of what the present pixel shows.
+///
+/// A place is looked at one row further down and one column further right where it is still in the past, since the
+/// features there have seen more of the copy. Fewer peaks than [`FAR_PLACES`] leave places that show nothing.
+fn far_places(autocovariance: &Array2<f64>) -> Vec<(isize, isize)> {
+    let (rows, cols) = autocovariance.dim();
+    let (centre_row, centre_col) = (rows as isize / 2, cols as isize / 2);
+    let at = |down: isize, right: isize| {
+        let (row, col) = (centre_row + down, centre_col + right);
+        let inside = (0..rows as isize).contains(&row) && (0..cols as isize).contains(&col);
+        if inside { autocovariance[[row as usize, col as usize]] } else { f64::NEG_INFINITY }
+    };
+    let near = at(0, -1).max(at(-1, 0));
+    let mut peaks = Vec::new();
+    for down in -centre_row..=0 {
+        let last = if down == 0 { -1 } else { centre_col };
+        for right in -centre_col..=last {
+            let value = at(down, right);
+            let beyond = down < -NEAR || right.abs() > NEAR;
+            let peak = (-1..=1).all(|r| (-1..=1).all(|c| (r, c) == (0, 0) || value > at(down + r, right + c)));
+            if beyond && peak && value > LEAST_PEAK * near {
+                // Pairs of pixels that far apart in the patch: distant copies are seldom of use.
+                let pairs = (centre_row + 1 + down) * (centre_col + 1 - right.abs());
+                peaks.push((value * pairs as f64, down, right));
+            }
+        }
+    }
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut places: Vec<(isize, isize)> = peaks
+        .iter()
+        .take(FAR_PLACES)
+        .map(|&(_, down, right)| {
+            let shift = std::env::var("SHIFT").map_or(1, |s| s.parse::<isize>().unwrap_or(1));
+            if down + shift < 0 { (down + shift, right + shift) } else { (down, right) }
+        })
+        .collect();
+    if std::env::var("NOFAR").is_ok() { places.clear(); }
+    if std::env::var("SHOWFAR").is_ok() { eprintln!("{:?}", peaks); }
+    places.resize(FAR_PLACES, NOWHERE);
+    places
+}
+
+/// The places in the order of those of a similar design, so that weights keep what they look at.
+fn in_order_of(before: &[(isize, isize)], now: Vec<(isize, isize)>) -> Vec<(isize, isize)> {
+    let mut left = now;
+    let mut ordered = vec![None; before.len()];
+    let mut pairs: Vec<(isize, usize, (isize, isize))> = Vec::new();
+    for (index, from) in before.iter().enumerate() {
+        pairs.extend(left.iter().map(|to| ((from.0 - to.0).pow(2) + (from.1 - to.1).pow(2), index, *to)));
+    }
+    pairs.sort_unstable();
+    for (_, index, to) in pairs {
+        if ordered[index].is_none()
+            && let Some(position) = left.iter().position(|place| *place == to)
+        {
+            ordered[index] = Some(left.swap_remove(position));
+        }
+    }
+    ordered.into_iter().map(|place| place.unwrap_or(NOWHERE)).collect()
 }

@@ -128,7 +128,10 @@ mod tests {
                     plainly(pixel, &outputs)
                 };
                 let slope = (moved(1e-3) - moved(-1e-3)) / 2e-3;
-                assert!((f64::from(*gradient) - 2.0 * slope).abs() < 1e-3 * slope.abs() + 1e-3, "{k}: {gradient} {slope}");
+                assert!(
+                    (f64::from(*gradient) - 2.0 * slope).abs() < 1e-3 * slope.abs() + 1e-3,
+                    "{k}: {gradient} {slope}"
+                );
             }
         }
     }

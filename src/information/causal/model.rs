@@ -51,7 +51,7 @@ impl CausalModel {
         if let Some(start) = start {
             conditioning = conditioning.in_units_of(&start.conditioning);
         }
-        let (layers, layout) = shape.layers(conditioning.levels.count());
+        let (layers, layout) = shape.layers(conditioning.levels.count(), &conditioning.far);
         let mut weights = layout.draw(seed);
         let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
         let bias = &mut weights[layers.head.bias.clone()];

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::conditioning::{Conditioning, Inputs, PRESENT_CHANNELS, WINDOW_CHANNELS};
 use super::head::{level_losses, log_weights};
-use super::shape::{Block, CausalShape, Layers};
+use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
 use crate::network::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
 
 /// What the backward pass needs of one residual block.
@@ -20,6 +20,8 @@ struct Kept {
     sigmoids: Vec<f32>,
     /// Output of the gate, (pixels, C).
     gated: Vec<f32>,
+    /// What far places are shown, (pixels, [`FAR_CHANNELS`]).
+    narrow: Vec<f32>,
 }
 
 /// Memory of one thread for one patch.
@@ -45,6 +47,7 @@ pub(super) struct Workspace {
     pub losses: Vec<f32>,
     by_stream: Vec<f32>,
     by_gated: Vec<f32>,
+    by_narrow: Vec<f32>,
     scratch: Vec<f32>,
 }
 
@@ -82,15 +85,18 @@ impl Workspace {
             inverses: per_pixel(1),
             sigmoids: per_pixel(channels),
             gated: per_pixel(channels),
+            narrow: per_pixel(FAR_CHANNELS),
         };
         let widest = layers.blocks.iter().map(|block| block.wide.inputs).max().unwrap_or(0);
+        let far = layers.far_taps.count() * FAR_CHANNELS;
         Self {
             grid,
             channels,
             levels,
             kept: vec![kept; layers.blocks.len()],
             window_columns: per_pixel(layers.window.inputs),
-            columns: per_pixel(widest),
+            columns: per_pixel(widest.max(far)),
+            by_narrow: per_pixel(FAR_CHANNELS),
             features: per_pixel(2 * channels),
             first_sigmoids: per_pixel(channels),
             first: per_pixel(channels),
@@ -132,6 +138,13 @@ impl Workspace {
             let columns = &mut self.columns[..grid.pixels() * block.wide.inputs];
             block.taps.gather(grid, channels, &now.normalised, columns);
             block.wide.forward(weights, columns, &mut self.features);
+            if let Some(far) = &block.far {
+                now.narrow.fill(0.0);
+                far.narrow.add_forward(weights, &now.normalised, &mut now.narrow);
+                let columns = &mut self.columns[..grid.pixels() * far.wide.inputs];
+                layers.far_taps.gather(grid, FAR_CHANNELS, &now.narrow, columns);
+                far.wide.add_forward(weights, columns, &mut self.features);
+            }
             glu(&self.features, channels, &mut now.sigmoids, &mut now.gated);
             let next = later.first_mut().map_or(&mut self.stream, |next| &mut next.stream);
             crate::network::add_bias(block.out.bias(weights), &now.stream, next);
@@ -190,7 +203,7 @@ impl Workspace {
         layers.last.by_weights(&self.stream, &self.by_gated, gradient, write);
         layers.last.by_input(weights, &self.by_gated, &mut self.by_stream, Write::Replace);
         for (index, block) in layers.blocks.iter().enumerate().rev() {
-            self.block_backward(block, index, weights, gradient, write);
+            self.block_backward(layers, block, index, weights, gradient, write);
         }
         glu_backward(&self.first_sigmoids, &self.first, self.channels, &self.by_stream, &mut self.features);
         layers.window.by_weights(&self.window_columns, &self.features, gradient, write);
@@ -198,7 +211,15 @@ impl Workspace {
     }
 
     /// Takes `by_stream` from the output of a block to its input.
-    fn block_backward(&mut self, block: &Block, index: usize, weights: &[f32], gradient: &mut [f32], write: Write) {
+    fn block_backward(
+        &mut self,
+        layers: &Layers,
+        block: &Block,
+        index: usize,
+        weights: &[f32],
+        gradient: &mut [f32],
+        write: Write,
+    ) {
         let (grid, channels) = (self.grid, self.channels);
         let kept = &self.kept[index];
         block.out.by_weights(&kept.gated, &self.by_stream, gradient, write);
@@ -210,6 +231,16 @@ impl Workspace {
         block.wide.by_input(weights, &self.features, columns, Write::Replace);
         self.by_gated.fill(0.0);
         block.taps.scatter_add(grid, channels, columns, &mut self.by_gated);
+        if let Some(far) = &block.far {
+            let columns = &mut self.columns[..grid.pixels() * far.wide.inputs];
+            layers.far_taps.gather(grid, FAR_CHANNELS, &kept.narrow, columns);
+            far.wide.by_kernel(columns, &self.features, gradient, write);
+            far.wide.by_input(weights, &self.features, columns, Write::Replace);
+            self.by_narrow.fill(0.0);
+            layers.far_taps.scatter_add(grid, FAR_CHANNELS, columns, &mut self.by_narrow);
+            far.narrow.by_kernel(&kept.normalised, &self.by_narrow, gradient, write);
+            far.narrow.by_input(weights, &self.by_narrow, &mut self.by_gated, Write::Add);
+        }
         let by_gain = &mut gradient[block.gain.clone()];
         if write == Write::Replace {
             by_gain.fill(0.0);

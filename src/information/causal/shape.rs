@@ -8,6 +8,9 @@ use crate::network::{Initial, Layer, ParameterLayout, Rule, Taps, Tensor};
 /// Rows above and columns to either side that the first window sees.
 const WINDOW: (isize, isize) = (2, 2);
 
+/// Channels that a block sees of far places.
+pub(super) const FAR_CHANNELS: usize = 8;
+
 /// Size of the network.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CausalShape {
@@ -23,10 +26,21 @@ impl Default for CausalShape {
     }
 }
 
+/// Places far away that a block sees besides its taps: where copies of the same object point lie.
+#[derive(Clone, Debug)]
+pub(super) struct Far {
+    /// C -> [`FAR_CHANNELS`], no bias.
+    pub narrow: Layer,
+    /// Places [`FAR_CHANNELS`] -> 2C, no bias.
+    pub wide: Layer,
+}
+
 /// A residual block: normalise, see five taps, gate, project.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
     pub taps: Taps,
+    /// In every second block.
+    pub far: Option<Far>,
     /// Gain of the normalisation (C).
     pub gain: Range<usize>,
     /// Taps C -> 2C.
@@ -44,6 +58,7 @@ pub(super) struct Layers {
     /// What is known of the present -> 2C, added to it.
     pub present: Layer,
     pub blocks: Vec<Block>,
+    pub far_taps: Taps,
     /// C -> C.
     pub last: Layer,
     /// C -> levels and, last, the weight of the linear prediction.
@@ -51,8 +66,8 @@ pub(super) struct Layers {
 }
 
 impl CausalShape {
-    /// Layers for so many levels, and the names and first values of their weights.
-    pub(super) fn layers(&self, levels: usize) -> (Layers, ParameterLayout) {
+    /// Layers for so many levels and far places (offsets, px), and the names and first values of their weights.
+    pub(super) fn layers(&self, levels: usize, far: &[(isize, isize)]) -> (Layers, ParameterLayout) {
         let channels = self.channels;
         let mut layout = ParameterLayout::default();
         let mut layer = |name: &str, inputs: usize, outputs: usize, gain: f32| {
@@ -71,6 +86,7 @@ impl CausalShape {
                 wide: layer(&format!("block{index}.wide"), taps.count() * channels, 2 * channels, 1.0),
                 out: layer(&format!("block{index}.out"), channels, channels, 0.5),
                 gain: 0..0,
+                far: None,
                 taps,
             });
         }
@@ -80,10 +96,20 @@ impl CausalShape {
         let initial = Initial::Normal { deviation: 1.0 / (PRESENT_CHANNELS as f32).sqrt() };
         let kernel = layout.add("present.kernel", &[PRESENT_CHANNELS, 2 * channels], initial);
         let present = Layer { kernel, bias: 0..0, inputs: PRESENT_CHANNELS, outputs: 2 * channels };
+        let mut plain = |name: String, inputs: usize, outputs: usize| {
+            let initial = Initial::Normal { deviation: 1.0 / (inputs as f32).sqrt() };
+            Layer { kernel: layout.add(name, &[inputs, outputs], initial), bias: 0..0, inputs, outputs }
+        };
+        for (index, block) in blocks.iter_mut().enumerate().skip(1).step_by(2) {
+            block.far = Some(Far {
+                narrow: plain(format!("block{index}.narrow"), channels, FAR_CHANNELS),
+                wide: plain(format!("block{index}.far"), far.len() * FAR_CHANNELS, 2 * channels),
+            });
+        }
         for (index, block) in blocks.iter_mut().enumerate() {
             block.gain = layout.add(format!("block{index}.gain"), &[channels], Initial::Constant(1.0));
         }
-        (Layers { window_taps, window, present, blocks, last, head }, layout)
+        (Layers { window_taps, window, present, blocks, far_taps: Taps::new(far), last, head }, layout)
     }
 }
 
