@@ -26,11 +26,11 @@ mod trial;
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
-pub use bootstrap::bootstrap_interval;
 pub use causal::{
     CausalFit, CausalModel, CausalRequest, CausalShape, FitLength, Moments, PatchBatch, PatchStream, causal_estimate,
     causal_model, score,
 };
+pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use dense::MAX_PATCH_PIXELS;

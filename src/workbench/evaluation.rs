@@ -255,7 +255,8 @@ fn bead_ceiling(set: &ObjectSet) -> Result<Option<(BeadCeiling, Array2<f64>)>, I
     prior.map(|prior| Ok((BeadCeiling::new(prior.probability)?, prior.spot))).transpose()
 }
 
-/// The object-entropy ceiling of a patch, where the objects' entropy is known.
+/// The object-entropy ceiling of a patch, where the objects' entropy is known: that of the counts themselves, which takes
+/// longer than an edit may.
 pub(super) fn ceiling_of(
     design: &Design,
     set: &ObjectSet,
@@ -265,7 +266,7 @@ pub(super) fn ceiling_of(
     let seen = psf.slice_move(ndarray::s![..set.planes(), .., ..]);
     let beads = bead_ceiling(set)?;
     let ceiling = beads.map(|(table, spot)| {
-        table.evaluate(spots_on_sensor(&spot, seen).view(), design.bias_photons, patch, design.noise)
+        table.evaluate_exact(spots_on_sensor(&spot, seen).view(), design.bias_photons, patch, design.noise)
     });
     ceiling.transpose()
 }

@@ -1,0 +1,184 @@
+//! Estimators and intervals against studies whose information is known.
+
+use std::ops::ControlFlow;
+
+use lenslet_studio::information::{
+    Covariance, GaussianRequest, NoiseEntropy, PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian,
+    TrainingPatches, bootstrap_interval, gaussian_estimate, paired_interval,
+};
+use lenslet_studio::sensor::Noise;
+use lenslet_studio::studies::{GaussianField, KnownTruth, OneBead, TwoRates};
+use ndarray::{Array3, Axis, s};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Training and held-out patches of one study.
+struct Sample {
+    noise: Noise,
+    train_clean: Array3<f32>,
+    train: Array3<f32>,
+    test_clean: Array3<f32>,
+    test: Array3<f32>,
+}
+
+impl Sample {
+    fn of(study: &KnownTruth, train: usize, test: usize) -> Self {
+        let (train_clean, train) = study.draw(train, 1).unwrap();
+        let (test_clean, test) = study.draw(test, 2).unwrap();
+        Self { noise: study.noise(), train_clean, train, test_clean, test }
+    }
+}
+
+/// An estimate of the bits per pixel and its 95 % interval.
+type Found = (f64, [f64; 2]);
+
+fn gaussian(sample: &Sample, covariance: Covariance) -> Found {
+    let request = GaussianRequest {
+        train: sample.train.view(),
+        test: sample.test.view(),
+        test_clean: Some(sample.test_clean.view()),
+        covariance,
+        noise: sample.noise,
+        protocol: Protocol::Default,
+        seed: 3,
+    };
+    let trial = gaussian_estimate(&request).unwrap();
+    (trial.bits_per_pixel(), trial.interval_95())
+}
+
+/// A small network of the `PixelCNN` family after a short fit.
+fn small_network(sample: &Sample) -> Found {
+    let dequantise = sample.noise == Noise::Shot;
+    let fit = PixelCnnFit { steps_per_epoch: 150, max_epochs: 1, dequantise, ..PixelCnnFit::standard(4) };
+    let shape = PixelCnnShape::new(16, 8, vec![1, 2]).unwrap();
+    let patches =
+        TrainingPatches { noisy: sample.train.view(), clean: Some((sample.train_clean.view(), sample.noise)) };
+    let (model, _) = fit.fit(shape, 1.0, patches, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let test = if dequantise { dequantised(&sample.test, 5) } else { sample.test.clone() };
+    let test = test.slice(s![..300, .., ..]);
+    let cross_entropy = model.cross_entropy_bits(test).unwrap();
+    let clean = sample.test_clean.slice(s![..300, .., ..]);
+    let conditional = NoiseEntropy::new(sample.noise, Protocol::Default).unwrap().patch_bits(clean).unwrap();
+    let interval = bootstrap_interval(&cross_entropy, &conditional, 6).unwrap();
+    (mean(&cross_entropy) - mean(&conditional), interval)
+}
+
+fn dequantised(counts: &Array3<f32>, seed: u64) -> Array3<f32> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    counts.mapv(|y| y + random.random::<f32>())
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[test]
+fn no_estimate_falls_below_the_truth() {
+    let estimators: [(&str, &dyn Fn(&Sample) -> Found); 3] = [
+        ("stationary Gaussian", &|sample| gaussian(sample, Covariance::Stationary)),
+        ("full Gaussian", &|sample| gaussian(sample, Covariance::Full)),
+        ("small network", &small_network),
+    ];
+    for study in KnownTruth::standard() {
+        let truth = study.information(7).unwrap();
+        let sample = Sample::of(&study, 8000, 1500);
+        for (name, estimate) in estimators {
+            let (bits, [low, high]) = estimate(&sample);
+            let gap = bits - truth.bits_per_pixel;
+            println!(
+                "{study}, {name}: {bits:.4} [{low:.4}, {high:.4}], truth {:.4}, gap {gap:.4}",
+                truth.bits_per_pixel
+            );
+            assert!(high >= truth.bits_per_pixel - 3.0 * truth.standard_error, "{study}, {name}: {bits} {truth:?}");
+            assert!(low <= bits && bits <= high && high - low < 0.05, "{study}, {name}: {low} {high}");
+            if matches!(study, KnownTruth::GaussianField(_)) && name != "small network" {
+                assert!(gap < 0.02, "{name}: the model is true, so nothing but its fit is missing: {gap}");
+            }
+        }
+    }
+}
+
+/// log2 p(y|x) of each patch, bits per pixel.
+fn log2_likelihoods(clean: &Array3<f32>, noisy: &Array3<f32>, noise: Noise) -> Vec<f64> {
+    let ln_factorials: Vec<f64> = (0..1000)
+        .scan(0.0, |sum, k| {
+            *sum += f64::from(k.max(1)).ln();
+            Some(*sum)
+        })
+        .collect();
+    let pixel = |x: f64, y: f64| match noise {
+        Noise::Shot => y * x.ln() - x - ln_factorials[y as usize],
+        Noise::Read { sigma } => -0.5 * ((y - x) / sigma).powi(2) - 0.5 * (std::f64::consts::TAU * sigma * sigma).ln(),
+        _ => unreachable!("studies have one noise"),
+    };
+    let patch = |n: usize| {
+        let (clean, noisy) = (clean.index_axis(Axis(0), n), noisy.index_axis(Axis(0), n));
+        let nats: f64 = clean.iter().zip(noisy).map(|(x, y)| pixel(f64::from(*x), f64::from(*y))).sum();
+        nats / clean.len() as f64 / std::f64::consts::LN_2
+    };
+    (0..clean.len_of(Axis(0))).map(patch).collect()
+}
+
+/// Scores of one model that was fitted once: what an interval of its test patches has to cover is the mean over all
+/// patches there could be.
+struct Scores {
+    cross_entropy: Vec<f64>,
+    conditional: Vec<f64>,
+    paired: Vec<f64>,
+}
+
+impl Scores {
+    fn of(study: &KnownTruth, model: &StationaryGaussian, count: usize, seed: u64) -> Self {
+        let (clean, noisy) = study.draw(count, seed).unwrap();
+        let continuous = if study.noise() == Noise::Shot { dequantised(&noisy, seed) } else { noisy.clone() };
+        let pixels = (study.patch().0 * study.patch().1) as f64;
+        let densities = model.log2_densities(continuous.view()).unwrap();
+        let cross_entropy: Vec<f64> = densities.iter().map(|bits| -bits / pixels).collect();
+        let conditional =
+            NoiseEntropy::new(study.noise(), Protocol::Default).unwrap().patch_bits(clean.view()).unwrap();
+        let likelihoods = log2_likelihoods(&clean, &noisy, study.noise());
+        let paired = likelihoods.iter().zip(&cross_entropy).map(|(likelihood, bits)| likelihood + bits).collect();
+        Self { cross_entropy, conditional, paired }
+    }
+}
+
+#[test]
+fn intervals_cover_what_they_should() {
+    const TRIALS: usize = 300;
+    const PATCHES: usize = 150;
+    // The noise entropies of field patches are all alike, those of the others rise and fall with the cross-entropies:
+    // independent bootstraps then count the same scatter twice and cover more than they say.
+    for (study, most) in [
+        (KnownTruth::GaussianField(GaussianField { side_px: 8, ..GaussianField::default() }), 0.98),
+        (KnownTruth::OneBead(OneBead::default()), 1.0),
+        (KnownTruth::OneBead(OneBead { peak: 200.0, ..OneBead::default() }), 1.0),
+        (KnownTruth::TwoRates(TwoRates { side_px: 8, ..TwoRates::default() }), 1.0),
+    ] {
+        let (_, train) = study.draw(1000, 1).unwrap();
+        let train = if study.noise() == Noise::Shot { dequantised(&train, 1) } else { train };
+        let model = StationaryGaussian::fit(train.view()).unwrap();
+        let all = Scores::of(&study, &model, 40_000, 2);
+        let target = mean(&all.cross_entropy) - mean(&all.conditional);
+        assert!((mean(&all.paired) - target).abs() < 4e-3, "{study}: both ways of scoring have one mean");
+        let tests = Scores::of(&study, &model, TRIALS * PATCHES, 3);
+        let (mut independent, mut paired) = ([0.0; 2], [0.0; 2]);
+        for trial in 0..TRIALS {
+            let part = trial * PATCHES..(trial + 1) * PATCHES;
+            let seed = trial as u64;
+            let [low, high] =
+                bootstrap_interval(&tests.cross_entropy[part.clone()], &tests.conditional[part.clone()], seed).unwrap();
+            independent[0] += f64::from(u8::from(low <= target && target <= high)) / TRIALS as f64;
+            independent[1] += (high - low) / TRIALS as f64;
+            let [low, high] = paired_interval(&tests.paired[part], seed).unwrap();
+            let target = mean(&all.paired);
+            paired[0] += f64::from(u8::from(low <= target && target <= high)) / TRIALS as f64;
+            paired[1] += (high - low) / TRIALS as f64;
+        }
+        println!(
+            "{study}: independent bootstraps cover {:.3} with a width of {:.4}, paired ones {:.3} with {:.4}",
+            independent[0], independent[1], paired[0], paired[1]
+        );
+        assert!((0.90..=0.98).contains(&paired[0]), "{study}: {paired:?}");
+        assert!((0.90..=most).contains(&independent[0]), "{study}: {independent:?}");
+    }
+}
