@@ -151,7 +151,7 @@ fn two_point_information(p: f64, d: f64) -> f64 {
 }
 
 /// Sums of squares over rectangles, from a summed-area table.
-struct AreaSums {
+pub(super) struct AreaSums {
     rows: usize,
     cols: usize,
     /// Entry [r, c] of (rows + 1) x (cols + 1): the sum over all pixels above and left.
@@ -159,7 +159,7 @@ struct AreaSums {
 }
 
 impl AreaSums {
-    fn of_squares(plane: ArrayView2<'_, f64>) -> Self {
+    pub(super) fn of_squares(plane: ArrayView2<'_, f64>) -> Self {
         let (rows, cols) = plane.dim();
         let mut table = vec![0.0; (rows + 1) * (cols + 1)];
         for r in 0..rows {
@@ -176,13 +176,14 @@ impl AreaSums {
         self.table[row * (self.cols + 1) + col]
     }
 
-    fn total(&self) -> f64 {
+    /// Sum over the whole spot.
+    pub(super) fn total(&self) -> f64 {
         self.at(self.rows, self.cols)
     }
 
     /// Sum over the part of the spot that falls on the patch when its last pixel lies on patch pixel (row, col), or
     /// beyond the patch's far side by as much.
-    fn overlap(&self, last_row: usize, last_col: usize, patch: (usize, usize)) -> f64 {
+    pub(super) fn overlap(&self, last_row: usize, last_col: usize, patch: (usize, usize)) -> f64 {
         // Spot pixel r lies on patch row last_row - (rows - 1) + r.
         let span = |last: usize, length: usize, side: usize| {
             let first = (length - 1).saturating_sub(last);

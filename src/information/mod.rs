@@ -7,6 +7,7 @@ mod block_toeplitz;
 mod bootstrap;
 mod ceiling;
 mod conditional;
+mod decoder;
 mod dense;
 mod error;
 mod estimate;
@@ -14,6 +15,7 @@ mod fourier;
 mod gaussian;
 mod gaussian_estimate;
 mod interpolation;
+mod optimizer;
 mod pixelcnn;
 mod poisson;
 mod poisson_gaussian;
@@ -27,6 +29,9 @@ pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::bootstrap_interval;
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
+pub use decoder::{
+    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, LowerBound, decoder_lower_bound,
+};
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};

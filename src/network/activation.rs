@@ -60,6 +60,25 @@ vectorised! {
     }
 }
 
+vectorised! {
+    /// Sigmoid linear unit (Hendrycks and Gimpel 2016): `x sigmoid(x)`.
+    pub fn silu<'a>(input: &'a [f32], out: &'a mut [f32]) {
+        for (x, out) in input.iter().zip(out) {
+            *out = x / (1.0 + exponential(-x));
+        }
+    }
+}
+
+vectorised! {
+    /// Multiplies `gradient` by the derivative of [`silu`], taken from its input.
+    pub fn silu_backward<'a>(input: &'a [f32], gradient: &'a mut [f32]) {
+        for (x, gradient) in input.iter().zip(gradient) {
+            let s = 1.0 / (1.0 + exponential(-x));
+            *gradient *= s * (1.0 + x * (1.0 - s));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -100,6 +119,20 @@ mod tests {
         for ((x, y), g) in input.iter().zip(&out).zip(&gradient) {
             let (expected, slope) = if *x > 0.0 { (*x, 1.0) } else { (x.exp_m1(), x.exp()) };
             assert!((y - expected).abs() < 1e-6 && (g - 2.0 * slope).abs() < 1e-6, "{x}: {y}, {g}");
+        }
+    }
+
+    #[test]
+    fn silu_is_its_formula_and_its_derivative() {
+        let input = numbers(50, 5);
+        let mut out = vec![0.0; 50];
+        silu(&input, &mut out);
+        let mut gradient = vec![2.0; 50];
+        silu_backward(&input, &mut gradient);
+        for ((x, y), g) in input.iter().map(|x| f64::from(*x)).zip(&out).zip(&gradient) {
+            let formula = |x: f64| x / (1.0 + (-x).exp());
+            let slope = (formula(x + 1e-4) - formula(x - 1e-4)) / 2e-4;
+            assert!((f64::from(*y) - formula(x)).abs() < 2e-6 && (f64::from(*g) - 2.0 * slope).abs() < 4e-6, "{x}");
         }
     }
 }

@@ -9,16 +9,13 @@ use super::batches::{Batches, Purpose, prepared, seed_for};
 use super::first_mixture::spread_over;
 use super::gradient::Gradients;
 use super::model::{PixelCnn, check};
-use super::optimizer::Optimizer;
 use super::progress::FitProgress;
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
 use crate::information::InformationError;
+use crate::information::optimizer::{Optimizer, schedule};
 use crate::sensor::Noise;
 
-/// Share of the schedule in which the rate rises, and the share of the rate that is left at its end.
-const WARM_UP: f64 = 0.03;
-const FINAL_RATE: f64 = 0.02;
 /// Share of the time of a budgeted fit that validation may take before the last one.
 const VALIDATION_SHARE: f64 = 0.1;
 /// Steps without finite numbers after which a fit is given up.
@@ -340,11 +337,4 @@ impl<'a> Run<'a> {
             scored: None,
         }
     }
-}
-
-/// Factor of the rate when a share `done` of the schedule is over: a linear rise, then a cosine.
-fn schedule(done: f64) -> f64 {
-    let rise = (done / WARM_UP).min(1.0);
-    let fall = FINAL_RATE + (1.0 - FINAL_RATE) * 0.5 * (1.0 + (std::f64::consts::PI * done).cos());
-    rise.max(FINAL_RATE) * fall
 }

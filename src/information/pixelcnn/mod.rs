@@ -10,7 +10,6 @@ mod gradient;
 mod mixture;
 mod model;
 mod network;
-mod optimizer;
 mod progress;
 mod scale;
 mod shape;

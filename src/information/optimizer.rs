@@ -1,8 +1,19 @@
-//! Which weights move by which rule.
+//! Which weights of a network move by which rule, and how fast.
 
 use rayon::prelude::*;
 
 use crate::network::{Adam, Muon, ParameterLayout, moving_average};
+
+/// Share of the schedule in which the rate rises, and the share of the rate that is left at its end.
+const WARM_UP: f64 = 0.03;
+const FINAL_RATE: f64 = 0.02;
+
+/// Factor of the rate when a share `done` of the schedule is over: a linear rise, then a cosine.
+pub(super) fn schedule(done: f64) -> f64 {
+    let rise = (done / WARM_UP).min(1.0);
+    let fall = FINAL_RATE + (1.0 - FINAL_RATE) * 0.5 * (1.0 + (std::f64::consts::PI * done).cos());
+    rise.max(FINAL_RATE) * fall
+}
 
 /// The rule of one tensor.
 #[derive(Clone, Debug)]
@@ -28,7 +39,8 @@ pub(super) struct Optimizer {
 const AVERAGED_SHARE: f32 = 0.1;
 
 impl Optimizer {
-    /// Adam for all tensors, or Muon for the matrices between the first and the last layer.
+    /// Adam for all tensors, or Muon for the matrices between the first and the last layer, whose names begin with
+    /// "block" or "out".
     ///
     /// `head_rates` are factors of the rate for the columns of the last layer; none are as many ones.
     pub fn new(layout: &ParameterLayout, weights: &[f32], muon: bool, average: bool, head_rates: Vec<f32>) -> Self {

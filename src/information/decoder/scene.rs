@@ -1,0 +1,93 @@
+//! A channel made ready: which object pixels are decoded, and the blurs that connect them with the patch.
+
+use super::channel::BeadChannel;
+use crate::information::InformationError;
+use crate::information::ceiling::AreaSums;
+use crate::network::Bordered;
+use crate::sensor::{Convolution, Convolver, Noise};
+
+/// Squared photons per photon of variance below which a bead is not worth decoding: it tells less than 2e-6 bit.
+const LEAST_SEPARATION: f64 = 1e-4;
+/// Share of a spot's energy that the patch must see at least, whatever the variance.
+const LEAST_SHARE: f64 = 1e-12;
+
+/// What does not change between the samples of a channel. Sites are object pixels, in the order (planes, rows, cols).
+pub(super) struct Scene {
+    /// Planes, and rows and columns of each: all object pixels whose spot overlaps the patch.
+    pub sites: Bordered,
+    /// Rows and columns of the patch.
+    pub patch: (usize, usize),
+    /// Probability of a bead.
+    pub probability: f64,
+    /// Photons without beads.
+    pub bias: f32,
+    /// Noise of the sensor.
+    pub noise: Noise,
+    /// From bead probabilities to photons on the patch.
+    pub light: Convolver,
+    /// From bead variances to variances on the patch.
+    pub squared: Convolver,
+    /// Share of the energy of its spot that a site leaves on the patch.
+    pub seen: Vec<f32>,
+    /// Indices of the sites that are decoded. The light of the others is drawn, but nothing is claimed about them, which
+    /// can only lower the bound.
+    pub decoded: Vec<usize>,
+}
+
+impl Scene {
+    /// Plans the transforms of a channel.
+    ///
+    /// # Errors
+    /// As [`super::decoder_lower_bound`] for what is no channel.
+    pub fn new(channel: &BeadChannel) -> Result<Self, InformationError> {
+        let spot = channel.checked_spot()?;
+        let (planes, spot_rows, spot_cols) = spot.dim();
+        let patch = channel.patch;
+        let (rows, cols) = (patch.0 + spot_rows - 1, patch.1 + spot_cols - 1);
+        let shot = if channel.noise.has_shot_noise() { channel.bias } else { 0.0 };
+        let variance = shot + channel.noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
+        let (mut seen, mut decoded) = (Vec::with_capacity(planes * rows * cols), Vec::new());
+        for plane in spot.outer_iter() {
+            let sums = AreaSums::of_squares(plane);
+            let least = (LEAST_SEPARATION * variance).max(LEAST_SHARE * sums.total());
+            for row in 0..rows {
+                for col in 0..cols {
+                    let energy = sums.overlap(row, col, patch);
+                    if energy > least {
+                        decoded.push(seen.len());
+                    }
+                    seen.push((energy / sums.total().max(f64::MIN_POSITIVE)) as f32);
+                }
+            }
+        }
+        // The sites were counted and the spot is not empty, so the shapes fit.
+        let plan = Convolution::new((rows, cols), (spot_rows, spot_cols)).map_err(|_| InformationError::NoLight)?;
+        let convolver = |spot: &ndarray::Array3<f64>| plan.with_psf(spot.view()).map_err(|_| InformationError::NoLight);
+        Ok(Self {
+            sites: Bordered { images: planes, rows, cols },
+            patch,
+            probability: channel.probability,
+            bias: channel.bias as f32,
+            noise: channel.noise,
+            light: convolver(&spot)?,
+            squared: convolver(&spot.mapv(|photons| photons * photons))?,
+            seen,
+            decoded,
+        })
+    }
+
+    /// Object pixels, decoded or not.
+    pub fn site_count(&self) -> usize {
+        self.seen.len()
+    }
+
+    /// Pixels of the patch.
+    pub fn pixels(&self) -> usize {
+        self.patch.0 * self.patch.1
+    }
+
+    /// Log odds of a bead before anything is measured.
+    pub fn prior_logit(&self) -> f32 {
+        (self.probability / (1.0 - self.probability)).ln() as f32
+    }
+}
