@@ -150,3 +150,22 @@ fn test(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn a_decoder_worse_than_the_prior_gives_zero_and_says_so() {
+        let spot = array![[[9.0, 14.0, 5.0]]];
+        let channel = BeadChannel { spot, probability: 0.02, bias: 40.0, noise: Noise::Shot, patch: (2, 8) };
+        let fit = DecoderFit { unrolled: 2, ..DecoderFit::of_steps(0, DecoderKind::Factorised, 2) };
+        let mut start = Decoder::new(2, 1).unwrap();
+        start.weights.iter_mut().for_each(|weight| *weight *= 5.0);
+        let on_progress = &mut |_: &DecoderProgress| ControlFlow::Continue(());
+        let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), on_progress).unwrap();
+        assert_eq!((bound.bits_per_pixel, bound.bits_per_measurement, bound.interval_95[0]), (0.0, 0.0, 0.0));
+        assert!(bound.notes[0].contains("worse than the prior"), "{:?}", bound.notes);
+    }
+}

@@ -13,6 +13,7 @@ pub(super) const REVEALED: f32 = 8.0;
 /// Precisions and variances are not taken for less.
 const LEAST_PRECISION: f32 = 1e-4;
 const LEAST_VARIANCE: f32 = 1e-2;
+const LEAST_PHOTONS: f32 = 0.1;
 /// Keeps a quotient finite.
 const EPSILON: f32 = 1e-3;
 
@@ -28,6 +29,8 @@ pub(super) struct Pixels {
     pub expected: Vec<f32>,
     pub precision: Vec<f32>,
     pub residual: Vec<f32>,
+    /// Residual over the sum of expected and found photons: bounded, so that a bead not yet found does not drown others.
+    pub contrast: Vec<f32>,
 }
 
 /// The noise of a pixel: variance per photon and variance without photons.
@@ -37,9 +40,17 @@ pub(super) struct PixelVariance {
     pub constant: f32,
 }
 
+impl PixelVariance {
+    /// Photons that make contrasts of a dark pixel small.
+    fn floor(self) -> f32 {
+        self.constant.sqrt() + LEAST_PHOTONS
+    }
+}
+
 impl Pixels {
     pub fn new(count: usize) -> Self {
-        Self { expected: vec![0.0; count], precision: vec![0.0; count], residual: vec![0.0; count] }
+        let zeros = || vec![0.0; count];
+        Self { expected: zeros(), precision: zeros(), residual: zeros(), contrast: zeros() }
     }
 }
 
@@ -71,8 +82,10 @@ vectorised! {
     /// and `pixels.precision` the blurred variances.
     pub(super) fn residuals<'a>(noisy: &'a [f32], bias: f32, noise: PixelVariance, pixels: &'a mut Pixels) {
         let n = noisy.len();
-        let Pixels { expected, precision, residual } = pixels;
-        let (expected, precision, residual) = (&mut expected[..n], &mut precision[..n], &mut residual[..n]);
+        let Pixels { expected, precision, residual, contrast } = pixels;
+        let (expected, precision) = (&mut expected[..n], &mut precision[..n]);
+        let (residual, contrast) = (&mut residual[..n], &mut contrast[..n]);
+        let floor = noise.floor();
         for i in 0..n {
             let x = expected[i].max(0.0) + bias;
             let variance = noise.per_photon * x + noise.constant + precision[i].max(0.0);
@@ -80,28 +93,33 @@ vectorised! {
             expected[i] = x;
             precision[i] = w;
             residual[i] = (noisy[i] - x) * w;
+            contrast[i] = (noisy[i] - x) / (x + noisy[i].max(0.0) + floor);
         }
     }
 }
 
 vectorised! {
-    /// Gradients by the blurred probabilities and variances, in place of those by residual and precision.
+    /// Gradients by the blurred probabilities and variances, in place of those by residual and precision, from these and
+    /// the gradient by the contrast.
     pub(super) fn residuals_backward<'a>(
         noisy: &'a [f32],
         noise: PixelVariance,
         pixels: &'a Pixels,
+        by_contrast: &'a [f32],
         by_residual: &'a mut [f32],
         by_precision: &'a mut [f32],
     ) {
         let n = noisy.len();
-        let Pixels { expected, precision, .. } = pixels;
-        let (expected, precision) = (&expected[..n], &precision[..n]);
+        let Pixels { expected, precision, contrast, .. } = pixels;
+        let (expected, precision, contrast) = (&expected[..n], &precision[..n], &contrast[..n]);
+        let (floor, by_contrast) = (noise.floor(), &by_contrast[..n]);
         let (by_residual, by_precision) = (&mut by_residual[..n], &mut by_precision[..n]);
         for i in 0..n {
             let w = precision[i];
             let by_w = by_precision[i] + (noisy[i] - expected[i]) * by_residual[i];
             let by_variance = if w < 1.0 / LEAST_VARIANCE { -w * w * by_w } else { 0.0 };
-            by_residual[i] = noise.per_photon * by_variance - w * by_residual[i];
+            let by_light = by_contrast[i] * (1.0 + contrast[i]) / (expected[i] + noisy[i].max(0.0) + floor);
+            by_residual[i] = noise.per_photon * by_variance - w * by_residual[i] - by_light;
             by_precision[i] = by_variance;
         }
     }
@@ -116,12 +134,14 @@ pub(super) struct Evidence {
     pub gain: Vec<f32>,
     /// Back-projected precision.
     pub precision: Vec<f32>,
+    /// Back-projected contrast.
+    pub contrast: Vec<f32>,
 }
 
 impl Evidence {
     pub fn new(count: usize) -> Self {
         let zeros = || vec![0.0; count];
-        Self { logits: zeros(), probability: zeros(), gain: zeros(), precision: zeros() }
+        Self { logits: zeros(), probability: zeros(), gain: zeros(), precision: zeros(), contrast: zeros() }
     }
 }
 
@@ -133,10 +153,11 @@ fn likelihood_ratio(gain: f32, precision: f32, probability: f32) -> f32 {
 }
 
 vectorised! {
-    /// The features of all sites, one array after the other; the last, constant one is filled elsewhere.
-    pub(super) fn features<'a>(evidence: &'a Evidence, free: &'a [f32], features: &'a mut [f32]) {
+    /// The features of all sites, one array after the other. `per_light` is 1 / photons that a bead leaves on the patch.
+    pub(super) fn features<'a>(evidence: &'a Evidence, free: &'a [f32], per_light: &'a [f32], features: &'a mut [f32]) {
         let n = free.len();
-        let Evidence { logits, probability, gain, precision } = evidence;
+        let (contrast, per_light) = (&evidence.contrast[..n], &per_light[..n]);
+        let Evidence { logits, probability, gain, precision, .. } = evidence;
         let (s, p, g, h) = (&logits[..n], &probability[..n], &gain[..n], &precision[..n]);
         let (f0, rest) = features.split_at_mut(n);
         let (f1, rest) = rest.split_at_mut(n);
@@ -144,7 +165,8 @@ vectorised! {
         let (f3, rest) = rest.split_at_mut(n);
         let (f4, rest) = rest.split_at_mut(n);
         let (f5, rest) = rest.split_at_mut(n);
-        let f6 = &mut rest[..n];
+        let (f6, rest) = rest.split_at_mut(n);
+        let f7 = &mut rest[..n];
         for i in 0..n {
             let precision = h[i].max(LEAST_PRECISION);
             let ratio = likelihood_ratio(g[i], precision, p[i]);
@@ -157,6 +179,7 @@ vectorised! {
             f4[i] = g[i] / (3.0 * (root + EPSILON));
             f5[i] = logarithm(1.0 + root) / 4.0;
             f6[i] = 1.0 - free[i];
+            f7[i] = 2.0 * contrast[i] * per_light[i];
         }
     }
 }
@@ -168,6 +191,7 @@ pub(super) struct ByEvidence {
     pub probability: Vec<f32>,
     pub gain: Vec<f32>,
     pub precision: Vec<f32>,
+    pub contrast: Vec<f32>,
     /// By the log likelihood ratio where it moves the logit.
     pub ratio: Vec<f32>,
 }
@@ -175,20 +199,34 @@ pub(super) struct ByEvidence {
 impl ByEvidence {
     pub fn new(count: usize) -> Self {
         let zeros = || vec![0.0; count];
-        Self { logits: zeros(), probability: zeros(), gain: zeros(), precision: zeros(), ratio: zeros() }
+        Self {
+            logits: zeros(),
+            probability: zeros(),
+            gain: zeros(),
+            precision: zeros(),
+            contrast: zeros(),
+            ratio: zeros(),
+        }
     }
 }
 
 vectorised! {
-    /// Adds the gradients by logits and replaces those by probability, gain and precision, from those by features and by
-    /// the ratio.
-    pub(super) fn features_backward<'a>(evidence: &'a Evidence, by_features: &'a [f32], by: &'a mut ByEvidence) {
+    /// Adds the gradients by logits and replaces those by probability, gain, precision and contrast, from those by features
+    /// and by the ratio.
+    pub(super) fn features_backward<'a>(
+        evidence: &'a Evidence,
+        per_light: &'a [f32],
+        by_features: &'a [f32],
+        by: &'a mut ByEvidence,
+    ) {
         let n = by.logits.len();
         let Evidence { probability, gain, precision, .. } = evidence;
         let (p, g, h) = (&probability[..n], &gain[..n], &precision[..n]);
         let feature = |k: usize| &by_features[k * n..(k + 1) * n];
         let (b0, b1, b2, b3, b4, b5) = (feature(0), feature(1), feature(2), feature(3), feature(4), feature(5));
-        let ByEvidence { logits, probability, gain, precision, ratio } = by;
+        let (b7, per_light) = (feature(7), &per_light[..n]);
+        let ByEvidence { logits, probability, gain, precision, contrast, ratio } = by;
+        let by_contrast = &mut contrast[..n];
         let (by_s, by_p, by_g, by_h) = (&mut logits[..n], &mut probability[..n], &mut gain[..n], &mut precision[..n]);
         let by_ratio = &ratio[..n];
         for i in 0..n {
@@ -200,6 +238,7 @@ vectorised! {
             let quotient = 1.0 / (root + EPSILON);
             let by_root = b5[i] / (4.0 * (1.0 + root)) - b4[i] * g[i] * quotient * quotient / 3.0;
             by_s[i] += b0[i] / 6.0;
+            by_contrast[i] = 2.0 * b7[i] * per_light[i];
             by_p[i] = b1[i] + by_ratio * precision;
             by_g[i] = b4[i] * quotient / 3.0 + by_ratio;
             let by_precision = by_ratio * (p[i] - 0.5) + by_root / (2.0 * root);
@@ -227,7 +266,7 @@ vectorised! {
     /// Log odds that the step claims, and those the next step starts from: halfway.
     pub(super) fn update<'a>(evidence: &'a Evidence, prior: f32, moves: &'a mut Moves, next: &'a mut [f32]) {
         let n = next.len();
-        let Evidence { logits, probability, gain, precision } = evidence;
+        let Evidence { logits, probability, gain, precision, .. } = evidence;
         let (s, p, g, h) = (&logits[..n], &probability[..n], &gain[..n], &precision[..n]);
         let Moves { level, gate, claimed } = moves;
         let (level, gate, claimed) = (&level[..n], &gate[..n], &mut claimed[..n]);
@@ -254,7 +293,7 @@ vectorised! {
         by_gate: &'a mut [f32],
     ) {
         let n = by_claimed.len();
-        let Evidence { logits, probability, gain, precision } = evidence;
+        let Evidence { logits, probability, gain, precision, .. } = evidence;
         let (s, p, g, h) = (&logits[..n], &probability[..n], &gain[..n], &precision[..n]);
         let (gate, claimed) = (&moves.gate[..n], &moves.claimed[..n]);
         let (by_s, by_ratio, by_gate) = (&mut by.logits[..n], &mut by.ratio[..n], &mut by_gate[..n]);

@@ -45,6 +45,7 @@ pub(super) struct Pass<'a> {
     by_variance: Vec<f32>,
     by_residual: Vec<f32>,
     by_precision: Vec<f32>,
+    by_contrast: Vec<f32>,
 }
 
 impl<'a> Pass<'a> {
@@ -59,8 +60,6 @@ impl<'a> Pass<'a> {
         };
         let per_site = || vec![0.0; sites];
         let per_pixel = || vec![0.0; pixels];
-        let mut features = vec![0.0; FEATURES * sites];
-        features[(FEATURES - 1) * sites..].copy_from_slice(&scene.seen);
         let sigma = scene.noise.read_sigma().unwrap_or(0.0);
         Self {
             scene,
@@ -76,7 +75,7 @@ impl<'a> Pass<'a> {
             layers: LayerScratch::new(scene.sites),
             known_logits: per_site(),
             variance: per_site(),
-            features,
+            features: vec![0.0; FEATURES * sites],
             by_features: vec![0.0; FEATURES * sites],
             by_evidence: ByEvidence::new(sites),
             by_claimed: per_site(),
@@ -86,6 +85,7 @@ impl<'a> Pass<'a> {
             by_variance: per_site(),
             by_residual: per_pixel(),
             by_precision: per_pixel(),
+            by_contrast: per_pixel(),
         }
     }
 
@@ -118,14 +118,15 @@ impl<'a> Pass<'a> {
         let (scene, sample) = (self.scene, &self.sample);
         let (now, later) = self.kept.split_at_mut(step + 1);
         let (Kept { evidence, pixels, activations, moves }, next) = (&mut now[step], later.first_mut());
-        let Evidence { logits, probability, gain, precision } = evidence;
+        let Evidence { logits, probability, gain, precision, contrast } = evidence;
         probabilities(&sample.free, &sample.known, &self.known_logits, logits, probability, &mut self.variance);
         scene.light.blur(probability, &mut pixels.expected, &mut self.blur);
         scene.squared.blur(&self.variance, &mut pixels.precision, &mut self.squared_blur);
         residuals(&sample.noisy, scene.bias, self.noise, pixels);
         scene.light.blur_transposed(&pixels.residual, gain, &mut self.blur);
         scene.squared.blur_transposed(&pixels.precision, precision, &mut self.squared_blur);
-        features(evidence, &sample.free, &mut self.features);
+        scene.light.blur_transposed(&pixels.contrast, contrast, &mut self.blur);
+        features(evidence, &sample.free, &scene.per_light, &mut self.features);
         let layers = Layers { sites: scene.sites, windows: &self.windows, step: &decoder.steps[step], weights };
         let (next_logits, next_inputs) = match next {
             Some(next) => (Some(&mut next.evidence.logits), Some(&mut next.activations.inputs[..])),
@@ -168,10 +169,12 @@ impl<'a> Pass<'a> {
             // The first logits are those of the prior.
             return;
         }
-        features_backward(evidence, &self.by_features, by);
+        features_backward(evidence, &scene.per_light, &self.by_features, by);
         scene.light.blur(&by.gain, &mut self.by_residual, &mut self.blur);
         scene.squared.blur(&by.precision, &mut self.by_precision, &mut self.squared_blur);
-        residuals_backward(&sample.noisy, self.noise, pixels, &mut self.by_residual, &mut self.by_precision);
+        scene.light.blur(&by.contrast, &mut self.by_contrast, &mut self.blur);
+        let (by_residual, by_precision) = (&mut self.by_residual, &mut self.by_precision);
+        residuals_backward(&sample.noisy, self.noise, pixels, &self.by_contrast, by_residual, by_precision);
         scene.light.blur_transposed(&self.by_residual, &mut self.by_light, &mut self.blur);
         scene.squared.blur_transposed(&self.by_precision, &mut self.by_variance, &mut self.squared_blur);
         probabilities_backward(&sample.free, &evidence.probability, &self.by_variance, &self.by_light, by);

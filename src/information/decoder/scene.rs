@@ -10,6 +10,8 @@ use crate::sensor::{Convolution, Convolver, Noise};
 const LEAST_SEPARATION: f64 = 1e-4;
 /// Share of a spot's energy that the patch must see at least, whatever the variance.
 const LEAST_SHARE: f64 = 1e-12;
+/// Share of the light of the brightest site below which that of another is not trusted.
+const LEAST_LIGHT: f32 = 1e-4;
 
 /// What does not change between the samples of a channel. Sites are object pixels, in the order (planes, rows, cols).
 pub(super) struct Scene {
@@ -27,8 +29,8 @@ pub(super) struct Scene {
     pub light: Convolver,
     /// From bead variances to variances on the patch.
     pub squared: Convolver,
-    /// Share of the energy of its spot that a site leaves on the patch.
-    pub seen: Vec<f32>,
+    /// 1 / photons that a bead at the site leaves on the patch; 0 for sites that are not decoded.
+    pub per_light: Vec<f32>,
     /// Indices of the sites that are decoded. The light of the others is drawn, but nothing is claimed about them, which
     /// can only lower the bound.
     pub decoded: Vec<usize>,
@@ -46,7 +48,7 @@ impl Scene {
         let (rows, cols) = (patch.0 + spot_rows - 1, patch.1 + spot_cols - 1);
         let shot = if channel.noise.has_shot_noise() { channel.bias } else { 0.0 };
         let variance = shot + channel.noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
-        let (mut seen, mut decoded) = (Vec::with_capacity(planes * rows * cols), Vec::new());
+        let (mut sites, mut decoded) = (0, Vec::new());
         for plane in spot.outer_iter() {
             let sums = AreaSums::of_squares(plane);
             let least = (LEAST_SEPARATION * variance).max(LEAST_SHARE * sums.total());
@@ -54,31 +56,40 @@ impl Scene {
                 for col in 0..cols {
                     let energy = sums.overlap(row, col, patch);
                     if energy > least {
-                        decoded.push(seen.len());
+                        decoded.push(sites);
                     }
-                    seen.push((energy / sums.total().max(f64::MIN_POSITIVE)) as f32);
+                    sites += 1;
                 }
             }
         }
         // The sites were counted and the spot is not empty, so the shapes fit.
         let plan = Convolution::new((rows, cols), (spot_rows, spot_cols)).map_err(|_| InformationError::NoLight)?;
         let convolver = |spot: &ndarray::Array3<f64>| plan.with_psf(spot.view()).map_err(|_| InformationError::NoLight);
+        let light = convolver(&spot)?;
+        let mut on_patch = vec![0.0; sites];
+        light.blur_transposed(&vec![1.0; patch.0 * patch.1], &mut on_patch, &mut light.blur_workspace());
+        // Of a site at the edge rounding leaves nothing but crumbs.
+        let least = LEAST_LIGHT * on_patch.iter().copied().fold(0.0, f32::max);
+        let mut per_light = vec![0.0; sites];
+        for &site in &decoded {
+            per_light[site] = 1.0 / on_patch[site].max(least);
+        }
         Ok(Self {
             sites: Bordered { images: planes, rows, cols },
             patch,
             probability: channel.probability,
             bias: channel.bias as f32,
             noise: channel.noise,
-            light: convolver(&spot)?,
+            light,
             squared: convolver(&spot.mapv(|photons| photons * photons))?,
-            seen,
+            per_light,
             decoded,
         })
     }
 
     /// Object pixels, decoded or not.
     pub fn site_count(&self) -> usize {
-        self.seen.len()
+        self.per_light.len()
     }
 
     /// Pixels of the patch.
