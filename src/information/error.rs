@@ -140,6 +140,27 @@ pub enum InformationError {
         /// The value given.
         found: f64,
     },
+    /// A bead adds no photons.
+    #[error("a bead adds no photons to the sensor, so measurements tell nothing; check the point spread function")]
+    NoLight,
+    /// More object pixels touch the patch than a decoder should hold.
+    #[error(
+        "{found} object pixels touch the patch, a decoder takes at most {limit}; use a smaller patch or fewer planes"
+    )]
+    TooManySites {
+        /// Object pixels of all planes.
+        found: usize,
+        /// The limit.
+        limit: usize,
+    },
+    /// A fit without steps, batches or test patches.
+    #[error("a decoder fit needs {expected}, found {found}")]
+    DecoderFit {
+        /// What is expected.
+        expected: &'static str,
+        /// What was asked for.
+        found: String,
+    },
     /// There is nothing to resample or to choose from.
     #[error("an interval needs at least one test patch and an estimate at least one trial")]
     Empty,

@@ -8,6 +8,7 @@ mod bootstrap;
 mod causal;
 mod ceiling;
 mod conditional;
+mod decoder;
 mod dense;
 mod error;
 mod estimate;
@@ -26,13 +27,14 @@ mod trial;
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
+pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use causal::{
     CausalFit, CausalModel, CausalRequest, CausalShape, FitLength, Moments, PatchBatch, PatchStream, causal_estimate,
     causal_model, score,
 };
-pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
+pub use decoder::{BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, LowerBound, decoder_lower_bound};
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};

@@ -8,6 +8,7 @@ mod activation;
 mod adam;
 mod arithmetic;
 mod bias;
+mod bordered;
 mod error;
 mod layer;
 mod muon;
@@ -19,12 +20,14 @@ mod product;
 mod schedule;
 mod taps;
 mod weights_file;
+mod window_product;
 
 pub use activation::{elu, elu_backward, gate, gate_backward, glu, glu_backward, silu, silu_backward};
 pub use adam::{Adam, moving_average};
 pub(crate) use arithmetic::vectorised;
 pub use arithmetic::{exponential, logarithm};
 pub use bias::{add_bias, column_sums, fill_bias};
+pub use bordered::Bordered;
 pub use error::NetworkError;
 pub use layer::Layer;
 pub use muon::Muon;
@@ -36,3 +39,4 @@ pub use product::{Write, product, product_of_transposed, product_with_transposed
 pub use schedule::rate_schedule;
 pub use taps::{Grid, Taps};
 pub use weights_file::{WeightsHeader, read_details, read_weights, write_weights};
+pub use window_product::{Window, transposed_kernel, window_product, window_product_by_kernel};

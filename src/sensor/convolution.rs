@@ -21,6 +21,10 @@ use rustfft::{Fft, FftPlanner};
 
 use super::error::{SensorError, shape_error};
 
+mod transposed;
+
+pub use transposed::BlurWorkspace;
+
 /// The transforms for objects and PSFs of given shapes.
 #[derive(Clone)]
 pub struct Convolution {

@@ -6,7 +6,7 @@ pub mod noise;
 mod patches;
 mod poisson;
 
-pub use convolution::{Convolution, Convolver, ObjectSpectra};
+pub use convolution::{BlurWorkspace, Convolution, Convolver, ObjectSpectra};
 pub use error::SensorError;
 pub use noise::Noise;
 pub use patches::Patches;

@@ -203,8 +203,12 @@ fn far_places(autocovariance: &Array2<f64>) -> Vec<(isize, isize)> {
             if down + shift < 0 { (down + shift, right + shift) } else { (down, right) }
         })
         .collect();
-    if std::env::var("NOFAR").is_ok() { places.clear(); }
-    if std::env::var("SHOWFAR").is_ok() { eprintln!("{:?}", peaks); }
+    if std::env::var("NOFAR").is_ok() {
+        places.clear();
+    }
+    if std::env::var("SHOWFAR").is_ok() {
+        eprintln!("{:?}", peaks);
+    }
     places.resize(FAR_PLACES, NOWHERE);
     places
 }

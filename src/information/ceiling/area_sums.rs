@@ -3,18 +3,18 @@
 use std::ops::{Add, Sub};
 
 /// Sums over rectangles of a spot, from a summed-area table.
-pub(super) struct AreaSums<T> {
+pub(in crate::information) struct AreaSums<T> {
     cols: usize,
     /// Entry [r, c] of (rows + 1) x (cols + 1): the sum over all pixels above and left.
     table: Vec<T>,
 }
 
 /// A rectangle of a spot: places of its corners in the table, bottom right, top right, bottom left, top left.
-pub(super) type Corners = [u32; 4];
+pub(in crate::information) type Corners = [u32; 4];
 
 impl<T: Copy + Default + Add<Output = T> + Sub<Output = T>> AreaSums<T> {
     /// Sums of `value(row, col)` over rectangles of a spot of `shape` (rows, cols).
-    pub(super) fn new(shape: (usize, usize), mut value: impl FnMut(usize, usize) -> T) -> Self {
+    pub(in crate::information) fn new(shape: (usize, usize), mut value: impl FnMut(usize, usize) -> T) -> Self {
         let (rows, cols) = shape;
         let mut table = vec![T::default(); (rows + 1) * (cols + 1)];
         for r in 0..rows {
@@ -28,19 +28,19 @@ impl<T: Copy + Default + Add<Output = T> + Sub<Output = T>> AreaSums<T> {
     }
 
     /// Sum over the whole spot.
-    pub(super) fn total(&self) -> T {
+    pub(in crate::information) fn total(&self) -> T {
         self.table[self.table.len() - 1]
     }
 
     /// Sum over a rectangle.
-    pub(super) fn over(&self, corners: Corners) -> T {
+    pub(in crate::information) fn over(&self, corners: Corners) -> T {
         let [bottom_right, top_right, bottom_left, top_left] = corners.map(|at| self.table[at as usize]);
         bottom_right - top_right - bottom_left + top_left
     }
 
     /// The part of the spot that falls on the patch when its last pixel lies on patch pixel (row, col) `last`, or
     /// beyond the patch's far side by as much.
-    pub(super) fn overlap(&self, last: (usize, usize), patch: (usize, usize)) -> Corners {
+    pub(in crate::information) fn overlap(&self, last: (usize, usize), patch: (usize, usize)) -> Corners {
         let rows = self.table.len() / (self.cols + 1) - 1;
         // Spot pixel r lies on patch row last - (rows - 1) + r.
         let span = |last: usize, length: usize, side: usize| {

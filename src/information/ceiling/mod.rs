@@ -7,4 +7,5 @@ mod poisson_channel;
 #[cfg(test)]
 mod tests;
 
+pub(super) use area_sums::AreaSums;
 pub use beads::{BeadCeiling, Ceiling, binary_entropy};

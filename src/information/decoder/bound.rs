@@ -1,0 +1,172 @@
+//! The lower bound: a number of bits per pixel with all that belongs to it.
+
+use std::fmt;
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::channel::BeadChannel;
+use super::evaluation::Savings;
+use super::fit::{DecoderFit, DecoderProgress, Run};
+use super::gradient::Passes;
+use super::layers::Decoder;
+use super::scene::Scene;
+use crate::information::InformationError;
+use crate::sensor::Noise;
+
+/// What a decoder is given besides the measurement. The serialised names are stable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DecoderKind {
+    /// Nothing: every site has a probability of its own.
+    Factorised,
+    /// The sites before it, in random order.
+    Autoregressive,
+}
+
+impl fmt::Display for DecoderKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Factorised => "factorised",
+            Self::Autoregressive => "autoregressive",
+        })
+    }
+}
+
+/// Lower bound on the mutual information between beads and noisy measurements, by a trained decoder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LowerBound {
+    /// The bound, bits per pixel of the patch; never below 0, which a decoder that knows the prior alone reaches.
+    pub bits_per_pixel: f64,
+    /// 95 % interval (low, high), bits per pixel, from the standard error over test samples; it covers the choice of test
+    /// samples only.
+    pub interval_95: [f64; 2],
+    /// The bound for the whole patch, bits.
+    pub bits_per_measurement: f64,
+    /// The decoder.
+    pub decoder: DecoderKind,
+    /// Patch shape [rows, cols], pixels.
+    pub patch: [usize; 2],
+    /// Object pixels, over all planes, that were decoded: those whose light reaches the patch.
+    pub sites: usize,
+    /// Probability of a bead at each of them.
+    pub probability: f64,
+    /// Background, photons per pixel.
+    pub bias: f64,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// Fresh samples that the decoder was tested on.
+    pub test_patches: usize,
+    /// Training steps.
+    pub steps: usize,
+    /// Samples of each step.
+    pub batch: usize,
+    /// Unrolled steps of the decoder.
+    pub unrolled: usize,
+    /// Time for fit and test, seconds.
+    pub seconds: f64,
+    /// Seed of first weights, samples and test.
+    pub seed: u64,
+    /// What a reader must know.
+    pub notes: Vec<String>,
+}
+
+/// Fits a decoder to fresh samples of a channel, from first weights or those of `start`, and tests it on others.
+///
+/// The bound holds for any decoder, however short the fit; a longer fit raises it. Training and test samples come from
+/// different random streams of the same seed.
+///
+/// # Errors
+/// For what is no channel or no fit, for numbers that stay infinite, and when cancelled: `on_progress` is called after
+/// every step and may break off.
+pub fn decoder_lower_bound(
+    channel: &BeadChannel,
+    fit: &DecoderFit,
+    start: Option<&Decoder>,
+    on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
+) -> Result<(LowerBound, Decoder), InformationError> {
+    let started = Instant::now();
+    fit.check()?;
+    let scene = Scene::new(channel)?;
+    let mut decoder = match start {
+        Some(start) if start.unrolled() == fit.unrolled => start.clone(),
+        Some(start) => {
+            let (expected, found) = ("a start of as many unrolled steps", format!("{} steps", start.unrolled()));
+            return Err(InformationError::DecoderFit { expected, found });
+        }
+        None => Decoder::new(fit.unrolled, fit.seed)?,
+    };
+    let mut passes = Passes::new(&scene, &decoder);
+    let mut run = Run::new(fit, &scene, &decoder, started);
+    let steps = run.train(&mut decoder, &mut passes, on_progress)?;
+    let savings =
+        test(&scene, fit, &passes, &decoder, &mut |tested| on_progress(&run.progress(Some(tested))), started)?;
+    let (mean, half_width) = savings.mean_and_half_width();
+    let mut notes = Vec::new();
+    if mean <= 0.0 {
+        notes.push(format!(
+            "the fitted decoder does worse than the prior ({mean:.4} bits per pixel), which is a decoder of 0 bits; fit \
+             it for longer"
+        ));
+    }
+    let bits_per_pixel = mean.max(0.0);
+    let bound = LowerBound {
+        bits_per_pixel,
+        interval_95: [(mean - half_width).max(0.0), (mean + half_width).max(0.0)],
+        bits_per_measurement: bits_per_pixel * scene.pixels() as f64,
+        decoder: fit.kind,
+        patch: channel.patch.into(),
+        sites: scene.decoded.len(),
+        probability: channel.probability,
+        bias: channel.bias,
+        noise: channel.noise,
+        test_patches: savings.count(),
+        steps,
+        batch: fit.batch,
+        unrolled: fit.unrolled,
+        seconds: started.elapsed().as_secs_f64(),
+        seed: fit.seed,
+        notes,
+    };
+    Ok((bound, decoder))
+}
+
+/// Blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
+fn test(
+    scene: &Scene,
+    fit: &DecoderFit,
+    passes: &Passes<'_>,
+    decoder: &Decoder,
+    on_scored: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    started: Instant,
+) -> Result<Savings, InformationError> {
+    let mut savings = Savings::default();
+    loop {
+        savings.add_block(scene, passes, decoder, (fit.kind, fit.seed), on_scored)?;
+        let narrow = savings.mean_and_half_width().1 <= fit.half_width;
+        let late = fit.budget.is_some_and(|budget| started.elapsed() >= budget);
+        if narrow || late || savings.count() >= fit.max_test {
+            return Ok(savings);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn a_decoder_worse_than_the_prior_gives_zero_and_says_so() {
+        let spot = array![[[9.0, 14.0, 5.0]]];
+        let channel = BeadChannel { spot, probability: 0.02, bias: 40.0, noise: Noise::Shot, patch: (2, 8) };
+        let fit = DecoderFit { unrolled: 2, ..DecoderFit::of_steps(0, DecoderKind::Factorised, 2) };
+        let mut start = Decoder::new(2, 1).unwrap();
+        start.weights.iter_mut().for_each(|weight| *weight *= 5.0);
+        let on_progress = &mut |_: &DecoderProgress| ControlFlow::Continue(());
+        let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), on_progress).unwrap();
+        assert_eq!((bound.bits_per_pixel, bound.bits_per_measurement, bound.interval_95[0]), (0.0, 0.0, 0.0));
+        assert!(bound.notes[0].contains("worse than the prior"), "{:?}", bound.notes);
+    }
+}

@@ -1,0 +1,124 @@
+//! What a decoder is worth on fresh samples.
+//!
+//! The prior code length of the drawn beads has a known mean, so the difference of the two code lengths of each sample
+//! has the mean of the bound and varies far less than the decoder's code length alone.
+//!
+//! The autoregressive decoder predicts sites in random order, each given those before it. The mean code length over
+//! orders is that over k, uniform from 0 to D - 1, of D / (D - k) times the code length of all D - k sites that follow k
+//! revealed ones. Late k have few sites and large weights, so k is drawn with a probability near that of least variance,
+//! proportional to (1 - k / D)^(-1/2), evenly spread over each block of samples, and weighted by its inverse. Since the
+//! spread takes the differences between early and late k out of the error, that is estimated from the differences of
+//! neighbours in the spread, which is a little too large rather than too small (collapsed strata; Cochran 1977, 5A.12).
+
+use std::ops::ControlFlow;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::bound::DecoderKind;
+use super::draws::Reveal;
+use super::gradient::Passes;
+use super::layers::Decoder;
+use super::scene::Scene;
+use crate::information::InformationError;
+
+/// Samples that are spread evenly over k.
+const BLOCK: usize = 256;
+/// Samples between two reports.
+const REPORT: usize = 16;
+/// Standard errors to either side of a 95 % interval.
+const NORMAL_95: f64 = 1.96;
+
+/// Savings over the prior, bits per pixel of the patch, one per test sample.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Savings(Vec<f64>);
+
+impl Savings {
+    /// Number of test samples.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Mean and half the width of its 95 % interval, from the standard error of a normal mean.
+    pub fn mean_and_half_width(&self) -> (f64, f64) {
+        let count = self.0.len().max(1) as f64;
+        let mean = self.0.iter().sum::<f64>() / count;
+        let square: f64 = self.0.as_chunks::<2>().0.iter().map(|[one, other]| (one - other).powi(2)).sum();
+        (mean, NORMAL_95 * square.sqrt() / count)
+    }
+
+    /// Scores one more block of fresh samples; `on_scored` hears of every few of them and may break off.
+    ///
+    /// # Errors
+    /// [`InformationError::Cancelled`] where it does.
+    pub fn add_block(
+        &mut self,
+        scene: &Scene,
+        passes: &Passes<'_>,
+        decoder: &Decoder,
+        (kind, seed): (DecoderKind, u64),
+        on_scored: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    ) -> Result<(), InformationError> {
+        let sites = scene.decoded.len();
+        for start in (0..BLOCK).step_by(REPORT) {
+            let reveal = |index: usize, random: &mut ChaCha8Rng| match kind {
+                DecoderKind::Factorised => Reveal::Nothing,
+                DecoderKind::Autoregressive => stratum(sites, start + index, random),
+            };
+            let outcomes = passes.test(decoder, (seed, self.0.len(), REPORT), reveal);
+            self.0.extend(outcomes.iter().map(|outcome| outcome.saved_bits / scene.pixels() as f64));
+            if on_scored(self.0.len()).is_break() {
+                return Err(InformationError::Cancelled);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
+fn stratum(sites: usize, place: usize, random: &mut ChaCha8Rng) -> Reveal {
+    let all = sites as f64;
+    let root = (place as f64 + random.random::<f64>()) / BLOCK as f64;
+    let count = (((1.0 - root * root) * all) as usize).min(sites.saturating_sub(1));
+    // Those u in [0, 1] with 1 - u^2 between k / D and (k + 1) / D.
+    let left = all - count as f64;
+    let probability = (left / all).sqrt() - ((left - 1.0).max(0.0) / all).sqrt();
+    Reveal::Random { count, weight: 1.0 / (probability * left) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn half_width_is_that_of_the_mean_of_a_spread() {
+        // Values that rise with their place, plus noise of standard deviation 1: the rise adds no error.
+        let mut random = ChaCha8Rng::seed_from_u64(6);
+        let values = (0..1 << 14).map(|i| {
+            let normal: f64 = random.sample(rand_distr::StandardNormal);
+            (i % BLOCK) as f64 * 0.02 + normal
+        });
+        let (mean, half_width) = Savings(values.collect()).mean_and_half_width();
+        assert!((mean - 2.55).abs() < 0.03, "{mean}");
+        assert!((half_width / (1.96 / 128.0) - 1.0).abs() < 0.05, "{half_width}");
+    }
+
+    #[test]
+    fn weights_make_the_mean_over_orders() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for sites in [1, 2, 7, 300] {
+            // Code lengths that depend on k: 1 + k / D per remaining site; over orders their sum is D + (D - 1) / 2.
+            let rounds = 400;
+            let mut sum = 0.0;
+            for place in (0..rounds).flat_map(|_| 0..BLOCK) {
+                let Reveal::Random { count, weight } = stratum(sites, place, &mut random) else { panic!() };
+                assert!(count < sites);
+                sum += weight * (sites - count) as f64 * (1.0 + count as f64 / sites as f64);
+            }
+            let expected = sites as f64 + (sites as f64 - 1.0) / 2.0;
+            let found = sum / (rounds * BLOCK) as f64;
+            assert!((found / expected - 1.0).abs() < 0.01, "{sites}: {found} {expected}");
+        }
+    }
+}

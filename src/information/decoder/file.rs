@@ -1,0 +1,55 @@
+//! Weights in and out, as a safetensors file.
+
+use super::layers::Decoder;
+use crate::information::InformationError;
+use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
+
+/// Whose weights they are.
+const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/bead-decoder", version: 1 };
+
+impl Decoder {
+    /// The bytes of a safetensors file: weights by name, and the number of unrolled steps in its header.
+    ///
+    /// # Errors
+    /// None for weights that were not shortened; see [`write_weights`].
+    pub fn to_bytes(&self) -> Result<Vec<u8>, InformationError> {
+        let details = vec![("unrolled", self.unrolled().to_string())];
+        Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
+    }
+
+    /// Reads what [`Decoder::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// For bytes that are something else, of another shape or of a newer version.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, InformationError> {
+        let details = read_details(bytes, &HEADER)?;
+        let unrolled = details.get("unrolled").map_or("nothing", String::as_str);
+        let steps = unrolled.parse().map_err(|_| {
+            let (expected, found) = ("a number of unrolled steps in the header".to_owned(), unrolled.to_owned());
+            NetworkError::Weights { expected, found }
+        })?;
+        let decoder = Self::new(steps, 0)?;
+        let weights = read_weights(&decoder.layout, bytes)?;
+        Ok(Self { weights, ..decoder })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decoder_comes_back_bit_for_bit_and_others_are_refused() {
+        let decoder = Decoder::new(3, 8).unwrap();
+        let bytes = decoder.to_bytes().unwrap();
+        let read = Decoder::from_bytes(&bytes).unwrap();
+        assert_eq!((read.unrolled(), read.weights()), (3, decoder.weights()));
+        assert!(Decoder::from_bytes(b"not weights").unwrap_err().to_string().contains("safetensors"));
+        let at = bytes.windows(12).position(|window| window == b"unrolled\":\"3").unwrap();
+        let mut changed = bytes.clone();
+        changed[at + 11] = b'4';
+        assert!(Decoder::from_bytes(&changed).is_err());
+        changed[at + 11] = b'x';
+        assert!(Decoder::from_bytes(&changed).unwrap_err().to_string().contains("unrolled steps"));
+    }
+}

@@ -1,0 +1,195 @@
+//! The fit of a decoder to fresh samples of a channel.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::bound::DecoderKind;
+use super::draws::Reveal;
+use super::gradient::Passes;
+use super::layers::Decoder;
+use super::scene::Scene;
+use crate::information::InformationError;
+use crate::network::{Optimizer, Rule, rate_schedule};
+
+/// Share of a budget that is kept for the test.
+const TEST_SHARE: f64 = 0.06;
+/// Steps without finite numbers after which a fit is given up.
+const MAX_REFUSED: usize = 30;
+/// Gradients longer than this many times their running mean are shortened to it.
+const LONGEST: f64 = 2.0;
+/// Weight of a step in running means.
+const RUNNING: f64 = 0.02;
+/// Largest share of sites that is revealed in training, and how the share is spread: `u^EARLY`, u uniform.
+const MOST_REVEALED: f64 = 0.97;
+const EARLY: f64 = 1.5;
+/// Largest factor by which few remaining sites count more in training, before its root is taken.
+const HEAVIEST: f64 = 4.0;
+
+/// How a decoder is fitted and tested.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DecoderFit {
+    /// What the decoder is given besides the measurement.
+    pub kind: DecoderKind,
+    /// Unrolled steps.
+    pub unrolled: usize,
+    /// Samples of one training step.
+    pub batch: usize,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Training steps, unless there is a budget.
+    pub steps: usize,
+    /// Time for fit and test together; the schedule is stretched over it.
+    pub budget: Option<Duration>,
+    /// Half width of the 95 % interval at which the test ends, bits per pixel.
+    pub half_width: f64,
+    /// Largest number of test samples.
+    pub max_test: usize,
+    /// Seed of first weights, samples and test.
+    pub seed: u64,
+}
+
+impl DecoderFit {
+    /// The default fit within a budget of time.
+    pub fn within(budget: Duration, kind: DecoderKind, seed: u64) -> Self {
+        Self { budget: Some(budget), ..Self::of_steps(usize::MAX, kind, seed) }
+    }
+
+    /// The default fit of a number of steps: equal seeds give equal bits, whatever the number of threads.
+    pub fn of_steps(steps: usize, kind: DecoderKind, seed: u64) -> Self {
+        Self { kind, unrolled: 6, batch: 2, rate: 1e-2, steps, budget: None, half_width: 0.0015, max_test: 4096, seed }
+    }
+
+    /// Refuses a fit that does nothing.
+    pub(super) fn check(&self) -> Result<(), InformationError> {
+        let refuse = |expected, found: String| Err(InformationError::DecoderFit { expected, found });
+        if !(1..=1024).contains(&self.batch) {
+            return refuse("1 to 1024 samples per step", self.batch.to_string());
+        }
+        if !(self.rate > 0.0 && self.rate.is_finite()) {
+            return refuse("a positive learning rate", self.rate.to_string());
+        }
+        if self.max_test == 0 {
+            return refuse("at least one test sample", "none".to_owned());
+        }
+        if self.half_width.is_nan() {
+            return refuse("a number for the width of the interval", "NaN".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// Where a fit is; sent after every step and every few test samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DecoderProgress {
+    /// Training steps taken.
+    pub step: usize,
+    /// Time since the start.
+    pub elapsed: Duration,
+    /// Time left for the fit, where it can be told; the test follows.
+    pub remaining: Option<Duration>,
+    /// Bits per pixel that the decoder saves on the training samples of late, on sites with as many others revealed as
+    /// in training; it settles near the bound.
+    pub training_bits: f64,
+    /// Test samples scored, once the fit is over.
+    pub tested: Option<usize>,
+}
+
+/// The state of one fit.
+pub(super) struct Run<'a> {
+    fit: &'a DecoderFit,
+    scene: &'a Scene,
+    started: Instant,
+    optimizer: Optimizer,
+    steps: usize,
+    refused: usize,
+    mean_norm: f64,
+    saved_per_site: f64,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(fit: &'a DecoderFit, scene: &'a Scene, decoder: &Decoder, started: Instant) -> Self {
+        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, true, |tensor| {
+            let hidden = tensor.name.starts_with("block") || tensor.name.starts_with("out");
+            if hidden { Rule::Muon } else { Rule::Adam }
+        });
+        Self { fit, scene, started, optimizer, steps: 0, refused: 0, mean_norm: 0.0, saved_per_site: 0.0 }
+    }
+
+    /// All steps; the decoder gets the averaged weights. Returns the number of steps.
+    pub fn train(
+        &mut self,
+        decoder: &mut Decoder,
+        passes: &mut Passes<'_>,
+        on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
+    ) -> Result<usize, InformationError> {
+        loop {
+            let done = self.done();
+            if done >= 1.0 || self.steps >= self.fit.steps {
+                break;
+            }
+            self.step(decoder, passes, self.fit.rate * rate_schedule(done))?;
+            if on_progress(&self.progress(None)).is_break() {
+                return Err(InformationError::Cancelled);
+            }
+        }
+        let averaged = self.optimizer.result(&decoder.weights).to_vec();
+        decoder.weights = averaged;
+        Ok(self.steps)
+    }
+
+    fn step(&mut self, decoder: &mut Decoder, passes: &mut Passes<'_>, rate: f64) -> Result<(), InformationError> {
+        let (fit, sites) = (self.fit, self.scene.decoded.len());
+        let draws = (fit.seed, self.steps * fit.batch, fit.batch);
+        let outcomes = match fit.kind {
+            DecoderKind::Factorised => passes.train(decoder, draws, |_| Reveal::Nothing),
+            DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
+        };
+        let norm = passes.gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
+        self.steps += 1;
+        if !norm.is_finite() {
+            self.refused += 1;
+            let refused = self.refused;
+            return if refused < MAX_REFUSED { Ok(()) } else { Err(InformationError::Diverged { refused }) };
+        }
+        let running = RUNNING.max(1.0 / self.steps as f64);
+        let scale = if self.mean_norm > 0.0 { (LONGEST * self.mean_norm / norm.max(1e-30)).min(1.0) } else { 1.0 };
+        self.mean_norm += running * (norm * scale - self.mean_norm);
+        let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
+        self.saved_per_site += running * (saved - self.saved_per_site);
+        self.optimizer.step(&mut decoder.weights, &passes.gradient, scale as f32, rate as f32);
+        Ok(())
+    }
+
+    /// Share of the schedule that is over.
+    fn done(&self) -> f64 {
+        match self.fit.budget {
+            Some(budget) => {
+                self.started.elapsed().as_secs_f64() / (budget.as_secs_f64() * (1.0 - TEST_SHARE)).max(1e-9)
+            }
+            None => self.steps as f64 / self.fit.steps.max(1) as f64,
+        }
+    }
+
+    /// What there is to tell now.
+    pub fn progress(&self, tested: Option<usize>) -> DecoderProgress {
+        let (elapsed, done) = (self.started.elapsed(), self.done());
+        let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 / done - 1.0).max(0.0));
+        DecoderProgress {
+            step: self.steps,
+            elapsed,
+            remaining: left.and_then(|left| Duration::try_from_secs_f64(left).ok()),
+            training_bits: self.saved_per_site * self.scene.decoded.len() as f64 / self.scene.pixels() as f64,
+            tested,
+        }
+    }
+}
+
+fn revealed_in_training(sites: usize, random: &mut ChaCha8Rng) -> Reveal {
+    let share = random.random::<f64>().powf(EARLY).min(MOST_REVEALED);
+    let count = ((share * sites as f64) as usize).min(sites.saturating_sub(1));
+    let weight = (sites as f64 / (sites - count) as f64).min(HEAVIEST).sqrt();
+    Reveal::Random { count, weight }
+}

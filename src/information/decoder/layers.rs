@@ -1,0 +1,119 @@
+//! The weights of the decoder and where they lie.
+
+use std::ops::Range;
+
+use crate::information::InformationError;
+use crate::network::{Bordered, Initial, ParameterLayout, Window};
+
+/// Channels that a site keeps from step to step, and numbers it is told in every step.
+pub(super) const HIDDEN: usize = 16;
+pub(super) const FEATURES: usize = 8;
+/// Numbers that a step starts from.
+pub(super) const INPUTS: usize = HIDDEN + FEATURES;
+/// Numbers a step ends with: changes of the hidden channels, two that move the logit, and padding.
+pub(super) const OUTPUTS: usize = HIDDEN + 8;
+/// Most unrolled steps.
+const MAX_STEPS: usize = 32;
+
+/// Places of the weights of one unrolled step.
+#[derive(Clone, Debug)]
+pub(super) struct StepLayers {
+    /// From hidden channels and features to channels, (inputs, channels).
+    pub look: (Range<usize>, Range<usize>),
+    /// 3x3 window over channels, (taps, channels, channels).
+    pub window: (Range<usize>, Range<usize>),
+    /// From channels to changes of the hidden channels, (channels, channels).
+    pub hidden: Range<usize>,
+    /// From channels to level and gate of the logit, (channels, 2).
+    pub heads: (Range<usize>, Range<usize>),
+}
+
+/// A trained decoder. Its weights belong to no channel: one that was fitted to a design is a good start for the next.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    pub(super) steps: Vec<StepLayers>,
+    pub(super) layout: ParameterLayout,
+    pub(super) weights: Vec<f32>,
+}
+
+impl Decoder {
+    /// A decoder of `steps` unrolled steps with first weights.
+    ///
+    /// # Errors
+    /// For no steps, or more than 32.
+    pub fn new(steps: usize, seed: u64) -> Result<Self, InformationError> {
+        if !(1..=MAX_STEPS).contains(&steps) {
+            return Err(InformationError::DecoderFit { expected: "1 to 32 unrolled steps", found: steps.to_string() });
+        }
+        let mut layout = ParameterLayout::default();
+        let uniform = |deviation: f32| {
+            let high = deviation * 3.0_f32.sqrt();
+            Initial::Uniform { low: -high, high }
+        };
+        let steps = (0..steps).map(|step| {
+            let mut tensor = |name: &str, shape: &[usize], initial| layout.add(name, shape, initial);
+            let name = |part: &str| format!("block{step}.{part}");
+            StepLayers {
+                look: (
+                    tensor(&name("look.kernel"), &[INPUTS, HIDDEN], Initial::LecunNormal { inputs: INPUTS }),
+                    tensor(&name("look.bias"), &[HIDDEN], Initial::Zeros),
+                ),
+                window: (
+                    tensor(&name("window.kernel"), &[9, HIDDEN, HIDDEN], Initial::LecunNormal { inputs: 9 * HIDDEN }),
+                    tensor(&name("window.bias"), &[HIDDEN], Initial::Zeros),
+                ),
+                hidden: tensor(&name("hidden.kernel"), &[HIDDEN, HIDDEN], uniform(0.3 / (HIDDEN as f32).sqrt())),
+                heads: (
+                    tensor(&format!("heads{step}.kernel"), &[HIDDEN, 2], uniform(0.05)),
+                    tensor(&format!("heads{step}.bias"), &[2], Initial::Zeros),
+                ),
+            }
+        });
+        let steps = steps.collect();
+        let weights = layout.draw(seed);
+        Ok(Self { steps, layout, weights })
+    }
+
+    /// Number of unrolled steps.
+    pub fn unrolled(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// All weights, in the order of [`Decoder::layout`].
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// Names and shapes of the weights.
+    pub fn layout(&self) -> &ParameterLayout {
+        &self.layout
+    }
+}
+
+/// The windows of the layers on one grid of sites, forwards and backwards.
+#[derive(Clone, Debug)]
+pub(super) struct Windows {
+    pub look: Window,
+    pub look_back: Window,
+    pub window: Window,
+    pub out: Window,
+    pub out_back: Window,
+}
+
+impl Windows {
+    pub fn new(sites: Bordered) -> Self {
+        let window = |offsets: Vec<isize>, inputs: usize, outputs: usize| Window {
+            offsets,
+            range: sites.covered(),
+            inputs,
+            outputs,
+        };
+        Self {
+            look: window(vec![0], INPUTS, HIDDEN),
+            look_back: window(vec![0], HIDDEN, INPUTS),
+            window: window(sites.window().to_vec(), HIDDEN, HIDDEN),
+            out: window(vec![0], HIDDEN, OUTPUTS),
+            out_back: window(vec![0], OUTPUTS, HIDDEN),
+        }
+    }
+}
