@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::{Estimate, Estimator, Protocol};
+use crate::information::{Bracket, Estimate, Estimator, Protocol};
 use crate::workbench::{DensityModel, EstimateRequest, estimate};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
@@ -16,8 +16,9 @@ const MOST_PATCHES: usize = 1_000_000;
 const MOST_TRIALS: usize = 10_000;
 
 /// Time of a fit where none is given.
-const LIVE_BUDGET: Duration = Duration::from_secs(60);
-const FULL_BUDGET: Duration = Duration::from_secs(1800);
+const LIVE_BUDGET: Duration = Duration::from_mins(1);
+const FULL_BUDGET: Duration = Duration::from_mins(30);
+const BRACKET_BUDGET: Duration = Duration::from_mins(5);
 
 /// Arguments of `estimate`.
 #[derive(Args, Debug)]
@@ -61,6 +62,18 @@ pub struct Arguments {
     json: bool,
 }
 
+impl EstimatorChoice {
+    /// Whether it is fitted for a time that can be chosen.
+    fn is_fitted(self) -> bool {
+        matches!(self, Self::PixelCnn) || self.is_ours()
+    }
+
+    /// Whether it is made for the default protocol alone.
+    fn is_ours(self) -> bool {
+        matches!(self, Self::Live | Self::Full | Self::Bracket)
+    }
+}
+
 /// Estimators by the names of the command line.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum EstimatorChoice {
@@ -78,6 +91,9 @@ enum EstimatorChoice {
     Live,
     /// The same with a fit of 30 minutes or the --budget.
     Full,
+    /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, in 5 minutes or the
+    /// --budget.
+    Bracket,
 }
 
 impl Arguments {
@@ -87,13 +103,20 @@ impl Arguments {
         check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let budget = self.budget.map(|choice| choice.0);
-        let fitted =
-            matches!(self.estimator, EstimatorChoice::PixelCnn | EstimatorChoice::Live | EstimatorChoice::Full);
-        if budget.is_some() && !fitted {
+        if budget.is_some() && !self.estimator.is_fitted() {
             return Err(anyhow::anyhow!(
-                "--budget is the time of a fit by --estimator pixelcnn, live or full; leave it out"
+                "--budget is the time of a fit by --estimator pixelcnn, live, full or bracket; leave it out"
             )
             .into());
+        }
+        if self.protocol == Protocol::Paper && self.estimator.is_ours() {
+            return Err(anyhow::anyhow!(
+                "--protocol paper is that of --estimator pixelcnn and gaussian; leave it out for live, full and bracket"
+            )
+            .into());
+        }
+        if self.trials > 1 && matches!(self.estimator, EstimatorChoice::Bracket) {
+            return Err(anyhow::anyhow!("--estimator bracket is fitted once; give it a longer --budget").into());
         }
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
@@ -105,6 +128,7 @@ impl Arguments {
                 EstimatorChoice::Live => {
                     DensityModel::Causal { estimator: Estimator::Live, budget: budget.unwrap_or(LIVE_BUDGET) }
                 }
+                EstimatorChoice::Bracket => DensityModel::Bracket { budget: budget.unwrap_or(BRACKET_BUDGET) },
                 EstimatorChoice::Full => {
                     DensityModel::Causal { estimator: Estimator::Full, budget: budget.unwrap_or(FULL_BUDGET) }
                 }
@@ -133,16 +157,34 @@ impl Arguments {
     }
 }
 
+/// Both bounds and where they come from.
+fn bracket_line(bracket: &Bracket) -> String {
+    let others = bracket.upper_bounds.iter().skip(1);
+    let others: Vec<String> = others.map(|bound| format!("{} {:.4}", bound.from, bound.bits_per_pixel)).collect();
+    let upper = format!("{} (others: {})", bracket.upper_from, others.join(", "));
+    match (bracket.lower, &bracket.lower_from, bracket.lower_interval_95) {
+        (Some(lower), Some(from), Some([low, high])) => format!(
+            "between {lower:.4} and {:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
+             the {upper}",
+            bracket.upper
+        ),
+        _ => format!("at most {:.4} bits per pixel, from the {upper}; no lower bound is known", bracket.upper),
+    }
+}
+
 /// The estimate for people, line by line.
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
     let mut lines = vec![
         format!("{} before {}, {} noise", result.encoder, result.objects, result.noise),
-        format!(
-            "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}, {} protocol",
-            result.bits_per_pixel, result.estimator, result.protocol
-        ),
+        match &result.bracket {
+            Some(bracket) => bracket_line(bracket),
+            None => format!(
+                "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}, {} protocol",
+                result.bits_per_pixel, result.estimator, result.protocol
+            ),
+        },
         format!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x),
         match result.ceiling {
             Some(ceiling) => format!("ceiling {ceiling:.4} bits per pixel"),

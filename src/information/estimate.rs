@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Estimator, InformationError, Protocol, Trial};
+use super::{Bracket, Estimator, InformationError, LowerBound, Protocol, Trial, UpperBound};
 use crate::sensor::Noise;
 
 /// Value of the `format` field.
@@ -46,6 +46,10 @@ pub struct Estimate {
     pub entropy_y_given_x: f64,
     /// A bound on the truth, bits per pixel, where the object entropy is known.
     pub ceiling: Option<f64>,
+    /// Bounds from both sides, where the estimate is a bracket: the fields `lower`, `lower_interval_95`, `lower_from`,
+    /// `upper`, `upper_interval_95`, `upper_from` and `upper_bounds`.
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub bracket: Option<Bracket>,
     /// The density model.
     pub estimator: Estimator,
     /// How entropies were taken.
@@ -117,6 +121,7 @@ impl Estimate {
             entropy_y: best.entropy_y(),
             entropy_y_given_x: best.entropy_y_given_x(),
             ceiling,
+            bracket: None,
             estimator: settings.estimator,
             protocol: settings.protocol,
             patch: [settings.patch.0, settings.patch.1],
@@ -134,6 +139,48 @@ impl Estimate {
             notes,
             sealed: Sealed,
         })
+    }
+
+    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and a
+    /// decoder from below. The estimate itself is the smallest upper bound.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn bracketed(
+        trials: &[Trial],
+        gaussian: &Trial,
+        lower: Option<&LowerBound>,
+        provenance: Provenance,
+    ) -> Result<Self, InformationError> {
+        // Above the ceiling is where most density models lie; here it is one bound of several.
+        let ceiling = provenance.ceiling;
+        let mut estimate = Self::new(trials, Provenance { ceiling: None, ..provenance })?;
+        estimate.ceiling = ceiling;
+        let sampled = |from: &str, bits_per_pixel, interval_95| {
+            let from = from.to_owned();
+            UpperBound { from, bits_per_pixel, interval_95 }
+        };
+        let mut bounds = vec![
+            sampled("density", estimate.bits_per_pixel, estimate.interval_95),
+            sampled("gaussian", gaussian.bits_per_pixel(), gaussian.interval_95()),
+        ];
+        bounds.extend(ceiling.map(|ceiling| sampled("ceiling", ceiling, [ceiling; 2])));
+        let bracket = Bracket::new(bounds, lower).ok_or(InformationError::Empty)?;
+        estimate.bits_per_pixel = bracket.upper;
+        estimate.interval_95 = bracket.upper_interval_95;
+        estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
+        match lower {
+            Some(lower) => {
+                let (tests, steps) = (lower.test_patches, lower.steps);
+                estimate.notes.push(format!("decoder fitted in {steps} steps and tested on {tests} fresh samples"));
+                estimate.notes.extend(lower.notes.iter().cloned());
+            }
+            None => {
+                estimate.notes.push("the entropy of these objects is not known, so only an upper bound is".to_owned());
+            }
+        }
+        estimate.bracket = Some(bracket);
+        Ok(estimate)
     }
 
     /// Whether the estimate lies above the ceiling, where one is known.

@@ -5,6 +5,7 @@
 mod analytic;
 mod block_toeplitz;
 mod bootstrap;
+mod bracket;
 mod causal;
 mod ceiling;
 mod conditional;
@@ -28,9 +29,10 @@ mod trial;
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
+pub use bracket::{Bracket, UpperBound};
 pub use causal::{
     CausalFit, CausalModel, CausalRequest, CausalShape, FitLength, Moments, PatchBatch, PatchStream, causal_estimate,
-    causal_model, score,
+    causal_model, information_map, score,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::{GaussianBound, InformationError, Protocol, bootstrap_interval};
+use super::{GaussianBound, InformationError, Protocol, bootstrap_interval, paired_interval};
 use crate::sensor::Noise;
 
 /// The density model behind an estimate. The serialised names are stable.
@@ -24,6 +24,8 @@ pub enum Estimator {
     Live,
     /// The same, fitted until it gains no more.
     Full,
+    /// The smallest of a live estimate, the Gaussian bound and the ceiling, beside a decoder's lower bound.
+    Bracket,
 }
 
 impl fmt::Display for Estimator {
@@ -35,6 +37,7 @@ impl fmt::Display for Estimator {
             Self::PixelCnn => "pixelcnn",
             Self::Live => "live",
             Self::Full => "full",
+            Self::Bracket => "bracket",
         })
     }
 }
@@ -87,6 +90,25 @@ impl Trial {
             return Err(InformationError::PatchCount { noisy, clean });
         }
         Self::new(settings, cross_entropy, entropy_y_given_x, seconds, notes)
+    }
+
+    /// A trial whose two terms were taken at the same measurements: `information` holds
+    /// `log2 p(y|x) - log2 q(y)`, and `entropy_y_given_x` the entropy of the noise, in bits per pixel for each held-out
+    /// patch. The interval is that of the differences ([`paired_interval`]).
+    ///
+    /// # Errors
+    /// As [`Trial::from_patches`].
+    pub fn from_paired(
+        settings: TrialSettings,
+        information: &[f64],
+        entropy_y_given_x: &[f64],
+        seconds: f64,
+        notes: Vec<String>,
+    ) -> Result<Self, InformationError> {
+        let cross_entropy: Vec<f64> = information.iter().zip(entropy_y_given_x).map(|(i, h)| i + h).collect();
+        let mut trial = Self::from_patches(settings, &cross_entropy, entropy_y_given_x, seconds, notes)?;
+        trial.interval_95 = paired_interval(information, settings.seed)?;
+        Ok(trial)
     }
 
     /// The trial of a bound that needs no samples; `entropy_y_given_x` holds bits per pixel for each clean image and

@@ -67,6 +67,7 @@ struct Sums<'a> {
     out: &'a mut [f32],
 }
 
+#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
 impl WithSimd for Sums<'_> {
     type Output = ();
 
@@ -145,6 +146,7 @@ struct ByKernel<'a> {
     gradient: &'a mut [f32],
 }
 
+#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
 impl WithSimd for ByKernel<'_> {
     type Output = ();
 

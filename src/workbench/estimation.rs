@@ -6,13 +6,13 @@ use std::time::Duration;
 use ndarray::{Array3, Axis};
 
 use super::design::Design;
-use super::evaluation::{EvaluationError, ceiling_of};
+use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
 use super::simulation::{convolver, derived_seed, open_set};
 use super::stream::DesignStream;
 use crate::information::{
-    AnalyticGaussian, CausalRequest, Covariance, Estimate, Estimator, FitLength, FitProgress, GaussianRequest,
-    InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol, Provenance, Trial, TrialSettings,
-    causal_estimate, gaussian_estimate, pixelcnn_estimate,
+    AnalyticGaussian, CausalRequest, Covariance, DecoderFit, DecoderKind, Estimate, Estimator, FitLength, FitProgress,
+    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
+    Provenance, Trial, TrialSettings, causal_estimate, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -36,6 +36,12 @@ pub enum DensityModel {
         /// [`Estimator::Live`] or [`Estimator::Full`].
         estimator: Estimator,
         /// Time for the fit of each trial.
+        budget: Duration,
+    },
+    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound and the ceiling above, a
+    /// decoder below. One trial, whatever is asked for.
+    Bracket {
+        /// Time for the fits of density model and decoder together.
         budget: Duration,
     },
 }
@@ -89,7 +95,8 @@ pub fn estimate(
     // A patch that fits no measurement is told before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     let source = PatchSource { design, set: &set, convolver: &convolver, patch, protocol: request.protocol };
-    let trials = (0..request.trials.max(1) as u64)
+    let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
+    let trials = (0..repetitions as u64)
         .map(|trial| {
             let seed = design.seed.wrapping_add(trial);
             match request.model {
@@ -99,6 +106,10 @@ pub fn estimate(
                 DensityModel::PixelCnn { budget } => network(&source, request, budget, seed, progress),
                 DensityModel::Causal { estimator, budget } => {
                     causal(&source, request, estimator, budget, seed, progress)
+                }
+                DensityModel::Bracket { budget } => {
+                    let budget = budget.mul_f64(density_share(&set));
+                    causal(&source, request, Estimator::Bracket, budget, seed, progress)
                 }
             }
         })
@@ -113,7 +124,14 @@ pub fn estimate(
         ceiling,
         notes: set.notices().to_vec(),
     };
-    let mut estimate = Estimate::new(&trials, provenance)?;
+    let mut estimate = match request.model {
+        DensityModel::Bracket { budget } => {
+            let upper = analytic(&source, request, design.seed, progress)?;
+            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), progress)?;
+            Estimate::bracketed(&trials, &upper, lower.as_ref(), provenance)?
+        }
+        _ => Estimate::new(&trials, provenance)?,
+    };
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64();
     Ok(estimate)
@@ -197,6 +215,32 @@ fn causal(
         ControlFlow::Continue(())
     })?;
     Ok(trial)
+}
+
+/// Share of a bracket's time that goes to the density model; without a prior there is no decoder to fit.
+fn density_share(set: &ObjectSet) -> f64 {
+    if set.bead_prior().is_some() { 0.25 } else { 1.0 }
+}
+
+/// The decoder's bound from below, where the prior of the objects is known.
+fn lower_bound(
+    source: &PatchSource<'_>,
+    budget: Duration,
+    progress: Progress<'_>,
+) -> Result<Option<LowerBound>, EvaluationError> {
+    let design = source.design;
+    let Some(channel) = bead_channel(design, source.set, source.patch)? else { return Ok(None) };
+    let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
+    let (bound, _) = decoder_lower_bound(&channel, &fit, None, &mut |fit| {
+        let elapsed = fit.elapsed.as_secs() as usize;
+        let left = fit.remaining.map_or(0, |left| left.as_secs_f64().ceil() as usize);
+        match fit.tested {
+            Some(tested) => progress("Testing the decoder", tested, tested + 1),
+            None => progress(&format!("Fitting a decoder, {left} s left"), elapsed, elapsed + left),
+        }
+        ControlFlow::Continue(())
+    })?;
+    Ok(Some(bound))
 }
 
 /// Mean and autocovariance of the measurements, from those of the objects and the PSF.

@@ -10,7 +10,8 @@ use thiserror::Error;
 
 use super::design::{Design, DesignError};
 use crate::information::{
-    AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
+    AnalyticGaussian, BeadCeiling, BeadChannel, Ceiling, GaussianBound, InformationError, NoiseEntropy,
+    bootstrap_interval,
 };
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Progress, Split};
 use crate::optics::{Mtf, modulation_transfer};
@@ -269,6 +270,19 @@ pub(super) fn ceiling_of(
         table.evaluate_exact(spots_on_sensor(&spot, seen).view(), design.bias_photons, patch, design.noise)
     });
     ceiling.transpose()
+}
+
+/// The channel from beads to the measurement, where the objects are beads that leave something to learn.
+pub(super) fn bead_channel(
+    design: &Design,
+    set: &ObjectSet,
+    patch: (usize, usize),
+) -> Result<Option<BeadChannel>, DesignError> {
+    let Some(prior) = set.bead_prior().filter(|prior| prior.probability < 1.0) else { return Ok(None) };
+    let psf = design.psf(set.planes())?;
+    let spot = spots_on_sensor(&prior.spot, psf.slice(ndarray::s![..set.planes(), .., ..]));
+    let (bias, noise) = (design.bias_photons, design.noise);
+    Ok(Some(BeadChannel { spot, probability: prior.probability, bias, noise, patch }))
 }
 
 /// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.

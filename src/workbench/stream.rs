@@ -19,31 +19,16 @@ pub(super) struct DesignStream<'a> {
     pub patch: (usize, usize),
 }
 
-impl DesignStream<'_> {
-    /// Patches each of an object of its own, so that they are independent.
-    pub fn independent(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
-        self.cut(count, seed, |measured| Patches::one_each(measured, self.patch, seed))
-    }
-
-    fn cut(
-        &self,
-        objects: usize,
-        seed: u64,
-        places: impl Fn((usize, usize, usize)) -> Result<Patches, crate::sensor::SensorError>,
-    ) -> Result<PatchBatch, InformationError> {
+impl PatchStream for DesignStream<'_> {
+    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
         let failed = |error: &dyn std::fmt::Display| InformationError::Stream { reason: error.to_string() };
+        let objects = count.div_ceil(PATCHES_PER_OBJECT);
         let objects = self.set.objects(self.split, objects, seed).map_err(|error| failed(&error))?;
         let encoded =
             self.convolver.measure(objects.view(), self.design.bias_photons).map_err(|error| failed(&error))?;
-        let clean = places(encoded.dim()).map_err(|error| failed(&error))?.cut(encoded.view());
+        let places = Patches::draw(encoded.dim(), self.patch, count, seed).map_err(|error| failed(&error))?;
+        let clean = places.cut(encoded.view());
         let noisy = self.design.noise.draw(clean.view(), derived_seed(seed, 1));
         Ok(PatchBatch { noisy, clean: Some(clean) })
-    }
-}
-
-impl PatchStream for DesignStream<'_> {
-    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
-        let objects = count.div_ceil(PATCHES_PER_OBJECT);
-        self.cut(objects, seed, |measured| Patches::draw(measured, self.patch, count, seed))
     }
 }

@@ -195,20 +195,8 @@ fn far_places(autocovariance: &Array2<f64>) -> Vec<(isize, isize)> {
         }
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut places: Vec<(isize, isize)> = peaks
-        .iter()
-        .take(FAR_PLACES)
-        .map(|&(_, down, right)| {
-            let shift = std::env::var("SHIFT").map_or(1, |s| s.parse::<isize>().unwrap_or(1));
-            if down + shift < 0 { (down + shift, right + shift) } else { (down, right) }
-        })
-        .collect();
-    if std::env::var("NOFAR").is_ok() {
-        places.clear();
-    }
-    if std::env::var("SHOWFAR").is_ok() {
-        eprintln!("{:?}", peaks);
-    }
+    let past = |&(_, down, right): &(f64, isize, isize)| if down < -1 { (down + 1, right + 1) } else { (down, right) };
+    let mut places: Vec<(isize, isize)> = peaks.iter().take(FAR_PLACES).map(past).collect();
     places.resize(FAR_PLACES, NOWHERE);
     places
 }

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use ndarray::Axis;
+use ndarray::{Array3, Zip};
 
 use super::conditioning::Moments;
 use super::fit::{CausalFit, FitLength};
@@ -47,12 +47,11 @@ pub struct CausalRequest<'a> {
 pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, InformationError> {
     let sample = request.stream.draw(SAMPLE, request.seed ^ 0x5eed)?;
     let own;
-    let moments = match request.moments {
-        Some(moments) => moments,
-        None => {
-            own = Moments::of_patches(request.stream.draw(MOMENT_PATCHES, request.seed ^ 0x5eee)?.noisy.view())?;
-            &own
-        }
+    let moments = if let Some(moments) = request.moments {
+        moments
+    } else {
+        own = Moments::of_patches(request.stream.draw(MOMENT_PATCHES, request.seed ^ 0x5eee)?.noisy.view())?;
+        &own
     };
     CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.start, request.seed)
 }
@@ -77,7 +76,7 @@ pub fn causal_estimate(
     if request.test.clean.is_none() {
         notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
     }
-    let (cross_entropy, entropy_y_given_x) = score(&model, request.noise, request.test)?;
+    let (information, entropy_y_given_x) = score(&model, request.noise, request.test)?;
     let settings = TrialSettings {
         estimator: request.estimator,
         protocol: Protocol::Default,
@@ -87,30 +86,45 @@ pub fn causal_estimate(
         seed: request.seed,
     };
     let seconds = started.elapsed().as_secs_f64();
-    Ok((Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?, model))
+    let trial = if request.test.clean.is_some() {
+        Trial::from_paired(settings, &information, &entropy_y_given_x, seconds, notes)?
+    } else {
+        let cross_entropy: Vec<f64> = information.iter().zip(&entropy_y_given_x).map(|(i, h)| i + h).collect();
+        Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?
+    };
+    Ok((trial, model))
 }
 
-/// Cross-entropy and noise entropy of every held-out patch, bits per pixel; where clean patches are known, the former
-/// is relieved of the luck of the noise, `-log2 q(y) + log2 p(y|x) + H(Y|X)`.
+/// Information and noise entropy of every held-out patch, bits per pixel: `log2 p(y|x) - log2 q(y)` where clean patches
+/// are known, `-log2 q(y) - H(Y|X)` with the noisy ones as means otherwise.
 ///
 /// # Errors
 /// For patches of another shape or broken ones.
 pub fn score(model: &CausalModel, noise: Noise, test: &PatchBatch) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
-    let mut cross_entropy: Vec<f64> = Vec::with_capacity(test.noisy.len_of(Axis(0)));
-    for bits in model.cross_entropy_map(test.noisy.view())?.outer_iter() {
-        cross_entropy.push(bits.mean().unwrap_or(f64::NAN));
-    }
+    let map = information_map(model, noise, test)?;
+    let information = map.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
     let entropy = NoiseEntropy::new(noise, Protocol::Default)?;
-    let Some(clean) = &test.clean else {
-        let entropy_y_given_x = entropy.patch_bits(test.noisy.mapv(|y| y.max(0.0)).view())?;
-        return Ok((cross_entropy, entropy_y_given_x));
+    let entropy_y_given_x = match &test.clean {
+        Some(clean) => entropy.patch_bits(clean.view())?,
+        None => entropy.patch_bits(test.noisy.mapv(|y| y.max(0.0)).view())?,
     };
-    let entropy_y_given_x = entropy.patch_bits(clean.view())?;
-    let pairs = test.noisy.outer_iter().zip(clean.outer_iter());
-    for ((cross_entropy, (noisy, clean)), bits) in cross_entropy.iter_mut().zip(pairs).zip(&entropy_y_given_x) {
-        let likelihood: f64 =
-            noisy.iter().zip(clean).map(|(&y, &x)| log_likelihood(noise, f64::from(y), f64::from(x))).sum();
-        *cross_entropy += likelihood / noisy.len() as f64 / std::f64::consts::LN_2 + bits;
+    Ok((information, entropy_y_given_x))
+}
+
+/// What each pixel of held-out patches adds to what those before it have told, bits; the mean over patches is the
+/// information, the map shows where it comes from. Shape of the patches.
+///
+/// # Errors
+/// As [`score`].
+pub fn information_map(model: &CausalModel, noise: Noise, test: &PatchBatch) -> Result<Array3<f64>, InformationError> {
+    let mut map = model.cross_entropy_map(test.noisy.view())?;
+    if let Some(clean) = &test.clean {
+        Zip::from(&mut map).and(&test.noisy).and(clean).par_for_each(|bits, &y, &x| {
+            *bits += log_likelihood(noise, f64::from(y), f64::from(x)) / std::f64::consts::LN_2;
+        });
+    } else {
+        let entropy = NoiseEntropy::new(noise, Protocol::Default)?;
+        Zip::from(&mut map).and(&test.noisy).par_for_each(|bits, &y| *bits -= entropy.bits(f64::from(y.max(0.0))));
     }
-    Ok((cross_entropy, entropy_y_given_x))
+    Ok(map)
 }

@@ -15,6 +15,7 @@ vectorised! {
     /// the predicted mean (photons) and -1/2 over its variance, `shares` (pixels, levels) and `log_largest` the
     /// likelihoods of the levels. `losses` (pixels) receives the negative logarithms; infinity where the likelihood
     /// relative to the best level is below [`SMALLEST`]. `scratch` is (3, levels).
+    #[allow(clippy::too_many_arguments, reason = "slices of one batch, all needed in the same loop")]
     pub(super) fn level_losses<'a>(
         photons: &'a [f32],
         guess: &'a [(f32, f32)],
@@ -117,10 +118,10 @@ mod tests {
         let mut found = outputs.clone();
         let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 3 * levels]);
         level_losses(&photons, &guess, &shares, &log_largest, 2.0, &mut found, &mut losses, &mut scratch);
-        for pixel in 0..pixels {
+        for (pixel, loss) in losses.iter().enumerate() {
             let range = pixel * (levels + 1)..(pixel + 1) * (levels + 1);
             let outputs = &outputs[range.clone()];
-            assert!((f64::from(losses[pixel]) - plainly(pixel, outputs)).abs() < 1e-5);
+            assert!((f64::from(*loss) - plainly(pixel, outputs)).abs() < 1e-5);
             for (k, gradient) in found[range].iter().enumerate() {
                 let moved = |by: f32| {
                     let mut outputs = outputs.to_vec();

@@ -82,7 +82,7 @@ struct Table {
     log_largest: Vec<f32>,
 }
 
-/// Levels x_l, uniform on the square-root scale, and the likelihoods P(y | x_l).
+/// Levels `x_l`, uniform on the square-root scale, and the likelihoods `P(y | x_l)`.
 #[derive(Clone, Debug)]
 pub(super) struct Levels {
     noise: Noise,
@@ -192,7 +192,7 @@ impl Levels {
         }
     }
 
-    /// ln P(y | x_l) without a table, nats.
+    /// `ln P(y | x_l)` without a table, nats.
     pub fn log_likelihood(&self, y: f32, level: usize) -> f64 {
         let x = f64::from(self.photons[level]);
         match &self.kernel {

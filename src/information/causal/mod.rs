@@ -13,7 +13,7 @@ mod shape;
 mod stream;
 
 pub use conditioning::Moments;
-pub use estimate::{CausalRequest, causal_estimate, causal_model, score};
+pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score};
 pub use fit::{CausalFit, FitLength};
 pub use model::CausalModel;
 pub use shape::CausalShape;
