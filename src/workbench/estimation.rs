@@ -55,7 +55,7 @@ pub type Progress<'a> = &'a mut dyn FnMut(&str, usize, usize);
 const BATCH: usize = 500;
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
-const LARGEST_PATCHES_BYTES: usize = 4 << 30;
+pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
 /// Estimates the information of a design's measurements.
 ///
@@ -160,7 +160,7 @@ fn network(
 }
 
 /// Tells how far a fit is: the best cross-entropy yet, and the seconds that are over and left.
-fn tell(fit: &FitProgress, progress: Progress<'_>) {
+pub(super) fn tell(fit: &FitProgress, progress: Progress<'_>) {
     if let Some((scored, all)) = fit.scored {
         return progress("Scoring test patches", scored, all);
     }
