@@ -31,6 +31,8 @@ impl Sample {
 
 /// An estimate of the bits per pixel and its 95 % interval.
 type Found = (f64, [f64; 2]);
+/// What makes one of a sample.
+type Estimator<'a> = &'a dyn Fn(&Sample) -> Found;
 
 fn gaussian(sample: &Sample, covariance: Covariance) -> Found {
     let request = GaussianRequest {
@@ -74,7 +76,7 @@ fn mean(values: &[f64]) -> f64 {
 
 #[test]
 fn no_estimate_falls_below_the_truth() {
-    let estimators: [(&str, &dyn Fn(&Sample) -> Found); 3] = [
+    let estimators: [(&str, Estimator<'_>); 3] = [
         ("stationary Gaussian", &|sample| gaussian(sample, Covariance::Stationary)),
         ("full Gaussian", &|sample| gaussian(sample, Covariance::Full)),
         ("small network", &small_network),

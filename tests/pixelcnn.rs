@@ -331,6 +331,9 @@ fn bad_patches_get_reasons() {
     assert!(matches!(estimate(&noisy, &noisy, Some(&fewer)), InformationError::PatchCount { .. }));
     let empty = Array3::zeros((0, 4, 4));
     assert!(matches!(estimate(&noisy, &empty, None), InformationError::TooFewPatches { .. }));
+    assert!(matches!(estimate(&noisy, &noisy, Some(&with(f32::NAN))), InformationError::NotFinite { patch: 40, .. }));
+    let message = estimate(&noisy, &noisy, Some(&with(-1e8))).to_string();
+    assert!(message.contains("found -100000000"), "{message}");
     let pointless = Array3::zeros((10, 0, 4));
     assert!(matches!(estimate(&pointless, &pointless, None), InformationError::PatchSize { .. }));
 }

@@ -8,7 +8,7 @@ use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{Bracket, Estimate, Estimator, Protocol};
-use crate::workbench::{DensityModel, EstimateRequest, estimate};
+use crate::workbench::{Calibration, DensityModel, EstimateRequest, MeasuredImages, MeasuredSource, estimate};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
 const MOST_PATCHES: usize = 1_000_000;
@@ -28,6 +28,9 @@ pub struct Arguments {
 
     #[command(flatten)]
     scene: SceneArgs,
+
+    #[command(flatten)]
+    measured: MeasuredArgs,
 
     /// The density model.
     #[arg(long, value_enum, default_value_t)]
@@ -62,16 +65,28 @@ pub struct Arguments {
     json: bool,
 }
 
-impl EstimatorChoice {
-    /// Whether it is fitted for a time that can be chosen.
-    fn is_fitted(self) -> bool {
-        matches!(self, Self::PixelCnn) || self.is_ours()
-    }
+/// Measurements of a camera in place of a design's.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Measurements of a camera")]
+struct MeasuredArgs {
+    /// Images of a camera: a file (NPY, NPZ, TIFF, PNG) or a folder of them, in place of a design.
+    #[arg(
+        long, value_name = "PATH",
+        conflicts_with_all = ["design", "lenslets", "objects", "mean_photons", "bias"]
+    )]
+    measurements: Option<MeasuredSource>,
 
-    /// Whether it is made for the default protocol alone.
-    fn is_ours(self) -> bool {
-        matches!(self, Self::Live | Self::Full | Self::Bracket)
-    }
+    /// Grey levels per photon: photons = (grey - offset) / gain. The noise is that of the photons.
+    #[arg(long, value_name = "GREY", default_value_t = 1.0, requires = "measurements")]
+    gain: f64,
+
+    /// Grey level of no light.
+    #[arg(long, value_name = "GREY", default_value_t = 0.0, requires = "measurements", allow_negative_numbers = true)]
+    offset: f64,
+
+    /// Add up the photons of squares of this many rows and columns of pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 1, requires = "measurements")]
+    bin: usize,
 }
 
 /// Estimators by the names of the command line.
@@ -94,6 +109,18 @@ enum EstimatorChoice {
     /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, in 5 minutes or the
     /// --budget.
     Bracket,
+}
+
+impl EstimatorChoice {
+    /// Whether it is fitted for a time that can be chosen.
+    fn is_fitted(self) -> bool {
+        matches!(self, Self::PixelCnn) || self.is_ours()
+    }
+
+    /// Whether it is made for the default protocol alone.
+    fn is_ours(self) -> bool {
+        matches!(self, Self::Live | Self::Full | Self::Bracket)
+    }
 }
 
 impl Arguments {
@@ -143,12 +170,23 @@ impl Arguments {
             trials: self.trials,
         };
         let bar = output::progress_bar();
-        let result = estimate(&design, &request, &mut |step, done, total| {
+        let mut progress = |step: &str, done: usize, total: usize| {
             bar.set_message(step.to_owned());
             bar.set_length(total as u64);
             bar.set_position(done as u64);
-        })
-        .map_err(|error| about_objects(&design, error))?;
+        };
+        let result = match &self.measured.measurements {
+            Some(source) => {
+                let MeasuredArgs { gain, offset, bin, .. } = self.measured;
+                MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut progress)?.estimate(
+                    &request,
+                    design.noise,
+                    design.seed,
+                    &mut progress,
+                )?
+            }
+            None => estimate(&design, &request, &mut progress).map_err(|error| about_objects(&design, error))?,
+        };
         bar.finish_and_clear();
         if self.json {
             return output::print_json(&result);

@@ -7,6 +7,7 @@
 mod bytes;
 mod cifar;
 mod error;
+mod folder;
 mod idx;
 mod npy;
 mod npy_header;
@@ -20,6 +21,7 @@ mod write;
 
 pub use cifar::read_cifar;
 pub use error::FormatError;
+pub use folder::picture_files;
 pub use idx::read_idx;
 pub use npy::{ArrayWriter, read_array, write_array};
 pub use npz::{read_npz, read_npz_f64};

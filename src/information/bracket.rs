@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     fn upper(from: &str, bits: f64) -> UpperBound {
-        UpperBound { from: from.to_owned(), bits_per_pixel: bits, interval_95: [bits - 0.01, bits + 0.01] }
+        UpperBound { from: from.to_owned(), bits_per_pixel: bits, interval_95: [bits - 0.125, bits + 0.125] }
     }
 
     #[test]
@@ -73,7 +73,7 @@ mod tests {
         let bounds = vec![upper("density", 0.5), upper("gaussian", 0.9), upper("ceiling", 0.4)];
         let bracket = Bracket::new(bounds, None).unwrap();
         assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.4, "ceiling"));
-        assert_eq!(bracket.upper_interval_95, [0.39, 0.41]);
+        assert_eq!(bracket.upper_interval_95, [0.4 - 0.125, 0.4 + 0.125]);
         assert_eq!((bracket.lower, bracket.width()), (None, None));
         let order: Vec<&str> = bracket.upper_bounds.iter().map(|bound| bound.from.as_str()).collect();
         assert_eq!(order, ["ceiling", "density", "gaussian"]);

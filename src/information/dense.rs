@@ -121,7 +121,7 @@ pub(super) fn check_patches(
 /// Refuses training patches that all hold one value.
 pub(super) fn check_varied(patches: ArrayView3<f32>) -> Result<(), InformationError> {
     let first = patches.first().copied().unwrap_or(0.0);
-    if patches.iter().all(|&value| value.to_bits() == first.to_bits()) {
+    if !patches.is_empty() && patches.iter().all(|&value| value.to_bits() == first.to_bits()) {
         return Err(InformationError::Constant { value: f64::from(first) });
     }
     Ok(())

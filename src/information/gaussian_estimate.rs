@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::dense::check_patches;
+use super::dense::{check_patches, check_varied};
 use super::gaussian::check_scored;
 use super::{
     Estimator, FullGaussian, InformationError, NoiseEntropy, Protocol, StationaryGaussian, Trial, TrialSettings,
@@ -69,6 +69,8 @@ pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, Informa
     if test.is_empty() {
         return Err(InformationError::TooFewPatches { model: "a held-out test", needed: 1, found: 0, pixels });
     }
+    // Told before a uniform number makes them differ.
+    check_varied(train)?;
     let mut notes = Vec::new();
     let entropy_y_given_x = if let Some(clean) = test_clean {
         check_clean(clean, test)?;
@@ -202,5 +204,55 @@ mod tests {
         let none = Array3::zeros((0, 4, 4));
         assert!(matches!(fails(request(&train, &none)), InformationError::TooFewPatches { .. }));
         assert!(matches!(fails(request(&none, &test)), InformationError::TooFewPatches { .. }));
+        for (covariance, noise) in
+            [(Covariance::Full, Noise::Shot), (Covariance::Stationary, Noise::Read { sigma: 1.0 })]
+        {
+            let constant = Array3::from_elem((200, 4, 4), 9.0);
+            let found = fails(GaussianRequest { covariance, noise, ..request(&constant, &test) });
+            assert_eq!(found, InformationError::Constant { value: 9.0 });
+            let few = train.slice(ndarray::s![..16, .., ..]);
+            if covariance == Covariance::Full {
+                let found = fails(GaussianRequest { train: few, covariance, noise, ..request(&train, &test) });
+                assert!(matches!(found, InformationError::TooFewPatches { needed: 17, found: 16, .. }), "{found}");
+            }
+            let mut broken = test.clone();
+            broken[[5, 0, 0]] = f32::NAN;
+            let clean = Some(broken.view());
+            let found = fails(GaussianRequest { test_clean: clean, covariance, noise, ..request(&train, &test) });
+            assert!(matches!(found, InformationError::Photons { found } if found.is_nan()), "{found}");
+            let found = fails(GaussianRequest { test_clean: None, covariance, noise, ..request(&train, &broken) });
+            assert_eq!(found, InformationError::NotFinite { what: "test patches", patch: 5 });
+            let found = fails(GaussianRequest { covariance, noise, ..request(&broken, &test) });
+            assert_eq!(found, InformationError::NotFinite { what: "training patches", patch: 5 });
+        }
+        let dark = Array3::zeros((60, 4, 4));
+        let paper = GaussianRequest { protocol: Protocol::Paper, test_clean: None, ..request(&train, &dark) };
+        assert_eq!(fails(paper), InformationError::DarkPixel);
+    }
+
+    #[test]
+    fn counts_beyond_single_steps_of_f32_keep_their_information() {
+        // Above 16.8 million an f32 holds every second count only; shot noise is thousands of counts wide there.
+        let patches = |seed| {
+            let clean = Array3::from_elem((800, 4, 4), 3e7_f32);
+            (Noise::Shot.draw(clean.view(), seed), clean)
+        };
+        let ((train, _), (test, clean)) = (patches(1), patches(2));
+        let trial = gaussian_estimate(&GaussianRequest { test_clean: Some(clean.view()), ..request(&train, &test) });
+        let bits = trial.unwrap().bits_per_pixel();
+        assert!(bits.abs() < 0.02, "nothing but noise: {bits}");
+    }
+
+    #[test]
+    fn negative_measurements_stand_in_as_darkness() {
+        let (train, test) = (counts(200, 1), counts(60, 2));
+        let mut negative = test.clone();
+        negative.mapv_inplace(|y| if y < 30.0 { -y } else { y });
+        let zeroed = negative.mapv(|y| y.max(0.0));
+        let of = |clean| {
+            let request = GaussianRequest { test_clean: clean, ..request(&train, &negative) };
+            gaussian_estimate(&request).unwrap().bits_per_pixel()
+        };
+        assert_eq!(of(None), of(Some(zeroed.view())));
     }
 }

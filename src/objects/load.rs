@@ -1,19 +1,17 @@
 //! Pictures of a folder or file, as tiles of mosaics or as whole objects.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::imageops::{FilterType, resize};
 use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
-use crate::formats::{FormatError, PixelStack, Samples, read_stack};
+use crate::formats::{FormatError, PixelStack, Samples, picture_files, read_stack};
 
 use super::ObjectError;
 use super::clean::clean;
 use super::set::{Observer, Progress};
 
-/// Endings of the files of a folder that are opened.
-const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "npy", "npz"];
 /// Files read at a time.
 const BATCH_FILES: usize = 8;
 /// Most files a notice names.
@@ -45,7 +43,7 @@ pub(super) fn load(
     observer: Observer,
 ) -> Result<Loaded, ObjectError> {
     let is_folder = path.is_dir();
-    let files = if is_folder { files_of(path)? } else { vec![path.to_path_buf()] };
+    let files = if is_folder { picture_files(path)? } else { vec![path.to_path_buf()] };
     let mut items = Vec::with_capacity(files.len());
     let mut unreadable: Vec<FormatError> = Vec::new();
     for (batch_index, batch) in files.chunks(BATCH_FILES).enumerate() {
@@ -81,20 +79,6 @@ pub(super) fn load(
 
 fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
-}
-
-fn files_of(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
-    let failed = |error| FormatError::from_read(folder, error);
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        if ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str())) && path.is_file() {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
 }
 
 fn item(stack: PixelStack, field: (usize, usize)) -> Item {

@@ -46,6 +46,20 @@ pub enum DensityModel {
     },
 }
 
+impl DensityModel {
+    /// The name that its estimates go by.
+    pub fn estimator(&self) -> Estimator {
+        match self {
+            Self::Stationary => Estimator::GaussianStationary,
+            Self::Full => Estimator::GaussianFull,
+            Self::Analytic => Estimator::GaussianAnalytic,
+            Self::PixelCnn { .. } => Estimator::PixelCnn,
+            Self::Causal { estimator, .. } => *estimator,
+            Self::Bracket { .. } => Estimator::Bracket,
+        }
+    }
+}
+
 /// What is to be estimated, and how carefully.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EstimateRequest {
@@ -70,7 +84,7 @@ pub type Progress<'a> = &'a mut dyn FnMut(&str, usize, usize);
 const BATCH: usize = 500;
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
-const LARGEST_PATCHES_BYTES: usize = 4 << 30;
+pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
 /// Estimates the information of a design's measurements.
 ///
@@ -259,7 +273,7 @@ pub(super) fn moments(design: &Design, set: &ObjectSet, patch: (usize, usize)) -
 }
 
 /// Tells how far a fit is: the best cross-entropy yet, and the seconds that are over and left.
-fn tell(fit: &FitProgress, progress: Progress<'_>) {
+pub(super) fn tell(fit: &FitProgress, progress: Progress<'_>) {
     if let Some((scored, all)) = fit.scored {
         return progress("Scoring test patches", scored, all);
     }

@@ -9,6 +9,7 @@ mod estimation;
 mod evaluation;
 mod export;
 mod jobs;
+mod measured;
 mod simulation;
 mod stacks;
 mod stream;
@@ -24,6 +25,7 @@ pub use evaluation::{
 };
 pub use export::{Curve, ExportError, export_design};
 pub use jobs::{Job, Outcome};
+pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
 pub use simulation::{Simulated, Simulator};
 pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

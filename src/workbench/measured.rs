@@ -1,0 +1,403 @@
+//! Estimates from the measurements of a camera: no design, no clean images, only what was recorded.
+
+use std::fmt;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use ndarray::{Array3, ArrayView3, Axis, s};
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use thiserror::Error;
+
+use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES, Progress, tell};
+use super::simulation::derived_seed;
+use crate::formats::{FormatError, picture_files, read_picture_or_array};
+use crate::information::{
+    CausalRequest, Covariance, Estimate, Estimator, FitLength, GaussianRequest, InformationError, NoiseEntropy,
+    PatchBatch, PatchStream, PixelCnnRequest, Provenance, Trial, causal_estimate, gaussian_estimate, pixelcnn_estimate,
+};
+use crate::objects::ObjectSource;
+use crate::sensor::{Noise, Patches, SensorError};
+
+/// One image in this many is held out for the test patches.
+const TEST_SHARE: usize = 5;
+
+/// Why measurements have no estimate.
+#[derive(Debug, Error)]
+pub enum MeasuredError {
+    /// The text names no measurements.
+    #[error("measurements \"{text}\": expected a file or folder of pictures, or stack:FILE or images:FOLDER")]
+    Source {
+        /// The text.
+        text: String,
+    },
+    /// A number that turns grey levels into photons is none.
+    #[error("the {what} of the measurements must be {expected}, found {found}; measure it from flat images")]
+    Calibration {
+        /// Which number.
+        what: &'static str,
+        /// What it must be.
+        expected: &'static str,
+        /// The value given.
+        found: f64,
+    },
+    /// Pixels to be added up that an image does not have.
+    #[error("expected 1 to {most} pixels on each side of a bin, found {found}; bin less")]
+    Bin {
+        /// Rows or columns of an image, the fewer.
+        most: usize,
+        /// The value given.
+        found: usize,
+    },
+    /// The images are as dark as the offset.
+    #[error(
+        "the mean of the measurements must be above 0 photons, found {found}; check the offset against a dark image"
+    )]
+    Dark {
+        /// The mean, photons per pixel.
+        found: f64,
+    },
+    /// Training and test patches cannot come from different images.
+    #[error("{path}: expected at least 2 images, found {found}; training and test patches need images of their own")]
+    TooFewImages {
+        /// The file or folder.
+        path: PathBuf,
+        /// Images in it.
+        found: usize,
+    },
+    /// A bound that needs a design.
+    #[error("{estimator} needs objects that are known; choose gaussian, gaussian-full, pixelcnn, live or full")]
+    NeedsObjects {
+        /// Name of the estimator.
+        estimator: Estimator,
+    },
+    /// The file.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// The patch.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// The estimate.
+    #[error(transparent)]
+    Information(#[from] InformationError),
+}
+
+/// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MeasuredSource(PathBuf);
+
+impl FromStr for MeasuredSource {
+    type Err = MeasuredError;
+
+    fn from_str(text: &str) -> Result<Self, MeasuredError> {
+        match text.parse() {
+            Ok(ObjectSource::Stack(path) | ObjectSource::Images(path)) => Ok(Self(path)),
+            // A path with a colon names objects of no kind.
+            Err(_) if !text.trim().is_empty() => Ok(Self(text.into())),
+            _ => Err(MeasuredError::Source { text: text.into() }),
+        }
+    }
+}
+
+impl fmt::Display for MeasuredSource {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.display().fmt(formatter)
+    }
+}
+
+/// How grey levels become photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
+///
+/// Sums keep the statistics of shot noise: the sum of Poisson counts is one, their mean is not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// Grey levels per photon: the slope of variance against mean of flat images at many levels.
+    pub gain: f64,
+    /// Grey level of no light.
+    pub offset: f64,
+    /// Rows and columns of the squares of pixels that are added up.
+    pub bin: usize,
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { gain: 1.0, offset: 0.0, bin: 1 }
+    }
+}
+
+impl Calibration {
+    fn check(&self) -> Result<(), MeasuredError> {
+        let wrong = |what, expected, found| Err(MeasuredError::Calibration { what, expected, found });
+        if !(self.gain > 0.0 && self.gain.is_normal()) {
+            return wrong("gain", "a number above 0, in grey levels per photon", self.gain);
+        }
+        if !self.offset.is_finite() {
+            return wrong("offset", "a finite grey level", self.offset);
+        }
+        Ok(())
+    }
+
+    /// Photons of images of grey levels, shape (n, rows, cols); rows and columns that fill no bin are left out.
+    fn photons(&self, grey: ArrayView3<'_, f32>) -> Result<Array3<f32>, MeasuredError> {
+        let (count, rows, cols) = grey.dim();
+        let bin = self.bin;
+        if !(1..=rows.min(cols)).contains(&bin) {
+            return Err(MeasuredError::Bin { most: rows.min(cols), found: bin });
+        }
+        Ok(Array3::from_shape_fn((count, rows / bin, cols / bin), |(n, r, c)| {
+            let square = grey.slice(s![n, r * bin..(r + 1) * bin, c * bin..(c + 1) * bin]);
+            let sum: f64 = square.iter().map(|&grey| (f64::from(grey) - self.offset) / self.gain).sum();
+            sum as f32
+        }))
+    }
+
+    /// What a reader must know of it.
+    fn describe(&self, whole_levels: bool) -> Vec<String> {
+        let Self { gain, offset, bin } = *self;
+        let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
+        let mut notes = vec![format!("photons are (grey level - {offset}) / {gain}{sum}")];
+        if whole_levels && gain < 1.0 {
+            notes.push(format!(
+                "one grey level is {:.3} photons: steps that coarse can be told apart by a flexible model, so that the \
+                 number may fall below the information",
+                1.0 / gain
+            ));
+        }
+        notes
+    }
+}
+
+/// Images of a camera in photons.
+#[derive(Clone, Debug)]
+pub struct MeasuredImages {
+    /// Photons per (binned) pixel, shape (n, rows, cols).
+    photons: Array3<f32>,
+    path: PathBuf,
+    notes: Vec<String>,
+}
+
+impl MeasuredImages {
+    /// Reads all images of a file, or of the files of a folder, and turns their grey levels into photons. Colour
+    /// becomes grey.
+    ///
+    /// # Errors
+    /// [`MeasuredError`] for files that cannot be read, images of different shapes, pixels that are not finite, a
+    /// calibration without meaning, and fewer than two images.
+    pub fn open(
+        source: &MeasuredSource,
+        calibration: &Calibration,
+        progress: Progress<'_>,
+    ) -> Result<Self, MeasuredError> {
+        calibration.check()?;
+        let path = &source.0;
+        let files = if path.is_dir() { picture_files(path)? } else { vec![path.clone()] };
+        let mut photons: Option<Array3<f32>> = None;
+        let mut whole_levels = true;
+        for (index, file) in files.iter().enumerate() {
+            progress("Reading measurements", index, files.len());
+            let grey = read_picture_or_array(file)?;
+            check_finite(file, &grey)?;
+            whole_levels &= grey.iter().all(|level| level.fract() == 0.0);
+            let more = calibration.photons(grey.view())?;
+            match &mut photons {
+                None => photons = Some(more),
+                Some(photons) => append(photons, &more, file, &grey)?,
+            }
+        }
+        let photons = photons.unwrap_or_default();
+        let found = photons.len_of(Axis(0));
+        if found < 2 {
+            return Err(MeasuredError::TooFewImages { path: path.clone(), found });
+        }
+        let mean = photons.iter().map(|&value| f64::from(value)).sum::<f64>() / photons.len() as f64;
+        if mean <= 0.0 {
+            return Err(MeasuredError::Dark { found: mean });
+        }
+        let mut notes = calibration.describe(whole_levels);
+        let negative = photons.iter().filter(|value| **value < 0.0).count();
+        if negative > 0 {
+            let share = 100.0 * negative as f64 / photons.len() as f64;
+            notes.push(format!("{share:.2} % of the pixels lie below the offset"));
+        }
+        Ok(Self { photons, path: path.clone(), notes })
+    }
+
+    /// Photons per (binned) pixel, shape (n, rows, cols).
+    pub fn photons(&self) -> ArrayView3<'_, f32> {
+        self.photons.view()
+    }
+
+    /// BLAKE3 sum of shape and pixels, in hexadecimal.
+    fn fingerprint(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(format!("lenslet studio measurements 1 {:?}", self.photons.dim()).as_bytes());
+        for value in &self.photons {
+            hasher.update(&value.to_le_bytes());
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
+    /// Estimates the information of the images: the noisy measurements stand in for the clean ones in the noise entropy,
+    /// which is fair above about 10 photons per pixel.
+    ///
+    /// Patches are cut at random places, several from each image; test patches come from images that no training
+    /// patch was cut from, the same ones in every trial. Trial t uses the seed + t.
+    ///
+    /// # Errors
+    /// [`MeasuredError`] for a patch that is larger than the images, a model that is not fitted, or what the estimator
+    /// refuses.
+    pub fn estimate(
+        &self,
+        request: &EstimateRequest,
+        noise: Noise,
+        seed: u64,
+        progress: Progress<'_>,
+    ) -> Result<Estimate, MeasuredError> {
+        let start = std::time::Instant::now();
+        NoiseEntropy::new(noise, request.protocol)?;
+        let (images, rows, cols) = self.photons.dim();
+        let patch = request.patch.unwrap_or((rows, cols));
+        let test_images = images.div_ceil(TEST_SHARE);
+        // All trials hold out the same images: the smallest of estimates on other scenes would be that of the dullest.
+        let mut order: Vec<usize> = (0..images).collect();
+        order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
+        let parts = order.split_at(test_images);
+        let trials = (0..request.trials.max(1) as u64)
+            .map(|trial| self.trial(request, noise, patch, parts, seed.wrapping_add(trial), progress))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut notes = self.notes.clone();
+        notes.push(format!(
+            "test patches were cut from {test_images} images and training patches from {} others; those of one image \
+             are not independent, so the interval may be too narrow",
+            images - test_images
+        ));
+        let provenance = Provenance {
+            bias: 0.0,
+            objects: format!("the scenes of {} ({images} images of {rows} x {cols} px)", self.path.display()),
+            objects_fingerprint: self.fingerprint(),
+            encoder: "unknown mask".into(),
+            ceiling: None,
+            notes,
+        };
+        let mut estimate = Estimate::new(&trials, provenance)?;
+        if estimate.interval_95[1] < 0.0 {
+            estimate.notes.push(
+                "the estimate is negative, which information is not: the measurements vary less than the noise that \
+                 was stated; check gain, offset, binning and noise"
+                    .into(),
+            );
+        }
+        estimate.seconds = start.elapsed().as_secs_f64();
+        Ok(estimate)
+    }
+
+    fn trial(
+        &self,
+        request: &EstimateRequest,
+        noise: Noise,
+        patch: (usize, usize),
+        (test, train): (&[usize], &[usize]),
+        seed: u64,
+        progress: Progress<'_>,
+    ) -> Result<Trial, MeasuredError> {
+        let test = self.cut(test, patch, request.patches_test, derived_seed(seed, 2), "the test")?;
+        if let DensityModel::Causal { estimator, budget } = request.model {
+            let stream = MeasuredStream { images: self.photons.select(Axis(0), train), patch };
+            let request = CausalRequest {
+                stream: &stream,
+                test: &PatchBatch { noisy: test, clean: None },
+                moments: None,
+                noise,
+                length: FitLength::Time(budget),
+                start: None,
+                estimator,
+                seed: derived_seed(seed, 3),
+            };
+            let watch = &mut |fit: &_| {
+                tell(fit, progress);
+                ControlFlow::Continue(())
+            };
+            return Ok(causal_estimate(&request, watch)?.0);
+        }
+        let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
+        progress("Fitting", 0, 1);
+        let (train, test, protocol) = (train.view(), test.view(), request.protocol);
+        let gaussian =
+            |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
+        Ok(match request.model {
+            DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
+            DensityModel::Full => gaussian_estimate(&gaussian(Covariance::Full))?,
+            DensityModel::PixelCnn { budget } => {
+                let (train_clean, test_clean, start) = (None, None, None);
+                let request =
+                    PixelCnnRequest { train, train_clean, test, test_clean, noise, protocol, budget, start, seed };
+                let watch = &mut |fit: &_| {
+                    tell(fit, progress);
+                    ControlFlow::Continue(())
+                };
+                pixelcnn_estimate(&request, watch)?.0
+            }
+            DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
+                return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });
+            }
+        })
+    }
+
+    /// Patches at random places of the given images.
+    fn cut(
+        &self,
+        images: &[usize],
+        patch: (usize, usize),
+        count: usize,
+        seed: u64,
+        model: &'static str,
+    ) -> Result<Array3<f32>, MeasuredError> {
+        let (rows, cols) = patch;
+        let pixels = rows.saturating_mul(cols);
+        if count == 0 {
+            return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels }.into());
+        }
+        let most = LARGEST_PATCHES_BYTES / (size_of::<f32>() * pixels.max(1));
+        if count > most {
+            return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
+        }
+        let part = self.photons.select(Axis(0), images);
+        Ok(Patches::draw(part.dim(), patch, count, seed)?.cut(part.view()))
+    }
+}
+
+/// Patches at random places of images, as often as they are asked for.
+struct MeasuredStream {
+    images: Array3<f32>,
+    patch: (usize, usize),
+}
+
+impl PatchStream for MeasuredStream {
+    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
+        let failed = |error: SensorError| InformationError::Stream { reason: error.to_string() };
+        let places = Patches::draw(self.images.dim(), self.patch, count, seed).map_err(failed)?;
+        Ok(PatchBatch { noisy: places.cut(self.images.view()), clean: None })
+    }
+}
+
+fn append(photons: &mut Array3<f32>, more: &Array3<f32>, file: &Path, grey: &Array3<f32>) -> Result<(), FormatError> {
+    photons.append(Axis(0), more.view()).map_err(|_| {
+        let (_, rows, cols) = photons.dim();
+        let (_, found_rows, found_cols) = more.dim();
+        let (_, file_rows, file_cols) = grey.dim();
+        let found = format!("{found_rows} x {found_cols} px ({file_rows} x {file_cols} before binning)");
+        let expected = format!("images of {rows} x {cols} px, as the first");
+        FormatError::malformed(file, expected, found, "keep images of one camera and one crop in the folder")
+    })
+}
+
+fn check_finite(file: &Path, grey: &Array3<f32>) -> Result<(), FormatError> {
+    match grey.indexed_iter().find(|(_, level)| !level.is_finite()) {
+        None => Ok(()),
+        Some(((picture, row, col), level)) => {
+            let found = format!("{level} in picture {picture}, row {row}, column {col}");
+            Err(FormatError::malformed(file, "finite pixels", found, "replace such pixels or leave the picture out"))
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Estimates from the images of a camera.
+
+use super::{Bench, npy};
+
+/// Photons of `images` images of 24 x 20 px: about 20 in dark columns and 60 in bright ones, with noise like Poisson's.
+fn photons(images: usize) -> Vec<f32> {
+    let mut state = 1_u64;
+    let mut uniform = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1_u64 << 24) as f32
+    };
+    let mut values = Vec::new();
+    for _ in 0..images * 24 {
+        for col in 0..20 {
+            let mean: f32 = if col / 5 % 2 == 0 { 20.0 } else { 60.0 };
+            // A sum of twelve uniform numbers has the variance of a unit normal one.
+            let normal = (0..12).map(|_| uniform()).sum::<f32>() - 6.0;
+            values.push((mean + mean.sqrt() * normal).round().max(0.0));
+        }
+    }
+    values
+}
+
+const LINE: &str = "estimate --patch 6 --patches-train 600 --patches-test 200 --seed 4";
+
+#[test]
+fn grey_levels_become_photons_and_the_result_says_how() {
+    let bench = Bench::new();
+    let photons = photons(10);
+    let grey: Vec<f32> = photons.iter().map(|x| 100.0 + 2.0 * x).collect();
+    bench.write("photons.npy", npy("(10, 24, 20)", &photons));
+    bench.write("grey.npy", npy("(10, 24, 20)", &grey));
+    let expected = bench.json(&format!("{LINE} --measurements photons.npy"));
+    let found = bench.json(&format!("{LINE} --measurements stack:grey.npy --gain 2 --offset 100"));
+    assert_eq!(found["bits_per_pixel"], expected["bits_per_pixel"]);
+    assert_eq!(found["objects_fingerprint"], expected["objects_fingerprint"]);
+    let notes = found["notes"].to_string();
+    for part in ["stand in for the clean images", "(grey level - 100) / 2", "from 2 images", "from 8 others"] {
+        assert!(notes.contains(part), "{part} in {notes}");
+    }
+    assert!(found["ceiling"].is_null() && found["noise"] == "shot" && found["patches_train"] == 600);
+    assert!(found["bits_per_pixel"].as_f64().unwrap() > 0.1, "columns differ: {found}");
+
+    // The same images one by one, some as TIFF.
+    std::fs::create_dir(bench.path("folder")).unwrap();
+    for (index, image) in grey.chunks(24 * 20).enumerate() {
+        if index % 2 == 0 {
+            bench.write(&format!("folder/{index}.npy"), npy("(24, 20)", image));
+        } else {
+            let image = ndarray::Array3::from_shape_vec((1, 24, 20), image.to_vec()).unwrap();
+            lenslet_studio::formats::write_tiff(&bench.path(format!("folder/{index}.tif")), image.view()).unwrap();
+        }
+    }
+    let folder = bench.json(&format!("{LINE} --measurements folder --gain 2 --offset 100"));
+    assert_eq!(folder["objects_fingerprint"], expected["objects_fingerprint"]);
+    let told = bench.done(&format!("{LINE} --measurements images:folder --estimator gaussian-full --noise read:3"));
+    for part in ["unknown mask before the scenes of folder (10 images of 24 x 20 px)", "gaussian-full", "read:3 noise"]
+    {
+        assert!(told.contains(part), "{part} in {told}");
+    }
+    let loud = bench.json(&format!("{LINE} --measurements photons.npy --noise read:500"));
+    assert!(loud["notes"].to_string().contains("vary less than the noise that was stated"), "{loud}");
+    let coarse = bench.json(&format!("{LINE} --measurements photons.npy --gain 0.5"));
+    assert!(coarse["notes"].to_string().contains("one grey level is 2.000 photons"), "{coarse}");
+}
+
+#[test]
+fn bins_add_up() {
+    let bench = Bench::new();
+    let photons = photons(6);
+    let mut binned = Vec::new();
+    for image in photons.chunks(24 * 20) {
+        for (r, c) in (0..12).flat_map(|r| (0..10).map(move |c| (r, c))) {
+            let at = |row: usize, col: usize| image[(2 * r + row) * 20 + 2 * c + col];
+            binned.push(at(0, 0) + at(0, 1) + at(1, 0) + at(1, 1));
+        }
+    }
+    bench.write("photons.npy", npy("(6, 24, 20)", &photons));
+    bench.write("binned.npy", npy("(6, 12, 10)", &binned));
+    let expected = bench.json(&format!("{LINE} --measurements binned.npy"));
+    let found = bench.json(&format!("{LINE} --measurements photons.npy --bin 2"));
+    assert_eq!(found["bits_per_pixel"], expected["bits_per_pixel"]);
+    assert!(found["notes"].to_string().contains("summed over 2 x 2 pixels"), "{found}");
+    // 24 x 20 pixels hold 3 x 2 bins of 7.
+    let sensor =
+        bench.json(&format!("{LINE} --measurements photons.npy --bin 7 --patch sensor").replace("--patch 6", ""));
+    assert_eq!(sensor["patch"], serde_json::json!([3, 2]));
+}
+
+#[test]
+fn a_network_is_fitted_to_measurements() {
+    let bench = Bench::new();
+    bench.write("photons.npy", npy("(10, 24, 20)", &photons(10)));
+    let line = "estimate --patch 5 --patches-train 60 --patches-test 20 --estimator pixelcnn --budget 0.2s";
+    let found = bench.json(&format!("{line} --measurements photons.npy"));
+    assert_eq!((&found["estimator"], &found["patches_test"]), (&"pixelcnn".into(), &20.into()));
+    assert!(found["notes"].to_string().contains("stand in for the clean images"), "{found}");
+}
+
+#[test]
+fn what_cannot_be_estimated_gets_one_sentence() {
+    let bench = Bench::new();
+    let photons = photons(4);
+    bench.write("a.npy", npy("(4, 24, 20)", &photons));
+    bench.write("one.npy", npy("(24, 20)", &photons[..480]));
+    bench.write("flat.npy", npy("(4, 24, 20)", &[7.0; 4 * 480]));
+    let mut broken = photons.clone();
+    broken[481] = f32::NAN;
+    bench.write("broken.npy", npy("(4, 24, 20)", &broken));
+    std::fs::create_dir(bench.path("mixed")).unwrap();
+    bench.write("mixed/a.npy", npy("(24, 20)", &photons[..480]));
+    bench.write("mixed/b.npy", npy("(20, 24)", &photons[..480]));
+    std::fs::create_dir(bench.path("empty")).unwrap();
+    for (arguments, told) in [
+        ("a.npy --lenslets heuristic:3", "cannot be used with"),
+        ("a.npy --objects beads:0.02", "cannot be used with"),
+        ("a.npy --bias 3", "cannot be used with"),
+        ("a.npy --mean-photons 3", "cannot be used with"),
+        ("beads:0.02", "expected a file or folder of pictures"),
+        ("none.npy", "none.npy"),
+        ("one.npy", "one.npy: expected at least 2 images, found 1"),
+        ("empty", "empty: expected at least 2 images, found 0"),
+        ("broken.npy", "NaN in picture 1, row 0, column 1"),
+        ("mixed", "20 x 24 px"),
+        ("a.npy --gain 0", "the gain of the measurements must be a number above 0"),
+        ("a.npy --gain nan", "the gain"),
+        ("a.npy --offset inf", "the offset of the measurements must be a finite grey level"),
+        ("a.npy --offset 5000", "must be above 0 photons"),
+        ("a.npy --bin 0", "expected 1 to 20 pixels on each side of a bin, found 0"),
+        ("a.npy --bin 21", "found 21"),
+        ("a.npy --patch 22", "do not fit measurements of 24 x 20"),
+        ("a.npy --noise none", "unbounded without noise"),
+        ("a.npy --patch 6 --estimator gaussian-analytic", "gaussian-analytic needs objects that are known"),
+        ("a.npy --patch 6 --estimator bracket", "bracket needs objects that are known"),
+        ("a.npy --patch 6 --estimator gaussian-full --patches-train 36", "at least 37 patches"),
+        ("a.npy --patch 6 --patches-train 0", "at least 1 patches"),
+        ("flat.npy --patch 6 --noise read:1", "all training patches hold the same value 7"),
+        ("flat.npy --patch 6 --noise shot", "all training patches hold the same value 7"),
+        ("a.npy --patch 6 --gain 1e-9 --estimator pixelcnn", "photon counts up to 10000000"),
+    ] {
+        let sentence = bench.refused(&format!("estimate --measurements {arguments}"));
+        assert!(sentence.contains(told), "{arguments}: {sentence}");
+    }
+    for option in ["--gain 2", "--offset 2", "--bin 2"] {
+        assert!(bench.refused(&format!("estimate {option}")).contains("--measurements"), "{option}");
+    }
+}
