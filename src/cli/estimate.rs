@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::{Estimate, Protocol};
+use crate::information::{EngineChoice, Estimate, Protocol};
 use crate::workbench::{DensityModel, EstimateRequest, estimate};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
@@ -46,6 +46,10 @@ pub struct Arguments {
     #[arg(long)]
     budget: Option<BudgetChoice>,
 
+    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:flex, burn:wgpu or burn:cuda.
+    #[arg(long)]
+    engine: Option<EngineChoice>,
+
     /// Repetitions with other seeds; the smallest estimate is reported.
     #[arg(long, default_value_t = 1)]
     trials: usize,
@@ -77,16 +81,23 @@ impl Arguments {
         check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let budget = self.budget.map(|choice| choice.0);
-        if budget.is_some() && !matches!(self.estimator, EstimatorChoice::PixelCnn) {
-            return Err(anyhow::anyhow!("--budget is the time of a fit by --estimator pixelcnn; leave it out").into());
+        let of_network = [
+            ("--budget is the time of a fit", budget.is_some()),
+            ("--engine computes the network", self.engine.is_some()),
+        ];
+        if !matches!(self.estimator, EstimatorChoice::PixelCnn)
+            && let Some((option, _)) = of_network.iter().find(|(_, given)| *given)
+        {
+            return Err(anyhow::anyhow!("{option} of --estimator pixelcnn; leave it out").into());
         }
+        let engine = self.engine.unwrap_or_default();
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
             model: match self.estimator {
                 EstimatorChoice::Gaussian => DensityModel::Stationary,
                 EstimatorChoice::GaussianFull => DensityModel::Full,
                 EstimatorChoice::GaussianAnalytic => DensityModel::Analytic,
-                EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget },
+                EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget, engine },
             },
             protocol: self.protocol,
             patch: match self.patch {
@@ -116,10 +127,11 @@ impl Arguments {
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
+    let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
     let mut lines = vec![
         format!("{} before {}, {} noise", result.encoder, result.objects, result.noise),
         format!(
-            "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}, {} protocol",
+            "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
             result.bits_per_pixel, result.estimator, result.protocol
         ),
         format!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x),

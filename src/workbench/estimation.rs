@@ -9,8 +9,8 @@ use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
 use super::simulation::{convolver, derived_seed, open_set};
 use crate::information::{
-    AnalyticGaussian, Covariance, Estimate, Estimator, FitProgress, GaussianRequest, InformationError, NoiseEntropy,
-    PixelCnnRequest, Protocol, Provenance, Trial, TrialSettings, gaussian_estimate, pixelcnn_estimate,
+    AnalyticGaussian, Covariance, EngineChoice, Estimate, Estimator, FitProgress, GaussianRequest, InformationError,
+    NoiseEntropy, PixelCnnRequest, Protocol, Provenance, Trial, TrialSettings, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -28,6 +28,8 @@ pub enum DensityModel {
     PixelCnn {
         /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
         budget: Option<Duration>,
+        /// What computes the network.
+        engine: EngineChoice,
     },
 }
 
@@ -70,8 +72,11 @@ pub fn estimate(
     progress: Progress<'_>,
 ) -> Result<Estimate, EvaluationError> {
     let start = std::time::Instant::now();
-    // Without noise there is nothing to estimate; better told before the objects are read.
+    // Without noise, or without the engine, there is nothing to estimate; better told before the objects are read.
     NoiseEntropy::new(design.noise, request.protocol)?;
+    if let DensityModel::PixelCnn { engine, .. } = request.model {
+        engine.open()?;
+    }
     progress("Reading objects", 0, 1);
     let set = open_set(design)?;
     let convolver = convolver(design, &set)?;
@@ -87,7 +92,9 @@ pub fn estimate(
                 DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, progress),
                 DensityModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
                 DensityModel::Analytic => analytic(&source, request, seed, progress),
-                DensityModel::PixelCnn { budget } => network(&source, request, budget, seed, progress),
+                DensityModel::PixelCnn { budget, engine } => {
+                    network(&source, request, (budget, engine), seed, progress)
+                }
             }
         })
         .collect::<Result<Vec<_>, _>>()?;
@@ -132,7 +139,7 @@ fn fitted(
 fn network(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
-    budget: Option<Duration>,
+    (budget, engine): (Option<Duration>, EngineChoice),
     seed: u64,
     progress: Progress<'_>,
 ) -> Result<Trial, EvaluationError> {
@@ -150,6 +157,7 @@ fn network(
         protocol: request.protocol,
         budget,
         start: None,
+        engine,
         seed,
     };
     let (trial, _) = pixelcnn_estimate(&request, &mut |fit| {
