@@ -16,8 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Poisson, StandardNormal};
 
 /// The engines of every build and machine.
-const ENGINES: [EngineChoice; 3] =
-    [EngineChoice::Cpu, EngineChoice::Burn(BurnDevice::Ndarray), EngineChoice::Burn(BurnDevice::Flex)];
+const ENGINES: [EngineChoice; 2] = [EngineChoice::Cpu, EngineChoice::Burn(BurnDevice::Ndarray)];
 
 fn small_model(seed: u64) -> (PixelCnn, Array3<f32>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

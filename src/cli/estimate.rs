@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long)]
     budget: Option<BudgetChoice>,
 
-    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:flex, burn:wgpu or burn:cuda.
+    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
     #[arg(long)]
     engine: Option<EngineChoice>,
 

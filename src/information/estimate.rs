@@ -262,16 +262,16 @@ mod tests {
 
     #[test]
     fn the_engine_is_named_where_there_is_one_and_older_files_need_not_name_it() {
-        let engine: EngineChoice = "burn:flex".parse().unwrap();
+        let engine: EngineChoice = "burn:ndarray".parse().unwrap();
         let trial = trial(0.3, 1, Protocol::Default);
         let bare = Estimate::new(std::slice::from_ref(&trial), provenance()).unwrap();
         let text = serde_json::to_string(&bare).unwrap();
         assert!(!text.contains("engine") && Estimate::from_json(&text).unwrap().engine.is_none());
         let named = Estimate::new(&[trial.clone().on_engine(engine)], provenance()).unwrap();
         let text = serde_json::to_string(&named).unwrap();
-        assert!(text.contains("\"engine\":\"burn:flex\""), "{text}");
+        assert!(text.contains("\"engine\":\"burn:ndarray\""), "{text}");
         assert_eq!(Estimate::from_json(&text).unwrap(), named);
-        let unknown = text.replace("burn:flex", "abacus");
+        let unknown = text.replace("burn:ndarray", "abacus");
         assert!(Estimate::from_json(&unknown).unwrap_err().to_string().contains("abacus"));
         let mixed = [trial.clone(), trial.on_engine(engine)];
         assert_eq!(Estimate::new(&mixed, provenance()), Err(InformationError::TrialsDiffer { what: "engine" }));

@@ -8,10 +8,9 @@ use crate::information::InformationError;
 /// The device of this name.
 pub(super) fn open_device(device: BurnDevice) -> Result<Device, InformationError> {
     match device {
-        // Deprecated by burn in favour of flex; it stays as the one that is known longest.
-        #[allow(deprecated, reason = "one of the two devices that need no graphics card")]
+        // burn advises its flex device instead, whose kernels take minutes more to compile.
+        #[allow(deprecated, reason = "the device that is compiled within a bearable time")]
         BurnDevice::Ndarray => Ok(Device::ndarray()),
-        BurnDevice::Flex => Ok(Device::flex()),
         BurnDevice::Wgpu => wgpu(),
         BurnDevice::Cuda => cuda(),
     }
