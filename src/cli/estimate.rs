@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::{Bracket, Estimate, Estimator, Protocol};
+use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{Calibration, DensityModel, EstimateRequest, MeasuredImages, MeasuredSource, estimate};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
@@ -55,6 +55,10 @@ pub struct Arguments {
     /// Time for the fit of one pixelcnn trial, such as 60s, 5m or 1h; without it the protocol decides.
     #[arg(long)]
     budget: Option<BudgetChoice>,
+
+    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
+    #[arg(long)]
+    engine: Option<EngineChoice>,
 
     /// Repetitions with other seeds; the smallest estimate is reported.
     #[arg(long, default_value_t = 1)]
@@ -136,6 +140,9 @@ impl Arguments {
             )
             .into());
         }
+        if self.engine.is_some() && !matches!(self.estimator, EstimatorChoice::PixelCnn) {
+            return Err(anyhow::anyhow!("--engine computes the network of --estimator pixelcnn; leave it out").into());
+        }
         if self.protocol == Protocol::Paper && self.estimator.is_ours() {
             return Err(anyhow::anyhow!(
                 "--protocol paper is that of --estimator pixelcnn and gaussian; leave it out for live, full and bracket"
@@ -145,13 +152,14 @@ impl Arguments {
         if self.trials > 1 && matches!(self.estimator, EstimatorChoice::Bracket) {
             return Err(anyhow::anyhow!("--estimator bracket is fitted once; give it a longer --budget").into());
         }
+        let engine = self.engine.unwrap_or_default();
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
             model: match self.estimator {
                 EstimatorChoice::Gaussian => DensityModel::Stationary,
                 EstimatorChoice::GaussianFull => DensityModel::Full,
                 EstimatorChoice::GaussianAnalytic => DensityModel::Analytic,
-                EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget },
+                EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget, engine },
                 EstimatorChoice::Live => {
                     DensityModel::Causal { estimator: Estimator::Live, budget: budget.unwrap_or(LIVE_BUDGET) }
                 }
@@ -214,12 +222,13 @@ fn bracket_line(bracket: &Bracket) -> String {
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
+    let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
     let mut lines = vec![
         format!("{} before {}, {} noise", result.encoder, result.objects, result.noise),
         match &result.bracket {
             Some(bracket) => bracket_line(bracket),
             None => format!(
-                "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}, {} protocol",
+                "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
                 result.bits_per_pixel, result.estimator, result.protocol
             ),
         },

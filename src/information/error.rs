@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use super::EngineChoice;
 use crate::network::NetworkError;
 
 /// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
@@ -201,6 +202,31 @@ pub enum InformationError {
     #[error("{reason}")]
     Stream {
         /// Why.
+        reason: String,
+    },
+    /// An engine name is unknown.
+    #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:wgpu or burn:cuda")]
+    UnknownEngine {
+        /// The text given.
+        found: String,
+    },
+    /// This program was built without the engine.
+    #[error(
+        "the engine {engine} is not part of this program; choose cpu, or build with `cargo build --release --features \
+         {feature}`"
+    )]
+    EngineNotBuilt {
+        /// The engine asked for.
+        engine: EngineChoice,
+        /// The cargo feature that brings it.
+        feature: &'static str,
+    },
+    /// This machine has no device for the engine, or the device failed.
+    #[error("the engine {engine} cannot be used: {reason}")]
+    Engine {
+        /// The engine asked for.
+        engine: EngineChoice,
+        /// What was found and what to do.
         reason: String,
     },
     /// A person or program asked to stop.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Bracket, Estimator, InformationError, LowerBound, Protocol, Trial, UpperBound};
+use super::{Bracket, EngineChoice, Estimator, InformationError, LowerBound, Protocol, Trial, UpperBound};
 use crate::sensor::Noise;
 
 /// Value of the `format` field.
@@ -52,6 +52,9 @@ pub struct Estimate {
     pub bracket: Option<Bracket>,
     /// The density model.
     pub estimator: Estimator,
+    /// What computed its network; none where there is no network, and in files that do not name it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub engine: Option<EngineChoice>,
     /// How entropies were taken.
     pub protocol: Protocol,
     /// Patch shape [rows, cols], pixels.
@@ -94,7 +97,7 @@ impl Estimate {
     /// An estimate above the ceiling gets a note that says so.
     ///
     /// # Errors
-    /// Without a trial, or when the trials differ in estimator, protocol, noise, patch or numbers of patches.
+    /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches.
     pub fn new(trials: &[Trial], provenance: Provenance) -> Result<Self, InformationError> {
         let best = trials.iter().min_by(|a, b| a.bits_per_pixel().total_cmp(&b.bits_per_pixel()));
         let best = best.ok_or(InformationError::Empty)?;
@@ -123,6 +126,7 @@ impl Estimate {
             ceiling,
             bracket: None,
             estimator: settings.estimator,
+            engine: best.engine(),
             protocol: settings.protocol,
             patch: [settings.patch.0, settings.patch.1],
             patches_train: settings.patches_train,
@@ -220,6 +224,8 @@ fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
     let (first, second) = (a.settings(), b.settings());
     let what = if first.estimator != second.estimator {
         "estimator"
+    } else if a.engine() != b.engine() {
+        "engine"
     } else if first.protocol != second.protocol {
         "protocol"
     } else if first.noise != second.noise {
@@ -299,6 +305,23 @@ mod tests {
         assert!(text.contains("\"estimator\":\"gaussian-full\"") && text.contains("\"protocol\":\"paper\""));
         assert_eq!(Estimate::from_json(&text).unwrap(), estimate);
         assert_eq!(serde_json::to_string(&estimate.estimator).unwrap(), format!("\"{}\"", estimate.estimator));
+    }
+
+    #[test]
+    fn the_engine_is_named_where_there_is_one_and_older_files_need_not_name_it() {
+        let engine: EngineChoice = "burn:ndarray".parse().unwrap();
+        let trial = trial(0.3, 1, Protocol::Default);
+        let bare = Estimate::new(std::slice::from_ref(&trial), provenance()).unwrap();
+        let text = serde_json::to_string(&bare).unwrap();
+        assert!(!text.contains("engine") && Estimate::from_json(&text).unwrap().engine.is_none());
+        let named = Estimate::new(&[trial.clone().on_engine(engine)], provenance()).unwrap();
+        let text = serde_json::to_string(&named).unwrap();
+        assert!(text.contains("\"engine\":\"burn:ndarray\""), "{text}");
+        assert_eq!(Estimate::from_json(&text).unwrap(), named);
+        let unknown = text.replace("burn:ndarray", "abacus");
+        assert!(Estimate::from_json(&unknown).unwrap_err().to_string().contains("abacus"));
+        let mixed = [trial.clone(), trial.on_engine(engine)];
+        assert_eq!(Estimate::new(&mixed, provenance()), Err(InformationError::TrialsDiffer { what: "engine" }));
     }
 
     #[test]

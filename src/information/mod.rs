@@ -44,8 +44,8 @@ pub use gaussian::FullGaussian;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
 pub use likelihood::log_likelihood;
 pub use pixelcnn::{
-    DataScale, FitProgress, FitReport, Mixtures, PixelCnn, PixelCnnFit, PixelCnnRequest, PixelCnnShape,
-    TrainingPatches, pixelcnn_estimate,
+    BurnDevice, DataScale, Engine, EngineChoice, FitProgress, FitReport, Mixtures, PixelCnn, PixelCnnFit,
+    PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate,
 };
 pub use poisson::poisson_entropy;
 pub use stationary::StationaryGaussian;

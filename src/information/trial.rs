@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::{GaussianBound, InformationError, Protocol, bootstrap_interval, paired_interval};
+use super::{EngineChoice, GaussianBound, InformationError, Protocol, bootstrap_interval, paired_interval};
 use crate::sensor::Noise;
 
 /// The density model behind an estimate. The serialised names are stable.
@@ -68,6 +68,7 @@ pub struct Trial {
     entropy_y_given_x: f64,
     interval_95: [f64; 2],
     seconds: f64,
+    engine: Option<EngineChoice>,
     notes: Vec<String>,
 }
 
@@ -142,7 +143,13 @@ impl Trial {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let (patches_test, entropy_y, entropy_y_given_x) =
             (entropy_y_given_x.len(), mean(entropy_y), mean(entropy_y_given_x));
-        Ok(Self { settings, patches_test, entropy_y, entropy_y_given_x, interval_95, seconds, notes })
+        Ok(Self { settings, patches_test, entropy_y, entropy_y_given_x, interval_95, seconds, engine: None, notes })
+    }
+
+    /// The same trial, computed by this engine.
+    #[must_use]
+    pub fn on_engine(self, engine: EngineChoice) -> Self {
+        Self { engine: Some(engine), ..self }
     }
 
     /// The estimate of this trial, bits per pixel.
@@ -178,6 +185,11 @@ impl Trial {
     /// Time it took, seconds.
     pub fn seconds(&self) -> f64 {
         self.seconds
+    }
+
+    /// What computed its network; none where there is no network.
+    pub fn engine(&self) -> Option<EngineChoice> {
+        self.engine
     }
 
     /// What a reader must know.

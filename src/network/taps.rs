@@ -39,6 +39,11 @@ impl Taps {
         self.offsets.len()
     }
 
+    /// Offsets (rows down, columns right) from a pixel to those it sees, px.
+    pub fn offsets(&self) -> &[(isize, isize)] {
+        &self.offsets
+    }
+
     /// Writes what each pixel of `input` (pixels, channels) sees to `columns` (pixels, taps, channels).
     pub fn gather(&self, grid: Grid, channels: usize, input: &[f32], columns: &mut [f32]) {
         match channels {

@@ -10,9 +10,10 @@ use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
 use super::simulation::{convolver, derived_seed, open_set};
 use super::stream::DesignStream;
 use crate::information::{
-    AnalyticGaussian, CausalRequest, Covariance, DecoderFit, DecoderKind, Estimate, Estimator, FitLength, FitProgress,
-    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
-    Provenance, Trial, TrialSettings, causal_estimate, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    AnalyticGaussian, CausalRequest, Covariance, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
+    FitProgress, GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest,
+    Protocol, Provenance, Trial, TrialSettings, causal_estimate, decoder_lower_bound, gaussian_estimate,
+    pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -30,6 +31,8 @@ pub enum DensityModel {
     PixelCnn {
         /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
         budget: Option<Duration>,
+        /// What computes the network.
+        engine: EngineChoice,
     },
     /// The causal density model over clean levels, fitted to fresh patches for this long.
     Causal {
@@ -99,8 +102,11 @@ pub fn estimate(
     progress: Progress<'_>,
 ) -> Result<Estimate, EvaluationError> {
     let start = std::time::Instant::now();
-    // Without noise there is nothing to estimate; better told before the objects are read.
+    // Without noise, or without the engine, there is nothing to estimate; better told before the objects are read.
     NoiseEntropy::new(design.noise, request.protocol)?;
+    if let DensityModel::PixelCnn { engine, .. } = request.model {
+        engine.open()?;
+    }
     progress("Reading objects", 0, 1);
     let set = open_set(design)?;
     let convolver = convolver(design, &set)?;
@@ -117,7 +123,9 @@ pub fn estimate(
                 DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, progress),
                 DensityModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
                 DensityModel::Analytic => analytic(&source, request, seed, progress),
-                DensityModel::PixelCnn { budget } => network(&source, request, budget, seed, progress),
+                DensityModel::PixelCnn { budget, engine } => {
+                    network(&source, request, (budget, engine), seed, progress)
+                }
                 DensityModel::Causal { estimator, budget } => {
                     causal(&source, request, estimator, budget, seed, progress)
                 }
@@ -176,7 +184,7 @@ fn fitted(
 fn network(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
-    budget: Option<Duration>,
+    (budget, engine): (Option<Duration>, EngineChoice),
     seed: u64,
     progress: Progress<'_>,
 ) -> Result<Trial, EvaluationError> {
@@ -194,6 +202,7 @@ fn network(
         protocol: request.protocol,
         budget,
         start: None,
+        engine,
         seed,
     };
     let (trial, _) = pixelcnn_estimate(&request, &mut |fit| {

@@ -328,10 +328,20 @@ impl MeasuredImages {
         Ok(match request.model {
             DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
             DensityModel::Full => gaussian_estimate(&gaussian(Covariance::Full))?,
-            DensityModel::PixelCnn { budget } => {
+            DensityModel::PixelCnn { budget, engine } => {
                 let (train_clean, test_clean, start) = (None, None, None);
-                let request =
-                    PixelCnnRequest { train, train_clean, test, test_clean, noise, protocol, budget, start, seed };
+                let request = PixelCnnRequest {
+                    train,
+                    train_clean,
+                    test,
+                    test_clean,
+                    noise,
+                    protocol,
+                    budget,
+                    start,
+                    engine,
+                    seed,
+                };
                 let watch = &mut |fit: &_| {
                     tell(fit, progress);
                     ControlFlow::Continue(())

@@ -27,6 +27,9 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --budget 60s", "--estimator pixelcnn"),
         ("estimate --estimator pixelcnn --budget 60", "budget \"60\""),
         ("estimate --estimator pixelcnn --budget 200h", "168h"),
+        ("estimate --engine burn:ndarray", "--estimator pixelcnn"),
+        ("estimate --estimator pixelcnn --engine gpu", "burn:ndarray"),
+        ("estimate --estimator pixelcnn --engine cpu:2", "burn:wgpu"),
         ("estimate --protocol mine", "paper"),
         (
             "estimate --bias 0 --protocol paper --patch 8 --patches-train 50 --patches-test 50 --objects beads:0.0005",

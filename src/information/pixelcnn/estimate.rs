@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use ndarray::{ArrayView3, Axis};
 
+use super::engine::EngineChoice;
 use super::fit::{FitReport, OnProgress, PixelCnnFit, TrainingPatches};
 use super::model::PixelCnn;
 use super::progress::FitProgress;
@@ -38,6 +39,8 @@ pub struct PixelCnnRequest<'a> {
     pub budget: Option<Duration>,
     /// A network to start from, such as that of a similar design.
     pub start: Option<&'a PixelCnn>,
+    /// What computes the network.
+    pub engine: EngineChoice,
     /// Seed of first weights, order, noise, dequantisation and bootstraps.
     pub seed: u64,
 }
@@ -50,13 +53,14 @@ pub struct PixelCnnRequest<'a> {
 ///
 /// # Errors
 /// For patches of different shapes, fewer than a batch and its validation, constant, too bright or broken ones; for
-/// noise without a finite entropy; when `on_progress` cancels.
+/// noise without a finite entropy; for an engine that this program or machine lacks; when `on_progress` cancels.
 pub fn pixelcnn_estimate(
     request: &PixelCnnRequest<'_>,
     on_progress: OnProgress<'_>,
 ) -> Result<(Trial, PixelCnn), InformationError> {
     let started = Instant::now();
-    let PixelCnnRequest { train, train_clean, test, test_clean, noise, protocol, budget, start, seed } = *request;
+    let PixelCnnRequest { train, train_clean, test, test_clean, noise, protocol, budget, start, engine, seed } =
+        *request;
     let entropy = NoiseEntropy::new(noise, protocol)?;
     let (patches_train, rows, cols) = train.dim();
     check_test(train, test)?;
@@ -76,17 +80,18 @@ pub fn pixelcnn_estimate(
         Protocol::Paper => (PixelCnnFit::paper(seed), None, 1.0),
         Protocol::Default => (PixelCnnFit::standard(seed), train_clean, narrowest(noise)),
     };
-    let fit = PixelCnnFit { dequantise, budget, ..fit };
+    let fit = PixelCnnFit { dequantise, budget, engine, ..fit };
     let patches = TrainingPatches { noisy: train, clean: fresh.map(|clean| (clean, noise)) };
     let (model, report) = fit.fit(PixelCnnShape::default(), min_width, patches, start, on_progress)?;
     notes.extend(explained(&report, &fit, fresh.is_some()));
 
     let test = if dequantise { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
-    let cross_entropy = scored(&model, test.view(), &report, started, on_progress)?;
+    let cross_entropy = scored(&model, engine, test.view(), &report, started, on_progress)?;
     let estimator = Estimator::PixelCnn;
     let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
     let seconds = started.elapsed().as_secs_f64();
-    Ok((Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?, model))
+    let trial = Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?;
+    Ok((trial.on_engine(engine), model))
 }
 
 /// The narrowest width a Gaussian of the mixture needs: no noisy measurement is sharper than its read noise, and no
@@ -111,16 +116,18 @@ fn check_test(train: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(
 /// Cross-entropy of each test patch, bits per pixel, with progress.
 fn scored(
     model: &PixelCnn,
+    engine: EngineChoice,
     test: ArrayView3<'_, f32>,
     report: &FitReport,
     started: Instant,
     on_progress: OnProgress<'_>,
 ) -> Result<Vec<f64>, InformationError> {
     let total = test.len_of(Axis(0));
+    let mut engine = engine.open()?;
     let best = report.best_epoch.checked_sub(1).and_then(|epoch| report.epochs.get(epoch)).map(|&(_, bits)| bits);
     let mut bits = Vec::with_capacity(total);
     for group in test.axis_chunks_iter(Axis(0), GROUP) {
-        bits.extend(model.cross_entropy_bits(group)?);
+        bits.extend(engine.cross_entropy_bits(model, group)?);
         let progress = FitProgress {
             epoch: report.epochs.len(),
             epochs: report.epochs.len(),

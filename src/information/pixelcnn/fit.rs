@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use ndarray::{ArrayView3, Axis, s};
 
 use super::batches::{Batches, Purpose, prepared, seed_for};
+use super::engine::{Engine, EngineChoice};
 use super::first_mixture::spread_over;
-use super::gradient::Gradients;
 use super::model::{PixelCnn, check};
 use super::progress::FitProgress;
 use super::scale::{DataScale, check_values};
@@ -64,6 +64,8 @@ pub struct PixelCnnFit {
     pub dequantise: bool,
     /// Time after which the fit ends, that of validation included.
     pub budget: Option<Duration>,
+    /// What computes losses and gradients.
+    pub engine: EngineChoice,
     /// Seed of first weights, order, noise and dequantisation.
     pub seed: u64,
 }
@@ -104,6 +106,7 @@ impl PixelCnnFit {
             max_validation: usize::MAX,
             dequantise: true,
             budget: None,
+            engine: EngineChoice::Cpu,
             seed,
         }
     }
@@ -125,6 +128,7 @@ impl PixelCnnFit {
             max_validation: 64,
             dequantise: true,
             budget: None,
+            engine: EngineChoice::Cpu,
             seed,
         }
     }
@@ -132,10 +136,11 @@ impl PixelCnnFit {
     /// Fits a network of the given shape, from its first weights or from those of `start`.
     ///
     /// Widths of the mixture stay above `min_width` photons. With a budget the number of steps depends on the machine;
-    /// without one, equal seeds give equal bits on one machine, whatever the number of threads.
+    /// without one, equal seeds give equal bits on one machine with the engine `cpu`, whatever the number of threads.
     ///
     /// # Errors
-    /// For too few, constant, too bright or broken patches, for numbers that stay infinite, and when cancelled.
+    /// For too few, constant, too bright or broken patches, for numbers that stay infinite, for an engine that this
+    /// program or machine lacks, and when cancelled.
     pub fn fit(
         &self,
         shape: PixelCnnShape,
@@ -156,7 +161,7 @@ impl PixelCnnFit {
         let held_out = patches.noisy.slice(s![..validation, .., ..]);
         let held_out = prepared(held_out, self.dequantise, seed_for(self.seed, Purpose::Validation, 0));
         let batches = Batches::new(patches, validation, self.dequantise, self.seed);
-        let mut run = Run::new(self, &model, started);
+        let mut run = Run::new(self, &model, started)?;
         let cut_short = run.epochs(&mut model, batches, held_out.view(), on_progress)?;
         let Run { best, report, .. } = run;
         if let Some((weights, _)) = best {
@@ -205,7 +210,9 @@ struct Run<'a> {
     fit: &'a PixelCnnFit,
     started: Instant,
     optimizer: Optimizer,
-    gradients: Gradients,
+    engine: Box<dyn Engine>,
+    /// Gradient of the loss of the last batch by all weights.
+    gradient: Vec<f32>,
     /// Halved whenever a step is refused.
     caution: f64,
     best: Option<(Vec<f32>, f64)>,
@@ -215,17 +222,18 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(fit: &'a PixelCnnFit, model: &PixelCnn, started: Instant) -> Self {
-        Self {
+    fn new(fit: &'a PixelCnnFit, model: &PixelCnn, started: Instant) -> Result<Self, InformationError> {
+        Ok(Self {
             fit,
             started,
             optimizer: fit.optimizer(model),
-            gradients: Gradients::new(model.layout.count()),
+            engine: fit.engine.open()?,
+            gradient: vec![0.0; model.layout.count()],
             caution: 1.0,
             best: None,
             report: FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false },
             validation: Duration::ZERO,
-        }
+        })
     }
 
     /// All epochs; whether the budget cut them short.
@@ -292,11 +300,8 @@ impl<'a> Run<'a> {
 
     fn step(&mut self, model: &mut PixelCnn, batches: &mut Batches<'_>, rate: f64) -> Result<(), InformationError> {
         let batch = batches.draw(self.fit.batch.max(1));
-        let (samples, rows, cols) = batch.dim();
-        let grid = crate::network::Grid { samples, rows, cols };
-        // A fresh array is contiguous, so the slice is there.
-        let loss = self.gradients.evaluate(model, grid, batch.as_slice().unwrap_or_default(), None);
-        let norm = self.gradients.norm();
+        let loss = self.engine.loss_and_gradients(model, batch.view(), &mut self.gradient, None)?;
+        let norm = self.gradient.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>().sqrt();
         self.report.steps += 1;
         if !(loss.is_finite() && norm < LARGEST_NORM) {
             self.report.refused += 1;
@@ -305,7 +310,7 @@ impl<'a> Run<'a> {
             return if refused < MAX_REFUSED { Ok(()) } else { Err(InformationError::Diverged { refused }) };
         }
         let scale = self.fit.max_norm.map_or(1.0, |most| (most / norm.max(1e-30)).min(1.0));
-        self.optimizer.step(&mut model.weights, &self.gradients.total, scale as f32, rate as f32);
+        self.optimizer.step(&mut model.weights, &self.gradient, scale as f32, rate as f32);
         Ok(())
     }
 
@@ -313,7 +318,7 @@ impl<'a> Run<'a> {
     fn validate(&mut self, model: &mut PixelCnn, held_out: ArrayView3<'_, f32>) -> Result<(), InformationError> {
         let began = Instant::now();
         let candidate = PixelCnn { weights: self.optimizer.result(&model.weights).to_vec(), ..model.clone() };
-        let bits = candidate.cross_entropy_bits(held_out)?;
+        let bits = self.engine.cross_entropy_bits(&candidate, held_out)?;
         let mean = bits.iter().sum::<f64>() / held_out.len_of(Axis(0)) as f64;
         self.report.epochs.push((self.started.elapsed().as_secs_f64(), mean));
         if mean.is_finite() && self.best.as_ref().is_none_or(|(_, best)| mean < *best) {

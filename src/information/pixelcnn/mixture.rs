@@ -4,7 +4,7 @@ use super::scale::DataScale;
 use crate::network::{exponential, logarithm, vectorised};
 
 /// ln(2 pi) / 2.
-const HALF_LN_TWO_PI: f32 = 0.918_938_5;
+pub(super) const HALF_LN_TWO_PI: f32 = 0.918_938_5;
 /// Numbers that are summed side by side.
 const LANES: usize = 8;
 

@@ -2,11 +2,13 @@
 //! (van den Oord et al. 2016), with the network and the fit of Pinkard et al. 2024 and Kabuli et al. 2026.
 
 mod batches;
+mod burn_engine;
+mod cpu_engine;
+mod engine;
 mod estimate;
 mod file;
 mod first_mixture;
 mod fit;
-mod gradient;
 mod mixture;
 mod model;
 mod network;
@@ -14,6 +16,7 @@ mod progress;
 mod scale;
 mod shape;
 
+pub use engine::{BurnDevice, Engine, EngineChoice};
 pub use estimate::{PixelCnnRequest, pixelcnn_estimate};
 pub use fit::{FitReport, PixelCnnFit, TrainingPatches};
 pub use model::{Mixtures, PixelCnn};

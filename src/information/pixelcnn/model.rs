@@ -5,7 +5,8 @@ use std::sync::{Mutex, PoisonError};
 use ndarray::{Array3, Array4, ArrayView3};
 use rayon::prelude::*;
 
-use super::gradient::Gradients;
+use super::cpu_engine::CpuEngine;
+use super::engine::Engine;
 use super::mixture::component;
 use super::network::Workspace;
 use super::scale::{DataScale, check_values};
@@ -116,15 +117,23 @@ impl PixelCnn {
         &self,
         patches: ArrayView3<'_, f32>,
     ) -> Result<(f64, Vec<f32>, Array3<f32>), InformationError> {
-        let grid = check(patches)?;
-        let values = patches.as_standard_layout();
-        // A standard layout is contiguous, so the slice is there.
-        let values = values.as_slice().unwrap_or_default();
-        let mut gradients = Gradients::new(self.layout.count());
-        let mut by_patch = vec![0.0; values.len()];
-        let loss = gradients.evaluate(self, grid, values, Some(&mut by_patch));
+        self.loss_and_gradients_on(&mut CpuEngine::default(), patches)
+    }
+
+    /// [`PixelCnn::loss_and_gradients`] on another engine.
+    ///
+    /// # Errors
+    /// As there, and where a device fails.
+    pub fn loss_and_gradients_on(
+        &self,
+        engine: &mut dyn Engine,
+        patches: ArrayView3<'_, f32>,
+    ) -> Result<(f64, Vec<f32>, Array3<f32>), InformationError> {
+        check(patches)?;
+        let (mut gradient, mut by_patch) = (vec![0.0; self.layout.count()], vec![0.0; patches.len()]);
+        let loss = engine.loss_and_gradients(self, patches, &mut gradient, Some(&mut by_patch))?;
         let by_patch = Array3::from_shape_vec(patches.dim(), by_patch).unwrap_or_default();
-        Ok((loss, gradients.total, by_patch))
+        Ok((loss, gradient, by_patch))
     }
 
     /// Takes patches through the network, some at a time, and joins what `read` takes from each, in order.

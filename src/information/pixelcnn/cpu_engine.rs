@@ -1,8 +1,11 @@
-//! Gradients of the loss of a batch, in parts that do not depend on the number of threads.
+//! The engine on this machine's processor, in parts that do not depend on the number of threads.
 
+use ndarray::ArrayView3;
 use rayon::prelude::*;
 
+use super::engine::{Engine, EngineChoice};
 use super::model::{PixelCnn, Workspaces, samples_per_chunk};
+use crate::information::InformationError;
 use crate::network::{Grid, Write, part_range, sum_in_order};
 
 /// Parts of a batch, each summed by one thread and then all in order.
@@ -16,24 +19,50 @@ struct Part {
     by_patch: Vec<f32>,
 }
 
-/// Memory for gradients, kept from step to step.
-#[derive(Debug)]
-pub(super) struct Gradients {
+/// Fused passes on all threads, with memory kept from step to step.
+#[derive(Debug, Default)]
+pub(super) struct CpuEngine {
     workspaces: Workspaces,
     parts: Vec<Part>,
-    /// Gradient of the mean loss by all weights.
-    pub total: Vec<f32>,
 }
 
-impl Gradients {
-    /// For a network of `count` weights.
-    pub fn new(count: usize) -> Self {
-        Self { workspaces: Workspaces::default(), parts: Vec::new(), total: vec![0.0; count] }
+impl Engine for CpuEngine {
+    fn choice(&self) -> EngineChoice {
+        EngineChoice::Cpu
     }
 
-    /// Mean negative log density of `values` (photons), nats per pixel. Its gradient by the weights is left in
-    /// [`Gradients::total`], that by the values in `by_patch` where it is given.
-    pub fn evaluate(&mut self, model: &PixelCnn, grid: Grid, values: &[f32], by_patch: Option<&mut [f32]>) -> f64 {
+    fn loss_and_gradients(
+        &mut self,
+        model: &PixelCnn,
+        patches: ArrayView3<'_, f32>,
+        gradient: &mut [f32],
+        by_patch: Option<&mut [f32]>,
+    ) -> Result<f64, InformationError> {
+        let (samples, rows, cols) = patches.dim();
+        let values = patches.as_standard_layout();
+        // A standard layout is contiguous, so the slice is there.
+        let values = values.as_slice().unwrap_or_default();
+        Ok(self.evaluate(model, Grid { samples, rows, cols }, values, gradient, by_patch))
+    }
+
+    fn cross_entropy_bits(
+        &mut self,
+        model: &PixelCnn,
+        patches: ArrayView3<'_, f32>,
+    ) -> Result<Vec<f64>, InformationError> {
+        model.cross_entropy_bits(patches)
+    }
+}
+
+impl CpuEngine {
+    fn evaluate(
+        &mut self,
+        model: &PixelCnn,
+        grid: Grid,
+        values: &[f32],
+        gradient: &mut [f32],
+        by_patch: Option<&mut [f32]>,
+    ) -> f64 {
         let count = PARTS.min(grid.samples);
         self.parts.resize_with(count, Part::default);
         let pixels = grid.rows * grid.cols;
@@ -62,7 +91,7 @@ impl Gradients {
             }
         });
         let parts: Vec<&[f32]> = self.parts.iter().map(|part| part.gradient.as_slice()).collect();
-        sum_in_order(&parts, &mut self.total);
+        sum_in_order(&parts, gradient);
         if let Some(out) = by_patch {
             let all = self.parts.iter().flat_map(|part| &part.by_patch);
             for (out, value) in out.iter_mut().zip(all) {
@@ -70,10 +99,5 @@ impl Gradients {
             }
         }
         self.parts.iter().map(|part| part.nats).sum::<f64>() / grid.pixels() as f64
-    }
-
-    /// Euclidean norm of the gradient by all weights.
-    pub fn norm(&self) -> f64 {
-        self.total.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>().sqrt()
     }
 }

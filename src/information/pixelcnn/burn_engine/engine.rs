@@ -1,0 +1,142 @@
+//! Losses and gradients by burn, a stretch of patches at a time.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use burn::tensor::{Device, Tensor, TensorData};
+use ndarray::{ArrayView3, Axis};
+
+use super::super::engine::{BurnDevice, Engine, EngineChoice};
+use super::super::model::{PixelCnn, check};
+use super::device::open_device;
+use super::mixture::mixture_losses;
+use super::network::Network;
+use crate::information::InformationError;
+
+/// Pixels that are taken through the network at a time; automatic differentiation keeps about 45 kB for each.
+const CHUNK_PIXELS: usize = 1 << 14;
+
+/// One network on one device of burn.
+///
+/// Weights go to the device and gradients come back at every step, 2.5 MB each for the published network.
+#[derive(Debug)]
+pub(in super::super) struct BurnEngine {
+    choice: EngineChoice,
+    device: Device,
+}
+
+impl BurnEngine {
+    /// The device of this name.
+    ///
+    /// # Errors
+    /// Where this program was built without it, or this machine has no device for it.
+    pub fn open(device: BurnDevice) -> Result<Self, InformationError> {
+        let engine = Self { choice: EngineChoice::Burn(device), device: open_device(device)? };
+        // A driver that cannot compute is told here and not in the middle of a fit.
+        engine.guarded(|| {
+            let ones = Tensor::<1>::ones([8], &engine.device).sum().into_data();
+            let sum = ones.iter::<f32>().sum::<f32>();
+            if sum == 8.0 { Ok(()) } else { Err(format!("eight ones sum to {sum} on it")) }
+        })?;
+        Ok(engine)
+    }
+
+    /// What a device says in place of a result: burn's devices panic where memory or drivers fail.
+    fn guarded<T>(&self, work: impl FnOnce() -> Result<T, String>) -> Result<T, InformationError> {
+        let told = match catch_unwind(AssertUnwindSafe(work)) {
+            Ok(Ok(value)) => return Ok(value),
+            Ok(Err(told)) => told,
+            Err(panic) => {
+                let text = panic.downcast_ref::<String>().map(String::as_str);
+                text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the device failed").to_owned()
+            }
+        };
+        let reason = format!("{told}; check its driver and free memory, or choose the engine cpu");
+        Err(InformationError::Engine { engine: self.choice, reason })
+    }
+
+    /// Losses of the pixels of some patches (photons), nats, shape (pixels, 1), and the patches as burn has them.
+    fn losses(model: &PixelCnn, network: &Network, device: &Device, patches: ArrayView3<'_, f32>) -> Scored {
+        let (samples, rows, cols) = patches.dim();
+        let values = TensorData::new(patches.iter().copied().collect::<Vec<f32>>(), [samples, rows, cols, 1]);
+        let values = Tensor::<4>::from_data(values, device);
+        let values = if device.is_autodiff() { values.require_grad() } else { values };
+        let standardised = (values.clone() - model.scale.mean) / model.scale.deviation;
+        let heads = network.forward(&model.layers, standardised);
+        let losses = mixture_losses(&model.scale, values.clone().reshape([samples * rows * cols, 1]), heads);
+        Scored { values, losses }
+    }
+}
+
+/// What one stretch of patches gave.
+struct Scored {
+    /// Photons, shape (n, rows, cols, 1).
+    values: Tensor<4>,
+    /// Nats, shape (pixels, 1).
+    losses: Tensor<2>,
+}
+
+impl Engine for BurnEngine {
+    fn choice(&self) -> EngineChoice {
+        self.choice
+    }
+
+    fn loss_and_gradients(
+        &mut self,
+        model: &PixelCnn,
+        patches: ArrayView3<'_, f32>,
+        gradient: &mut [f32],
+        mut by_patch: Option<&mut [f32]>,
+    ) -> Result<f64, InformationError> {
+        let device = self.device.clone().autodiff();
+        let pixels = patches.len_of(Axis(1)) * patches.len_of(Axis(2));
+        let weight = 1.0 / patches.len() as f32;
+        gradient.fill(0.0);
+        self.guarded(|| {
+            let network = Network::new(&model.layers, &model.weights, &device);
+            let mut nats = 0.0;
+            for (index, part) in patches.axis_chunks_iter(Axis(0), samples_per_chunk(pixels)).enumerate() {
+                let Scored { values, losses } = Self::losses(model, &network, &device, part);
+                nats += sums(losses.clone(), part.len())?[0];
+                let gradients = (losses.sum() * weight).backward();
+                network.add_gradients(&model.layers, &gradients, gradient)?;
+                if let Some(by_patch) = &mut by_patch {
+                    let found = values.grad(&gradients).ok_or("the patches have no gradient")?.into_data();
+                    let start = index * samples_per_chunk(pixels) * pixels;
+                    let found = found.as_slice::<f32>().map_err(|error| format!("{error:?}"))?;
+                    by_patch[start..start + part.len()].copy_from_slice(found);
+                }
+            }
+            Ok(nats / patches.len() as f64)
+        })
+    }
+
+    fn cross_entropy_bits(
+        &mut self,
+        model: &PixelCnn,
+        patches: ArrayView3<'_, f32>,
+    ) -> Result<Vec<f64>, InformationError> {
+        let grid = check(patches)?;
+        let pixels = grid.rows * grid.cols;
+        self.guarded(|| {
+            let network = Network::new(&model.layers, &model.weights, &self.device);
+            let mut bits = Vec::with_capacity(grid.samples);
+            for part in patches.axis_chunks_iter(Axis(0), samples_per_chunk(pixels)) {
+                let nats = sums(Self::losses(model, &network, &self.device, part).losses, pixels)?;
+                bits.extend(nats.iter().map(|nats| nats / pixels as f64 / std::f64::consts::LN_2));
+            }
+            Ok(bits)
+        })
+    }
+}
+
+/// Patches that are taken through the network at a time.
+fn samples_per_chunk(patch_pixels: usize) -> usize {
+    (CHUNK_PIXELS / patch_pixels.max(1)).max(1)
+}
+
+/// Sums of every `count` numbers.
+fn sums(values: Tensor<2>, count: usize) -> Result<Vec<f64>, String> {
+    let values = values.into_data();
+    let values = values.as_slice::<f32>().map_err(|error| format!("{error:?}"))?;
+    Ok(values.chunks(count).map(|values| values.iter().map(|&value| f64::from(value)).sum()).collect())
+}

@@ -1,0 +1,9 @@
+//! The engine on a device of burn: the same network as burn modules, its gradients by burn's automatic
+//! differentiation.
+
+mod device;
+mod engine;
+mod mixture;
+mod network;
+
+pub(super) use engine::BurnEngine;

@@ -1,0 +1,158 @@
+//! The network as burn modules, made from the layers and weights that every engine shares.
+
+use burn::module::{Module, Param};
+use burn::tensor::activation::{sigmoid, tanh};
+use burn::tensor::ops::PadMode;
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
+
+use super::super::shape::{Block, Layers};
+use crate::network::{Layer, Taps};
+
+/// A matrix product with a bias; [`Layer`] is its configuration.
+#[derive(Module, Debug)]
+pub(super) struct Product {
+    /// Shape (inputs, outputs); the inputs of a convolution are (taps, channels).
+    kernel: Param<Tensor<2>>,
+    /// Shape (outputs).
+    bias: Param<Tensor<1>>,
+}
+
+/// A gated block; [`Block`] is its configuration.
+#[derive(Module, Debug)]
+pub(super) struct GatedBlock {
+    /// Six taps of the vertical stack, C -> 2C.
+    vertical: Product,
+    /// Two taps of the horizontal stack, C -> 2C.
+    horizontal: Product,
+    /// From the vertical to the horizontal features, 2C -> 2C.
+    link: Product,
+    /// C -> C.
+    output: Product,
+}
+
+/// The whole network; [`Layers`] is its configuration.
+#[derive(Module, Debug)]
+pub(super) struct Network {
+    /// Three taps, 1 -> C.
+    first_vertical: Product,
+    /// One tap, 1 -> C.
+    first_horizontal: Product,
+    /// In the order of the computation.
+    blocks: Vec<GatedBlock>,
+    /// C -> C.
+    out: Product,
+    /// C -> 3K: means, widths, logits.
+    heads: Product,
+}
+
+impl GatedBlock {
+    fn new(config: &Block, weights: &[f32], device: &Device) -> Self {
+        Self {
+            vertical: Product::new(&config.vertical, weights, device),
+            horizontal: Product::new(&config.horizontal, weights, device),
+            link: Product::new(&config.link, weights, device),
+            output: Product::new(&config.output, weights, device),
+        }
+    }
+}
+
+impl Network {
+    /// The network of these layers with these weights, which are in canonical order, on `device`.
+    pub fn new(layers: &Layers, weights: &[f32], device: &Device) -> Self {
+        Self {
+            first_vertical: Product::new(&layers.first_vertical, weights, device),
+            first_horizontal: Product::new(&layers.first_horizontal, weights, device),
+            blocks: layers.blocks.iter().map(|block| GatedBlock::new(block, weights, device)).collect(),
+            out: Product::new(&layers.out, weights, device),
+            heads: Product::new(&layers.heads, weights, device),
+        }
+    }
+
+    /// Outputs, shape (pixels, 3K), for standardised patches, shape (n, rows, cols, 1).
+    pub fn forward(&self, layers: &Layers, standardised: Tensor<4>) -> Tensor<2> {
+        let [samples, rows, cols, _] = standardised.dims();
+        let images = |features: Tensor<2>| {
+            let channels = features.dims()[1];
+            features.reshape([samples, rows, cols, channels])
+        };
+        let mut vertical = self.first_vertical.forward(columns(&layers.first_vertical_taps, standardised.clone()));
+        let mut horizontal = self.first_horizontal.forward(columns(&layers.first_horizontal_taps, standardised));
+        for (block, config) in self.blocks.iter().zip(&layers.blocks) {
+            let by_vertical = block.vertical.forward(columns(&config.vertical_taps, images(vertical)));
+            let seen = columns(&config.horizontal_taps, images(horizontal.clone()));
+            let features = block.horizontal.forward(seen) + block.link.forward(by_vertical.clone());
+            vertical = gate(by_vertical);
+            horizontal = horizontal + block.output.forward(gate(features));
+        }
+        let rectified = horizontal.clone().clamp_min(0.0) + (horizontal.clamp_max(0.0).exp() - 1.0);
+        self.heads.forward(self.out.forward(rectified))
+    }
+
+    /// Adds the gradients by all weights to `gradient`, in canonical order.
+    pub fn add_gradients(&self, layers: &Layers, gradients: &Gradients, gradient: &mut [f32]) -> Result<(), String> {
+        self.first_vertical.add_gradients(&layers.first_vertical, gradients, gradient)?;
+        self.first_horizontal.add_gradients(&layers.first_horizontal, gradients, gradient)?;
+        for (block, config) in self.blocks.iter().zip(&layers.blocks) {
+            block.vertical.add_gradients(&config.vertical, gradients, gradient)?;
+            block.horizontal.add_gradients(&config.horizontal, gradients, gradient)?;
+            block.link.add_gradients(&config.link, gradients, gradient)?;
+            block.output.add_gradients(&config.output, gradients, gradient)?;
+        }
+        self.out.add_gradients(&layers.out, gradients, gradient)?;
+        self.heads.add_gradients(&layers.heads, gradients, gradient)
+    }
+}
+
+impl Product {
+    fn new(config: &Layer, weights: &[f32], device: &Device) -> Self {
+        let kernel = TensorData::new(weights[config.kernel.clone()].to_vec(), [config.inputs, config.outputs]);
+        let bias = TensorData::new(config.bias(weights).to_vec(), [config.outputs]);
+        Self { kernel: Param::from_data(kernel, device), bias: Param::from_data(bias, device) }
+    }
+
+    /// Shape (pixels, outputs) from (pixels, inputs).
+    fn forward(&self, input: Tensor<2>) -> Tensor<2> {
+        input.matmul(self.kernel.val()) + self.bias.val().unsqueeze()
+    }
+
+    fn add_gradients(&self, config: &Layer, gradients: &Gradients, gradient: &mut [f32]) -> Result<(), String> {
+        add_gradient(&self.kernel.val(), gradients, &mut gradient[config.kernel.clone()])?;
+        add_gradient(&self.bias.val(), gradients, &mut gradient[config.bias.clone()])
+    }
+}
+
+/// Adds the gradient by `weights` to `out`.
+fn add_gradient<const D: usize>(weights: &Tensor<D>, gradients: &Gradients, out: &mut [f32]) -> Result<(), String> {
+    let values = weights.grad(gradients).ok_or("a weight has no gradient")?.into_data();
+    let values = values.as_slice::<f32>().map_err(|error| format!("{error:?}"))?;
+    for (out, value) in out.iter_mut().zip(values) {
+        *out += value;
+    }
+    Ok(())
+}
+
+/// What every pixel of (n, rows, cols, channels) sees, shape (pixels, taps x channels); zeros outside the patch.
+///
+/// A convolution is this and a matrix product: burn's own convolution costs many times more on a processor, and would
+/// compute the masked taps too.
+fn columns(taps: &Taps, input: Tensor<4>) -> Tensor<2> {
+    let [samples, rows, cols, channels] = input.dims();
+    let reach = |offset: fn(&(isize, isize)) -> isize| {
+        taps.offsets().iter().map(|tap| offset(tap).max(0).unsigned_abs()).max().unwrap_or(0)
+    };
+    let (up, down) = (reach(|tap| -tap.0), reach(|tap| tap.0));
+    let (left, right) = (reach(|tap| -tap.1), reach(|tap| tap.1));
+    let padded = input.pad([(up, down), (left, right), (0, 0)], PadMode::Constant(0.0));
+    let seen = taps.offsets().iter().map(|&(down, right)| {
+        let (row, col) = (up.wrapping_add_signed(down), left.wrapping_add_signed(right));
+        padded.clone().slice([0..samples, row..row + rows, col..col + cols, 0..channels])
+    });
+    Tensor::cat(seen.collect(), 3).reshape([samples * rows * cols, taps.count() * channels])
+}
+
+/// `tanh(a) sigmoid(b)`, where a and b are the first and second half of the channels.
+fn gate(features: Tensor<2>) -> Tensor<2> {
+    let halves = features.chunk(2, 1);
+    let [a, b] = <[Tensor<2>; 2]>::try_from(halves).unwrap_or_else(|_| unreachable!("a chunk for each half"));
+    tanh(a) * sigmoid(b)
+}
