@@ -42,7 +42,7 @@ fn estimated(design: &Design, model: DensityModel) -> Estimate {
         patches_test: 500,
         trials: 1,
     };
-    estimate(design, &request, &mut |_, _, _| ()).unwrap()
+    estimate(design, &request, &mut |_| std::ops::ControlFlow::Continue(())).unwrap()
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! `estimate`: the information of a design's measurements.
 
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -8,7 +9,9 @@ use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
-use crate::workbench::{Calibration, DensityModel, EstimateRequest, MeasuredImages, MeasuredSource, estimate};
+use crate::workbench::{
+    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, estimate,
+};
 
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
 const MOST_PATCHES: usize = 1_000_000;
@@ -178,22 +181,23 @@ impl Arguments {
             trials: self.trials,
         };
         let bar = output::progress_bar();
-        let mut progress = |step: &str, done: usize, total: usize| {
-            bar.set_message(step.to_owned());
-            bar.set_length(total as u64);
-            bar.set_position(done as u64);
+        let mut watch = |progress: &EstimateProgress| {
+            bar.set_message(progress.step.clone());
+            bar.set_length(progress.total as u64);
+            bar.set_position(progress.done as u64);
+            ControlFlow::Continue(())
         };
         let result = match &self.measured.measurements {
             Some(source) => {
                 let MeasuredArgs { gain, offset, bin, .. } = self.measured;
-                MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut progress)?.estimate(
+                MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut watch)?.estimate(
                     &request,
                     design.noise,
                     design.seed,
-                    &mut progress,
+                    &mut watch,
                 )?
             }
-            None => estimate(&design, &request, &mut progress).map_err(|error| about_objects(&design, error))?,
+            None => estimate(&design, &request, &mut watch).map_err(|error| about_objects(&design, error))?,
         };
         bar.finish_and_clear();
         if self.json {

@@ -1,19 +1,18 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
-use std::ops::ControlFlow;
 use std::time::Duration;
 
 use ndarray::{Array3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
+use super::progress::{Watch, tell};
 use super::simulation::{convolver, derived_seed, open_set};
 use super::stream::DesignStream;
 use crate::information::{
     AnalyticGaussian, CausalRequest, Covariance, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
-    FitProgress, GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest,
-    Protocol, Provenance, Trial, TrialSettings, causal_estimate, decoder_lower_bound, gaussian_estimate,
-    pixelcnn_estimate,
+    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
+    Provenance, Trial, TrialSettings, causal_estimate, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -80,9 +79,6 @@ pub struct EstimateRequest {
     pub trials: usize,
 }
 
-/// Told what is being done and how far it is: (step, done, total).
-pub type Progress<'a> = &'a mut dyn FnMut(&str, usize, usize);
-
 /// Objects that are drawn and measured at a time: enough to keep threads busy, few enough to stay small.
 const BATCH: usize = 500;
 
@@ -96,18 +92,14 @@ pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 ///
 /// # Errors
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
-pub fn estimate(
-    design: &Design,
-    request: &EstimateRequest,
-    progress: Progress<'_>,
-) -> Result<Estimate, EvaluationError> {
+pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) -> Result<Estimate, EvaluationError> {
     let start = std::time::Instant::now();
     // Without noise, or without the engine, there is nothing to estimate; better told before the objects are read.
     NoiseEntropy::new(design.noise, request.protocol)?;
     if let DensityModel::PixelCnn { engine, .. } = request.model {
         engine.open()?;
     }
-    progress("Reading objects", 0, 1);
+    tell(watch, "Reading objects", 0, 1)?;
     let set = open_set(design)?;
     let convolver = convolver(design, &set)?;
     let (rows, cols) = convolver.plan().measurement_shape();
@@ -120,18 +112,14 @@ pub fn estimate(
         .map(|trial| {
             let seed = design.seed.wrapping_add(trial);
             match request.model {
-                DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, progress),
-                DensityModel::Full => fitted(&source, request, Covariance::Full, seed, progress),
-                DensityModel::Analytic => analytic(&source, request, seed, progress),
-                DensityModel::PixelCnn { budget, engine } => {
-                    network(&source, request, (budget, engine), seed, progress)
-                }
-                DensityModel::Causal { estimator, budget } => {
-                    causal(&source, request, estimator, budget, seed, progress)
-                }
+                DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, watch),
+                DensityModel::Full => fitted(&source, request, Covariance::Full, seed, watch),
+                DensityModel::Analytic => analytic(&source, request, seed, watch),
+                DensityModel::PixelCnn { budget, engine } => network(&source, request, (budget, engine), seed, watch),
+                DensityModel::Causal { estimator, budget } => causal(&source, request, estimator, budget, seed, watch),
                 DensityModel::Bracket { budget } => {
                     let budget = budget.mul_f64(density_share(&set));
-                    causal(&source, request, Estimator::Bracket, budget, seed, progress)
+                    causal(&source, request, Estimator::Bracket, budget, seed, watch)
                 }
             }
         })
@@ -148,8 +136,8 @@ pub fn estimate(
     };
     let mut estimate = match request.model {
         DensityModel::Bracket { budget } => {
-            let upper = analytic(&source, request, design.seed, progress)?;
-            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), progress)?;
+            let upper = analytic(&source, request, design.seed, watch)?;
+            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), watch)?;
             Estimate::bracketed(&trials, &upper, lower.as_ref(), provenance)?
         }
         _ => Estimate::new(&trials, provenance)?,
@@ -164,12 +152,12 @@ fn fitted(
     request: &EstimateRequest,
     covariance: Covariance,
     seed: u64,
-    progress: Progress<'_>,
+    watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
-    let (_, train) = source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", progress)?;
-    let (clean, test) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
-    progress("Fitting", 0, 1);
+    let (_, train) = source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", watch)?;
+    let (clean, test) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
+    tell(watch, "Fitting", 0, 1)?;
     Ok(gaussian_estimate(&GaussianRequest {
         train: train.view(),
         test: test.view(),
@@ -186,13 +174,12 @@ fn network(
     request: &EstimateRequest,
     (budget, engine): (Option<Duration>, EngineChoice),
     seed: u64,
-    progress: Progress<'_>,
+    watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
     let (train_clean, train) =
-        source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", progress)?;
-    let (test_clean, test) =
-        source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
+        source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", watch)?;
+    let (test_clean, test) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
     let request = PixelCnnRequest {
         train: train.view(),
         train_clean: Some(train_clean.view()),
@@ -205,10 +192,7 @@ fn network(
         engine,
         seed,
     };
-    let (trial, _) = pixelcnn_estimate(&request, &mut |fit| {
-        tell(fit, progress);
-        ControlFlow::Continue(())
-    })?;
+    let (trial, _) = pixelcnn_estimate(&request, &mut |fit| watch(&fit.into()))?;
     Ok(trial)
 }
 
@@ -218,11 +202,11 @@ fn causal(
     estimator: Estimator,
     budget: Duration,
     seed: u64,
-    progress: Progress<'_>,
+    watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
     let stream = source.stream(train);
-    let (clean, noisy) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
+    let (clean, noisy) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
     let request = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
@@ -233,10 +217,7 @@ fn causal(
         estimator,
         seed: derived_seed(seed, 3),
     };
-    let (trial, _) = causal_estimate(&request, &mut |fit| {
-        tell(fit, progress);
-        ControlFlow::Continue(())
-    })?;
+    let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
     Ok(trial)
 }
 
@@ -249,20 +230,12 @@ fn density_share(set: &ObjectSet) -> f64 {
 fn lower_bound(
     source: &PatchSource<'_>,
     budget: Duration,
-    progress: Progress<'_>,
+    watch: Watch<'_>,
 ) -> Result<Option<LowerBound>, EvaluationError> {
     let design = source.design;
     let Some(channel) = bead_channel(design, source.set, source.patch)? else { return Ok(None) };
     let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
-    let (bound, _) = decoder_lower_bound(&channel, &fit, None, &mut |fit| {
-        let elapsed = fit.elapsed.as_secs() as usize;
-        let left = fit.remaining.map_or(0, |left| left.as_secs_f64().ceil() as usize);
-        match fit.tested {
-            Some(tested) => progress("Testing the decoder", tested, tested + 1),
-            None => progress(&format!("Fitting a decoder, {left} s left"), elapsed, elapsed + left),
-        }
-        ControlFlow::Continue(())
-    })?;
+    let (bound, _) = decoder_lower_bound(&channel, &fit, None, &mut |fit| watch(&fit.into()))?;
     Ok(Some(bound))
 }
 
@@ -281,31 +254,17 @@ pub(super) fn moments(design: &Design, set: &ObjectSet, patch: (usize, usize)) -
     Ok(Moments { mean, autocovariance })
 }
 
-/// Tells how far a fit is: the best cross-entropy yet, and the seconds that are over and left.
-pub(super) fn tell(fit: &FitProgress, progress: Progress<'_>) {
-    if let Some((scored, all)) = fit.scored {
-        return progress("Scoring test patches", scored, all);
-    }
-    let elapsed = fit.elapsed.as_secs() as usize;
-    let left = fit.remaining.map_or(0, |left| left.as_secs_f64().ceil() as usize);
-    let step = match fit.best_bits {
-        Some(bits) => format!("Fitting, {bits:.3} bits per pixel, {left} s left at most"),
-        None => format!("Fitting, {left} s left at most"),
-    };
-    progress(&step, elapsed, elapsed + left);
-}
-
 fn analytic(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     seed: u64,
-    progress: Progress<'_>,
+    watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let start = std::time::Instant::now();
     let (design, set, patch) = (source.design, source.set, source.patch);
     let (_, test) = source.splits();
-    let (clean, _) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", progress)?;
-    progress("Bounding", 0, 1);
+    let (clean, _) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
+    tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
     let grid = design.encoder.grid();
@@ -361,7 +320,7 @@ impl PatchSource<'_> {
         count: usize,
         seed: u64,
         step: &str,
-        progress: Progress<'_>,
+        watch: Watch<'_>,
     ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
         let (rows, cols) = self.patch;
         let pixels = rows * cols;
@@ -376,7 +335,7 @@ impl PatchSource<'_> {
         let mut clean = Array3::zeros((count, rows, cols));
         for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), BATCH).enumerate() {
             let first = index * BATCH;
-            progress(step, first, count);
+            tell(watch, step, first, count)?;
             let batch_seed = derived_seed(seed, first as u64);
             let objects = self.set.objects(split, part.len_of(Axis(0)), batch_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;

@@ -1,7 +1,6 @@
 //! Estimates from the measurements of a camera: no design, no clean images, only what was recorded.
 
 use std::fmt;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -11,7 +10,8 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
-use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES, Progress, tell};
+use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES};
+use super::progress::{Watch, tell};
 use super::simulation::derived_seed;
 use crate::formats::{FormatError, picture_files, read_picture_or_array};
 use crate::information::{
@@ -184,18 +184,14 @@ impl MeasuredImages {
     /// # Errors
     /// [`MeasuredError`] for files that cannot be read, images of different shapes, pixels that are not finite, a
     /// calibration without meaning, and fewer than two images.
-    pub fn open(
-        source: &MeasuredSource,
-        calibration: &Calibration,
-        progress: Progress<'_>,
-    ) -> Result<Self, MeasuredError> {
+    pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
         calibration.check()?;
         let path = &source.0;
         let files = if path.is_dir() { picture_files(path)? } else { vec![path.clone()] };
         let mut photons: Option<Array3<f32>> = None;
         let mut whole_levels = true;
         for (index, file) in files.iter().enumerate() {
-            progress("Reading measurements", index, files.len());
+            tell(watch, "Reading measurements", index, files.len())?;
             let grey = read_picture_or_array(file)?;
             check_finite(file, &grey)?;
             whole_levels &= grey.iter().all(|level| level.fract() == 0.0);
@@ -252,7 +248,7 @@ impl MeasuredImages {
         request: &EstimateRequest,
         noise: Noise,
         seed: u64,
-        progress: Progress<'_>,
+        watch: Watch<'_>,
     ) -> Result<Estimate, MeasuredError> {
         let start = std::time::Instant::now();
         NoiseEntropy::new(noise, request.protocol)?;
@@ -264,7 +260,7 @@ impl MeasuredImages {
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
         let parts = order.split_at(test_images);
         let trials = (0..request.trials.max(1) as u64)
-            .map(|trial| self.trial(request, noise, patch, parts, seed.wrapping_add(trial), progress))
+            .map(|trial| self.trial(request, noise, patch, parts, seed.wrapping_add(trial), watch))
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = self.notes.clone();
         notes.push(format!(
@@ -299,7 +295,7 @@ impl MeasuredImages {
         patch: (usize, usize),
         (test, train): (&[usize], &[usize]),
         seed: u64,
-        progress: Progress<'_>,
+        watch: Watch<'_>,
     ) -> Result<Trial, MeasuredError> {
         let test = self.cut(test, patch, request.patches_test, derived_seed(seed, 2), "the test")?;
         if let DensityModel::Causal { estimator, budget } = request.model {
@@ -314,14 +310,10 @@ impl MeasuredImages {
                 estimator,
                 seed: derived_seed(seed, 3),
             };
-            let watch = &mut |fit: &_| {
-                tell(fit, progress);
-                ControlFlow::Continue(())
-            };
-            return Ok(causal_estimate(&request, watch)?.0);
+            return Ok(causal_estimate(&request, &mut |fit| watch(&fit.into()))?.0);
         }
         let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
-        progress("Fitting", 0, 1);
+        tell(watch, "Fitting", 0, 1)?;
         let (train, test, protocol) = (train.view(), test.view(), request.protocol);
         let gaussian =
             |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
@@ -342,11 +334,7 @@ impl MeasuredImages {
                     engine,
                     seed,
                 };
-                let watch = &mut |fit: &_| {
-                    tell(fit, progress);
-                    ControlFlow::Continue(())
-                };
-                pixelcnn_estimate(&request, watch)?.0
+                pixelcnn_estimate(&request, &mut |fit| watch(&fit.into()))?.0
             }
             DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
                 return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });

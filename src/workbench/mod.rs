@@ -10,6 +10,7 @@ mod evaluation;
 mod export;
 mod jobs;
 mod measured;
+mod progress;
 mod simulation;
 mod stacks;
 mod stream;
@@ -26,6 +27,7 @@ pub use evaluation::{
 pub use export::{Curve, ExportError, export_design};
 pub use jobs::{Job, Outcome};
 pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
+pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch};
 pub use simulation::{Simulated, Simulator};
 pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};
