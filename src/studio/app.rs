@@ -76,6 +76,11 @@ impl Studio {
         self.state.messages.push(Severity::Notice, notice);
     }
 
+    /// Switches the live estimate on or off.
+    pub fn set_live(&self, live: bool) {
+        self.state.bench.set_live(live);
+    }
+
     /// The workbench behind the window.
     pub fn bench(&self) -> &Workbench {
         &self.state.bench
@@ -88,8 +93,12 @@ impl Studio {
             hear(state, outcome);
         }
         state.live = state.bench.live();
+        state.estimates = state.bench.estimates();
         if let Some(information) = state.live.information.as_ref() {
             state.trail.note(information.revision, &information.value, state.bench.design());
+        }
+        if let Some(live) = &state.estimates.live {
+            state.trail.note_live(live.revision, live.value.bits_per_pixel);
         }
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
@@ -172,6 +181,15 @@ impl Studio {
         });
         if ui.button("Reset layout").clicked() {
             self.rooms = default_layout();
+            ui.close();
+        }
+        let mut live = self.state.bench.is_live();
+        if ui
+            .checkbox(&mut live, "Keep estimating")
+            .on_hover_text("Fits a density model while you edit; it takes what the window leaves of the processor")
+            .clicked()
+        {
+            self.state.bench.set_live(live);
             ui.close();
         }
         if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {

@@ -5,7 +5,7 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 
 use super::dialogs::Purpose;
 use super::image_view::{name_widget, placeholder, toolbar};
-use super::information_panel::{CEILING, GAUSSIAN};
+use super::information_panel::{CEILING, DENSITY, GAUSSIAN};
 use super::state::{State, TrailPoint};
 
 /// Shows the bounds after each edit.
@@ -40,6 +40,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 for (name, colour, value) in [
                     ("Gaussian bound", GAUSSIAN, &(|point: &TrailPoint| Some(point.bound)) as &dyn Fn(&_) -> _),
                     ("ceiling", CEILING, &|point: &TrailPoint| point.ceiling),
+                    ("live estimate", DENSITY, &|point: &TrailPoint| point.live),
                 ] {
                     plot.line(Line::new(name, line(value)).color(colour).width(2.0));
                     plot.points(Points::new(name, line(value)).color(colour).radius(2.5));

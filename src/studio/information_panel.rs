@@ -4,10 +4,20 @@ use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use super::image_view::{placeholder, significant};
 use super::state::State;
-use crate::workbench::LiveInformation;
+use crate::information::Bracket;
+use crate::workbench::{LiveEstimate, LiveInformation};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 const TAMURA_GUIDE: f64 = 0.75;
+
+/// Colour of the Gaussian bound.
+pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
+/// Colour of the ceiling.
+pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
+/// Colour of density models.
+pub const DENSITY: Color32 = Color32::from_rgb(196, 122, 232);
+/// Colour of lower bounds.
+pub const LOWER: Color32 = Color32::from_rgb(64, 176, 112);
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -22,81 +32,157 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
         return;
     };
-    let current = state.is_current(information.revision);
+    let known = Known::of(state, &information.value, information.revision);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        headline(ui, &information.value, current);
-        bound_bar(ui, &information.value);
-        details(ui, &information.value);
+        headline(ui, &known);
+        bound_bar(ui, &known);
+        details(ui, state, &known);
+        warning(ui, &known);
         ui.add_space(4.0);
         ui.separator();
         tamura(ui, state);
     });
 }
 
-/// The tightest upper bound, large, and what kind of number it is.
-fn headline(ui: &mut Ui, information: &LiveInformation, current: bool) {
-    let gaussian = information.gaussian.bits_per_pixel;
-    let ceiling = information.ceiling_bits();
-    let (upper, name) = match ceiling {
-        Some(ceiling) if ceiling < gaussian => (ceiling, "object-entropy ceiling"),
-        _ => (gaussian, "Gaussian bound"),
+/// All that is known of the open design.
+struct Known<'a> {
+    bounds: &'a LiveInformation,
+    /// Whether the bounds are those of the design as it is now.
+    current: bool,
+    live: Option<(LiveEstimate, bool)>,
+    /// The newest bracket of the design as it is now: of the patch that the live numbers refer to.
+    bracket: Option<Bracket>,
+    /// The same for whole measurements, with their shape.
+    sensor: Option<(Bracket, [usize; 2])>,
+}
+
+impl<'a> Known<'a> {
+    fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
+        let finished = state.estimates.finished.iter().rev().filter(|result| state.is_current(result.revision));
+        let brackets: Vec<_> = finished
+            .filter_map(|result| Some((result.value.estimate.bracket.clone()?, result.value.estimate.patch)))
+            .collect();
+        let here = [bounds.patch.0, bounds.patch.1];
+        let live = state.estimates.live.as_ref();
+        Self {
+            bounds,
+            current: state.is_current(revision),
+            live: live.map(|live| (LiveEstimate::clone(&live.value), state.is_current(live.revision))),
+            bracket: brackets.iter().find(|(_, patch)| *patch == here).map(|(bracket, _)| bracket.clone()),
+            sensor: brackets.into_iter().find(|(_, patch)| *patch != here),
+        }
+    }
+
+    fn gaussian(&self) -> f64 {
+        self.bounds.gaussian.bits_per_pixel
+    }
+
+    /// The smallest upper bound for patches, and its name.
+    fn upper(&self) -> (f64, String) {
+        let mut bounds = vec![(self.gaussian(), "Gaussian bound".to_owned())];
+        bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "object-entropy ceiling".to_owned())));
+        if let Some((live, true)) = &self.live {
+            bounds.push((live.bits_per_pixel, "live estimate".into()));
+        }
+        if let Some(bracket) = &self.bracket {
+            bounds.push((bracket.upper, format!("{} bound", bracket.upper_from)));
+        }
+        bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or_default()
+    }
+}
+
+/// Bits with three decimals.
+pub fn rounded(bits: f64) -> String {
+    format!("{bits:.3}")
+}
+
+/// An interval in brackets.
+pub fn interval([low, high]: [f64; 2]) -> String {
+    format!("[{low:.3}, {high:.3}]")
+}
+
+/// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
+fn headline(ui: &mut Ui, known: &Known<'_>) {
+    let (upper, from) = known.upper();
+    let (rows, cols) = known.bounds.patch;
+    let (text, name, patch) = match (&known.sensor, known.bracket.as_ref().and_then(|bracket| bracket.lower)) {
+        (Some((Bracket { lower: Some(lower), upper, upper_from, .. }, [rows, cols])), _) => (
+            format!("{lower:.3} \u{2013} {upper:.3}"),
+            format!("whole sensor: decoder, {upper_from}"),
+            format!("The information of whole measurements ({rows} x {cols} px) lies between these bounds."),
+        ),
+        (_, Some(lower)) => (
+            format!("{lower:.3} \u{2013} {upper:.3}"),
+            format!("decoder bound, {from}"),
+            format!("The information of {rows} x {cols} px patches lies between these bounds."),
+        ),
+        _ => (
+            format!("\u{2264} {upper:.3}"),
+            from,
+            if known.bounds.ceiling.is_some() {
+                format!("Upper bound for {rows} x {cols} px patches. A bracket (Estimates) adds the lower one.")
+            } else {
+                format!(
+                    "Upper bound for {rows} x {cols} px patches; what these objects hold is not known, so no lower one is."
+                )
+            },
+        ),
     };
     ui.horizontal_wrapped(|ui| {
-        let text = RichText::new(format!("\u{2264} {upper:.3}")).size(30.0).strong();
-        let text = if current { text } else { text.weak() };
-        ui.label(text);
+        let text = RichText::new(text).size(28.0).strong();
+        ui.label(if known.current { text } else { text.weak() });
         ui.vertical(|ui| {
             ui.add_space(4.0);
             ui.label("bits per pixel");
-            ui.weak(if current { name.to_owned() } else { format!("{name}, of an earlier edit") });
+            ui.weak(if known.current { name } else { format!("{name}, of an earlier edit") });
         });
     });
-    let (rows, cols) = information.patch;
-    ui.weak(format!("Upper bounds for {rows} x {cols} px patches; no lower bound is known for this estimator."))
-        .on_hover_text("The mutual information between scenes and measurements lies at or below both bounds.");
-    if ceiling.is_some_and(|ceiling| ceiling < gaussian) {
-        let warning = "The Gaussian bound lies above what the objects hold at all: it overstates this design.";
-        ui.colored_label(ui.visuals().warn_fg_color, warning);
-    }
+    ui.weak(patch).on_hover_text("Mutual information between scenes and noisy measurements");
     ui.add_space(4.0);
 }
 
-/// Both bounds on one axis that starts at 0.
-fn bound_bar(ui: &mut Ui, information: &LiveInformation) {
-    let gaussian = information.gaussian.bits_per_pixel;
-    let ceiling = information.ceiling_bits();
-    let end = nice_end(gaussian.max(ceiling.unwrap_or(0.0)));
+/// Says where a number overstates the design; below the numbers, so that they stay where they are.
+fn warning(ui: &mut Ui, known: &Known<'_>) {
+    let ceiling = known.bounds.ceiling_bits().unwrap_or(f64::INFINITY);
+    if known.live.as_ref().is_some_and(|(live, current)| *current && live.interval_95[0] > ceiling) {
+        let warning = "The live estimate lies above what the objects hold at all: do not rank masks by it.";
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    } else if ceiling < known.gaussian() && known.live.is_none() {
+        let warning = "The Gaussian bound lies above what the objects hold at all: it overstates this design.";
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+}
+
+/// All bounds on one axis that starts at 0; where the truth can be is filled.
+fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
+    let (upper, _) = known.upper();
+    let lower = known.bracket.as_ref().and_then(|bracket| bracket.lower);
+    let mut marks = vec![("Gaussian bound", known.gaussian(), GAUSSIAN)];
+    marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
+    if let Some((live, _)) = &known.live {
+        marks.push(("live estimate", live.bits_per_pixel, DENSITY));
+    }
+    marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
+    let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
-    let text = match ceiling {
-        Some(ceiling) => format!("Gaussian bound {gaussian:.3}, ceiling {ceiling:.3} bits per pixel"),
-        None => format!("Gaussian bound {gaussian:.3} bits per pixel"),
-    };
+    let text = marks.iter().map(|(name, bits, _)| format!("{name} {bits:.3}")).collect::<Vec<_>>().join(", ");
+    let text = format!("{text} bits per pixel");
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Meter, true, &text));
     let rect = response.rect;
-    let at = |bits: f64| rect.left() + (bits / end) as f32 * rect.width();
+    let at = |bits: f64| rect.left() + (bits.max(0.0) / end) as f32 * rect.width();
     let top = rect.top() + 4.0;
     let bar = |from: f64, to: f64| egui::Rect::from_min_max(pos2(at(from), top), pos2(at(to), top + 12.0));
     let weak = ui.visuals().weak_text_color();
     painter.rect_filled(bar(0.0, end), 2.0, ui.visuals().extreme_bg_color);
-    let allowed = gaussian.min(ceiling.unwrap_or(gaussian)).max(0.0);
-    painter.rect_filled(bar(0.0, allowed), 2.0, ui.visuals().selection.bg_fill);
-    let mark = |bits: f64, colour: Color32| {
-        painter.vline(at(bits), top - 3.0..=top + 15.0, Stroke::new(2.0, colour));
-    };
-    mark(gaussian, GAUSSIAN);
-    if let Some(ceiling) = ceiling {
-        mark(ceiling, CEILING);
+    painter.rect_filled(bar(lower.unwrap_or(0.0), upper), 2.0, ui.visuals().selection.bg_fill);
+    for (_, bits, colour) in &marks {
+        painter.vline(at(*bits), top - 3.0..=top + 15.0, Stroke::new(2.0, *colour));
     }
     let font = egui::FontId::proportional(10.0);
     painter.text(pos2(rect.left(), top + 17.0), egui::Align2::LEFT_TOP, "0", font.clone(), weak);
     painter.text(pos2(rect.right(), top + 17.0), egui::Align2::RIGHT_TOP, significant(end), font, weak);
     response.on_hover_text(text);
 }
-
-/// Colour of the Gaussian bound.
-pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
-/// Colour of the ceiling.
-pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
 
 /// The next round number above `value`.
 fn nice_end(value: f64) -> f64 {
@@ -109,9 +195,8 @@ fn nice_end(value: f64) -> f64 {
         .unwrap_or(value)
 }
 
-fn details(ui: &mut Ui, information: &LiveInformation) {
-    let bound = &information.gaussian;
-    let [low, high] = information.interval_95;
+fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
+    let bound = &known.bounds.gaussian;
     egui::Grid::new("information details").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
         let mut line = |name: &str, value: String, colour: Option<Color32>, hint: &str| {
             ui.horizontal(|ui| {
@@ -124,17 +209,31 @@ fn details(ui: &mut Ui, information: &LiveInformation) {
             ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
+        if let Some((lower, range)) =
+            known.bracket.as_ref().and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95?)))
+        {
+            let hint = "What a decoder was seen to tell of fresh scenes: the information is at least this.";
+            line("Lower bound", format!("{} {}", rounded(lower), interval(range)), Some(LOWER), hint);
+        }
+        let (value, entropies) = live_line(state, known);
+        line(
+            "Live estimate",
+            value,
+            Some(DENSITY),
+            "Cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % interval. An upper \
+             bound from the first number on, that falls while the model is fitted.",
+        );
         line(
             "Gaussian bound",
-            format!("{:.3}  [{low:.3}, {high:.3}]", bound.bits_per_pixel),
+            format!("{} {}", rounded(bound.bits_per_pixel), interval(known.bounds.interval_95)),
             Some(GAUSSIAN),
             "Entropy of the Gaussian with the measurements' covariance, less the noise entropy; 95 % interval. \
              It needs no samples but for the noise entropy, and is loose for sparse objects.",
         );
-        match information.ceiling_bits() {
+        match known.bounds.ceiling_bits() {
             Some(ceiling) => line(
                 "Ceiling",
-                format!("{ceiling:.3}"),
+                rounded(ceiling),
                 Some(CEILING),
                 "What the objects hold and this PSF can tell apart one bead at a time: no measurement can carry more.",
             ),
@@ -142,17 +241,44 @@ fn details(ui: &mut Ui, information: &LiveInformation) {
         }
         line(
             "Infinite patch",
-            format!("{:.3}", information.infinite_patch_bits()),
+            rounded(known.bounds.infinite_patch_bits()),
             None,
             "The Gaussian bound of an infinitely large sensor (spectral integral)",
         );
+        let (name, entropy_y, entropy_y_given_x) = entropies;
         line(
             "H(Y)  -  H(Y|X)",
-            format!("{:.3}  -  {:.3}", bound.entropy_y, bound.entropy_y_given_x),
+            format!("{entropy_y:.3}  -  {entropy_y_given_x:.3}"),
             None,
-            "Entropy of measurements under the Gaussian model, and of the noise alone; bits per pixel",
+            &format!("Entropy of measurements under the {name}, and of the noise alone; bits per pixel"),
         );
     });
+}
+
+/// The live estimate and how far it is; entropies of the best model that is at hand.
+fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f64)) {
+    let bound = &known.bounds.gaussian;
+    let gaussian = ("Gaussian model", bound.entropy_y, bound.entropy_y_given_x);
+    let failure = state.estimates.live_failure.as_ref().filter(|(revision, _)| state.is_current(*revision));
+    if let Some((_, failure)) = failure {
+        return (failure.clone(), gaussian);
+    }
+    let off = !state.bench.is_live();
+    match &known.live {
+        None if off => ("off".into(), gaussian),
+        None => ("computing".into(), gaussian),
+        Some((live, current)) => {
+            let stage = match (current, live.remaining) {
+                (false, _) => "of an earlier edit".to_owned(),
+                (true, None) => "settled".into(),
+                (true, Some(_)) if off => "switched off".into(),
+                (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
+            };
+            let text = format!("{} {} {stage}", rounded(live.bits_per_pixel), interval(live.interval_95));
+            let entropies = if *current { ("live model", live.entropy_y, live.entropy_y_given_x) } else { gaussian };
+            (text, entropies)
+        }
+    }
 }
 
 /// Tamura coefficients of sensor and objects on one scale, with the published guide.

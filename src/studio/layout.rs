@@ -3,7 +3,10 @@
 use egui_tiles::{Behavior, Container, Linear, LinearDir, SimplificationOptions, TileId, Tiles, Tree, UiResponse};
 
 use super::state::State;
-use super::{history_panel, information_panel, lenslet_table, mask_canvas, mtf_panel, sample_panels, scene_panel};
+use super::{
+    estimates_panel, history_panel, information_map_panel, information_panel, lenslet_table, mask_canvas, mtf_panel,
+    sample_panels, scene_panel,
+};
 
 /// A room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +27,10 @@ pub enum Pane {
     Mtf,
     /// Information of past edits.
     History,
+    /// Estimates that take minutes.
+    Estimates,
+    /// Where in a patch the information comes from.
+    InformationMap,
 }
 
 impl Pane {
@@ -37,6 +44,8 @@ impl Pane {
             Self::Information => "Information",
             Self::Mtf => "MTF",
             Self::History => "History",
+            Self::Estimates => "Estimates",
+            Self::InformationMap => "Map",
         }
     }
 }
@@ -62,7 +71,9 @@ pub fn default_layout() -> Tree<Pane> {
         let scene = tiles.insert_pane(Pane::Scene);
         let mtf = tiles.insert_pane(Pane::Mtf);
         let history = tiles.insert_pane(Pane::History);
-        let below = tiles.insert_tab_tile(vec![scene, mtf, history]);
+        let estimates = tiles.insert_pane(Pane::Estimates);
+        let map = tiles.insert_pane(Pane::InformationMap);
+        let below = tiles.insert_tab_tile(vec![scene, estimates, map, mtf, history]);
         let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
         linear.children = vec![information, below];
         linear.shares.set_share(information, 1.15);
@@ -95,6 +106,8 @@ impl Behavior<Pane> for Rooms<'_> {
                 Pane::Information => information_panel::show(ui, self.0),
                 Pane::Mtf => mtf_panel::show(ui, self.0),
                 Pane::History => history_panel::show(ui, self.0),
+                Pane::Estimates => estimates_panel::show(ui, self.0),
+                Pane::InformationMap => information_map_panel::show(ui, self.0),
             }
         });
         UiResponse::None

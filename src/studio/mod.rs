@@ -3,8 +3,10 @@
 mod actions;
 mod app;
 mod dialogs;
+mod estimates_panel;
 mod history_panel;
 mod image_view;
+mod information_map_panel;
 mod information_panel;
 mod layout;
 mod lenslet_table;

@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use crate::optics::Lenslet;
-use crate::workbench::{Colormap, Command, Curve, Design, Job, Live, LiveInformation, Workbench};
+use crate::workbench::{Colormap, Command, Curve, Design, Estimates, Job, Live, LiveInformation, Workbench};
 
 use super::dialogs::{Dialogs, Purpose};
+use super::estimates_panel::EstimateForm;
 use super::image_view::{ImageView, Palettes};
 use super::messages::{Messages, Severity};
 
@@ -16,6 +17,12 @@ pub struct State {
     pub bench: Workbench,
     /// Results as of this frame.
     pub live: Live,
+    /// Longer estimates as of this frame.
+    pub estimates: Estimates,
+    /// What the Estimates room asks for.
+    pub estimate_form: EstimateForm,
+    /// The patch whose information map is shown; the mean over many where there is none.
+    pub map_sample: Option<usize>,
     /// Indices of the selected lenslets.
     pub selection: BTreeSet<usize>,
     /// The pictures.
@@ -75,6 +82,8 @@ pub struct Views {
     pub measurement: ImageView,
     /// Two-dimensional transfer function.
     pub mtf: ImageView,
+    /// Information of the pixels of a patch.
+    pub information: ImageView,
 }
 
 /// A drag on the mask canvas.
@@ -113,6 +122,8 @@ pub struct TrailPoint {
     pub bound: f64,
     /// Object-entropy ceiling.
     pub ceiling: Option<f64>,
+    /// Newest live estimate.
+    pub live: Option<f64>,
     /// Counts scenes and sensors: points of different ones are not comparable.
     pub setting: usize,
 }
@@ -139,8 +150,16 @@ impl Trail {
             revision,
             bound: information.gaussian.bits_per_pixel,
             ceiling: information.ceiling_bits(),
+            live: None,
             setting: last.map_or(0, |last| last.setting + changed),
         });
+    }
+
+    /// Notes the live estimate of a revision that is in the trail.
+    pub fn note_live(&mut self, revision: u64, bits_per_pixel: f64) {
+        if let Some(point) = self.points.iter_mut().rev().find(|point| point.revision == revision) {
+            point.live = Some(bits_per_pixel);
+        }
     }
 
     /// Runs of points that are comparable.
@@ -151,15 +170,22 @@ impl Trail {
     /// The trail as columns for a file.
     pub fn curve(&self) -> Curve {
         Curve {
-            header: ["revision", "setting", "gaussian_bound_bits_per_pixel", "ceiling_bits_per_pixel"]
-                .map(String::from)
-                .to_vec(),
+            header: [
+                "revision",
+                "setting",
+                "gaussian_bound_bits_per_pixel",
+                "ceiling_bits_per_pixel",
+                "live_estimate_bits_per_pixel",
+            ]
+            .map(String::from)
+            .to_vec(),
             rows: self
                 .points
                 .iter()
                 .map(|point| {
-                    let ceiling = point.ceiling.unwrap_or(f64::NAN);
-                    vec![point.revision as f64, point.setting as f64, point.bound, ceiling]
+                    let known = |bits: Option<f64>| bits.unwrap_or(f64::NAN);
+                    let (revision, setting) = (point.revision as f64, point.setting as f64);
+                    vec![revision, setting, point.bound, known(point.ceiling), known(point.live)]
                 })
                 .collect(),
         }
@@ -169,16 +195,20 @@ impl Trail {
 impl State {
     /// The state of a new window on a workbench.
     pub fn new(bench: Workbench) -> Self {
-        let live = bench.live();
+        let (live, estimates) = (bench.live(), bench.estimates());
         Self {
             bench,
             live,
+            estimates,
+            estimate_form: EstimateForm::default(),
+            map_sample: None,
             selection: BTreeSet::new(),
             views: Views {
                 psf: ImageView::new("PSF", "", Colormap::Viridis),
                 object: ImageView::new("Object", "photons", Colormap::Gray),
                 measurement: ImageView::new("Measurement", "photons", Colormap::Gray),
                 mtf: ImageView::new("MTF map", "", Colormap::Viridis),
+                information: ImageView::new("Information map", "bits", Colormap::Inferno),
             },
             palettes: Palettes::default(),
             sample: 0,

@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use super::command::{Command, CommandError};
 use super::design::Design;
+use super::estimation::EstimateRequest;
+use super::estimator::{EstimateOrder, Estimates};
 use super::jobs::{Job, Outcome};
 use super::worker::{Live, Worker};
 use crate::objects::ObjectSource;
@@ -69,6 +71,35 @@ impl Workbench {
         let done = |revision: Option<u64>| revision == Some(self.revision);
         !done(live.information.map(|information| information.revision))
             && !done(live.failure.map(|(revision, _)| revision))
+    }
+
+    /// Live estimate and ordered estimates; compare their revisions with [`Workbench::revision`].
+    pub fn estimates(&self) -> Estimates {
+        self.worker.estimator().estimates()
+    }
+
+    /// Whether live estimates are computed.
+    pub fn is_live(&self) -> bool {
+        self.worker.estimator().is_live()
+    }
+
+    /// Switches live estimates on or off.
+    pub fn set_live(&self, live: bool) {
+        self.worker.estimator().set_live(live);
+    }
+
+    /// Orders an estimate of the design as it is now.
+    ///
+    /// # Errors
+    /// One sentence where another one is computed.
+    pub fn order_estimate(&self, request: EstimateRequest) -> Result<(), String> {
+        let (design, revision) = (Arc::clone(&self.design), self.revision);
+        self.worker.estimator().order(EstimateOrder { design, revision, request })
+    }
+
+    /// Stops the ordered estimate.
+    pub fn cancel_estimate(&self) {
+        self.worker.estimator().cancel();
     }
 
     /// Changes the design.
@@ -155,6 +186,7 @@ impl Workbench {
                 *outcome = Err(error.to_string());
             }
         }
+        outcomes.extend(self.worker.estimator().take_failures().into_iter().map(Err));
         outcomes
     }
 }

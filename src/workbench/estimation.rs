@@ -215,7 +215,7 @@ fn causal(
         length: FitLength::Time(budget),
         start: None,
         estimator,
-        seed: derived_seed(seed, 3),
+        seed,
     };
     let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
     Ok(trial)

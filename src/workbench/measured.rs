@@ -308,7 +308,7 @@ impl MeasuredImages {
                 length: FitLength::Time(budget),
                 start: None,
                 estimator,
-                seed: derived_seed(seed, 3),
+                seed,
             };
             return Ok(causal_estimate(&request, &mut |fit| watch(&fit.into()))?.0);
         }

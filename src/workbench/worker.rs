@@ -13,6 +13,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use super::design::Design;
+use super::estimator::Estimator;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
 use super::jobs::{Job, Outcome};
 use crate::information::{NoiseEntropy, Protocol};
@@ -53,6 +54,9 @@ pub struct Live {
     pub seconds: f64,
 }
 
+/// Tells the window that there is something new.
+pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
+
 /// Handle of the worker thread; dropping it ends the thread after the job in hand.
 pub struct Worker {
     shared: Arc<Shared>,
@@ -65,8 +69,9 @@ struct Shared {
     results: Mutex<Results>,
     /// Reading objects is to stop.
     cancelled: AtomicBool,
-    /// Tells the window that there is something new.
-    wake: Box<dyn Fn() + Send + Sync>,
+    /// Where designs go for their live estimate.
+    estimator: Estimator,
+    wake: Wake,
 }
 
 #[derive(Default)]
@@ -85,7 +90,7 @@ struct Results {
 }
 
 /// A mutex whose holder panicked still holds whole values here: every critical section only moves values.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -95,12 +100,14 @@ impl Worker {
     /// # Errors
     /// Where the operating system gives no thread.
     pub fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Self> {
+        let wake: Wake = Arc::new(wake);
         let shared = Arc::new(Shared {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),
             results: Mutex::default(),
             cancelled: AtomicBool::new(false),
-            wake: Box::new(wake),
+            estimator: Estimator::start(Arc::clone(&wake))?,
+            wake,
         });
         let own = Arc::clone(&shared);
         let thread = std::thread::Builder::new().name("lenslet-worker".into()).spawn(move || run(&own))?;
@@ -109,6 +116,7 @@ impl Worker {
 
     /// Asks for the numbers of a design; takes the place of a request that still waits.
     pub fn evaluate(&self, revision: u64, design: Arc<Design>) {
+        self.shared.estimator.supersede(revision);
         lock(&self.shared.mailbox).evaluate = Some((revision, design));
         self.shared.arrived.notify_one();
     }
@@ -123,6 +131,11 @@ impl Worker {
     /// Stops reading objects, if that is going on.
     pub fn cancel(&self) {
         self.shared.cancelled.store(true, Ordering::Relaxed);
+    }
+
+    /// The thread of longer estimates.
+    pub(super) fn estimator(&self) -> &Estimator {
+        &self.shared.estimator
     }
 
     /// The latest results.
@@ -221,7 +234,7 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
     }
 }
 
-fn panic_text(panic: &(dyn Any + Send)) -> String {
+pub(super) fn panic_text(panic: &(dyn Any + Send)) -> String {
     panic
         .downcast_ref::<&str>()
         .map(ToString::to_string)
@@ -288,6 +301,7 @@ impl Evaluator {
         };
         let information = Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
         publish(&|live| live.information = Some(Stamped { revision, value: Arc::clone(&information) }));
+        shared.estimator.refine(revision, Arc::clone(design), scene);
         Ok(())
     }
 

@@ -25,6 +25,9 @@ pub enum FitLength {
     Time(Duration),
 }
 
+/// Hears of every step, gets what makes the model as it would be if the fit ended there, and answers whether to go on.
+pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<()>;
+
 /// How a model is fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CausalFit {
@@ -57,6 +60,20 @@ impl CausalFit {
         model: &mut CausalModel,
         stream: &dyn PatchStream,
         on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+    ) -> Result<usize, InformationError> {
+        self.fit_watched(model, stream, &mut |progress, _| on_progress(progress))
+    }
+
+    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted: the second argument of `on_step`
+    /// makes it as it would be if the fit ended there.
+    ///
+    /// # Errors
+    /// As [`CausalFit::fit`].
+    pub fn fit_watched(
+        &self,
+        model: &mut CausalModel,
+        stream: &dyn PatchStream,
+        on_step: OnStep<'_>,
     ) -> Result<usize, InformationError> {
         let started = Instant::now();
         let mut optimizer = Optimizer::new(&model.layout, &model.weights, true, rule);
@@ -94,7 +111,10 @@ impl CausalFit {
                         return Err(InformationError::Diverged { refused });
                     }
                 }
-                if on_progress(&self.progress(steps, started, recent)).is_break() {
+                let averaged = || optimizer.result(&model.weights).to_vec();
+                let snapshot = || CausalModel { weights: averaged(), ..model.clone() };
+                if on_step(&self.progress(steps, started, recent), &snapshot).is_break() {
+                    model.weights = averaged();
                     return Err(InformationError::Cancelled);
                 }
             }

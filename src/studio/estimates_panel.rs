@@ -1,0 +1,223 @@
+//! Estimates that take minutes: what to compute, how its fit goes, and what came of it.
+
+use std::time::Duration;
+
+use egui::{ComboBox, DragValue, ProgressBar, Ui};
+use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
+
+use super::dialogs::Purpose;
+use super::image_view::name_widget;
+use super::information_panel::{DENSITY, LOWER, interval, rounded};
+use super::messages::Severity;
+use super::state::State;
+use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::workbench::{Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped};
+
+/// What the form asks for.
+pub struct EstimateForm {
+    kind: Estimator,
+    whole_sensor: bool,
+    minutes: f64,
+    /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
+    chosen: Option<usize>,
+}
+
+impl Default for EstimateForm {
+    fn default() -> Self {
+        Self { kind: Estimator::Bracket, whole_sensor: false, minutes: 5.0, chosen: None }
+    }
+}
+
+impl EstimateForm {
+    /// Those that are fitted; the Gaussian bound follows every edit anyway.
+    const KINDS: [(Estimator, &'static str, f64, &'static str); 3] = [
+        (
+            Estimator::Bracket,
+            "Bracket",
+            5.0,
+            "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below",
+        ),
+        (Estimator::Full, "Full", 30.0, "The density model of the live estimate, fitted for long"),
+        (Estimator::PixelCnn, "PixelCNN", 10.0, "The published density model, default protocol"),
+    ];
+
+    fn request(&self) -> EstimateRequest {
+        let budget = Duration::from_secs_f64(60.0 * self.minutes);
+        EstimateRequest {
+            model: match self.kind {
+                Estimator::PixelCnn => DensityModel::PixelCnn { budget: Some(budget), engine: EngineChoice::Cpu },
+                Estimator::Bracket => DensityModel::Bracket { budget },
+                estimator => DensityModel::Causal { estimator, budget },
+            },
+            protocol: Protocol::Default,
+            patch: if self.whole_sensor { None } else { Some((32, 32)) },
+            patches_train: 10_000,
+            patches_test: 1_500,
+            trials: 1,
+        }
+    }
+}
+
+/// Shows the panel.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    order(ui, state);
+    ui.separator();
+    let running = state.estimates.running.clone();
+    let finished = state.estimates.finished.clone();
+    if let Some(running) = &running {
+        let progress = &running.progress;
+        let share = progress.done as f32 / progress.total.max(1) as f32;
+        ui.label(format!("{}: {}", running.model.estimator(), progress.step));
+        ui.add(ProgressBar::new(share).desired_height(8.0));
+        fit_plot(ui, &running.curve, 150.0);
+    }
+    if finished.is_empty() && running.is_none() {
+        ui.weak("An estimate runs beside your work: edit on, its result keeps the design it belongs to.");
+        return;
+    }
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        for (index, result) in finished.iter().enumerate().rev() {
+            entry(ui, state, index, result);
+        }
+        let shown = state.estimate_form.chosen.and_then(|index| finished.get(index)).or(finished.last());
+        if let Some(shown) = shown.filter(|shown| running.is_none() && !shown.value.curve.is_empty()) {
+            fit_plot(ui, &shown.value.curve, 170.0);
+        }
+    });
+}
+
+/// Estimator, patch, time, and the button.
+fn order(ui: &mut Ui, state: &mut State) {
+    let running = state.estimates.running.is_some();
+    ui.horizontal_wrapped(|ui| {
+        let form = &mut state.estimate_form;
+        let known = EstimateForm::KINDS.iter().find(|(kind, ..)| *kind == form.kind);
+        let response = ComboBox::from_id_salt("estimator")
+            .selected_text(known.map_or("", |(_, name, ..)| name))
+            .width(84.0)
+            .show_ui(ui, |ui| {
+                for (kind, name, minutes, hint) in EstimateForm::KINDS {
+                    if ui.selectable_value(&mut form.kind, kind, name).on_hover_text(hint).clicked() {
+                        form.minutes = minutes;
+                    }
+                }
+            })
+            .response;
+        name_widget(&response, "Estimator");
+        let response = ComboBox::from_id_salt("patch")
+            .selected_text(if form.whole_sensor { "Whole sensor" } else { "32 x 32 px" })
+            .width(96.0)
+            .show_ui(ui, |ui| {
+                ui.selectable_value(&mut form.whole_sensor, false, "32 x 32 px");
+                ui.selectable_value(&mut form.whole_sensor, true, "Whole sensor").on_hover_text(
+                    "Patches count copies of one object point again; the whole measurement does not, and ranks masks as \
+                     reconstruction does",
+                );
+            })
+            .response;
+        name_widget(&response, "Patch");
+        let time = DragValue::new(&mut form.minutes).range(0.1..=600.0).speed(0.2).max_decimals(1).suffix(" min");
+        name_widget(&ui.add(time), "Minutes");
+        if running {
+            let cancel = ui.button("Cancel estimate");
+            if cancel.clicked() {
+                state.bench.cancel_estimate();
+            }
+        } else if ui.button("Start estimate").clicked() {
+            let request = state.estimate_form.request();
+            if let Err(refusal) = state.bench.order_estimate(request) {
+                state.messages.push(Severity::Failure, refusal);
+            }
+        }
+    });
+}
+
+/// One finished estimate.
+fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<FinishedEstimate>) {
+    let current = state.is_current(result.revision);
+    let estimate = &result.value.estimate;
+    ui.group(|ui| {
+        ui.set_width(ui.available_width());
+        ui.horizontal_wrapped(|ui| {
+            let text = egui::RichText::new(summary(estimate)).strong();
+            let response = ui.selectable_label(state.estimate_form.chosen == Some(index), text);
+            name_widget(&response, &format!("Estimate {}", index + 1));
+            if response.on_hover_text("Shows the curve of its fit").clicked() {
+                state.estimate_form.chosen = Some(index);
+            }
+        });
+        let [rows, cols] = estimate.patch;
+        let age = if current { "" } else { ", of an earlier edit" };
+        let minutes = estimate.seconds / 60.0;
+        ui.weak(format!("{}, patch {rows} x {cols} px, {minutes:.1} min{age}", estimate.encoder));
+        if estimate.above_ceiling() {
+            ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
+        }
+        ui.horizontal(|ui| {
+            let copy = ui.small_button("Copy JSON");
+            name_widget(&copy, &format!("Copy estimate {}", index + 1));
+            if copy.clicked()
+                && let Ok(json) = serde_json::to_string_pretty(estimate)
+            {
+                ui.ctx().copy_text(json);
+            }
+            let export = ui.small_button("Curve CSV...");
+            name_widget(&export, &format!("Export curve of estimate {}", index + 1));
+            if export.clicked() {
+                let curve = columns(&result.value.curve);
+                state.dialogs.ask(Purpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
+            }
+        });
+    });
+}
+
+/// The number of an estimate in one line.
+pub fn summary(estimate: &Estimate) -> String {
+    let lower = estimate.bracket.as_ref().and_then(|bracket| bracket.lower);
+    let (bits, from) = (rounded(estimate.bits_per_pixel), estimate.estimator);
+    match lower {
+        Some(lower) => format!("{} to {bits} bits per pixel", rounded(lower)),
+        None => format!("\u{2264} {bits} {} bits per pixel ({from})", interval(estimate.interval_95)),
+    }
+}
+
+/// How the fits went: a density model's cross-entropy falls, what a decoder saves rises.
+fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
+    for (model, name, colour) in
+        [(FittedModel::Density, "H(Y) of the fit", DENSITY), (FittedModel::Decoder, "saved by the decoder", LOWER)]
+    {
+        let points: Vec<[f64; 2]> =
+            curve.iter().filter(|point| point.model == model).map(|point| [point.seconds, point.bits]).collect();
+        if points.len() < 2 {
+            continue;
+        }
+        // The first steps are off the scale of all that follow.
+        let late = &points[points.len() / 10..];
+        let low = late.iter().map(|point| point[1]).fold(f64::INFINITY, f64::min);
+        let high = late.iter().map(|point| point[1]).fold(f64::NEG_INFINITY, f64::max);
+        let margin = 0.05 * (high - low).max(1e-3);
+        Plot::new(("fit", name))
+            .height(height)
+            .legend(Legend::default().position(Corner::RightTop))
+            .include_x(0.0)
+            .include_y(low - margin)
+            .default_y_bounds(low - margin, high + margin)
+            .allow_scroll(false)
+            .x_axis_label("seconds")
+            .y_axis_label("bits per pixel")
+            .show(ui, |plot| {
+                plot.line(Line::new(name, PlotPoints::from(late.to_vec())).color(colour).width(2.0));
+            });
+    }
+}
+
+fn columns(curve: &[FitPoint]) -> Curve {
+    let row = |point: &FitPoint| {
+        let decoder = point.model == FittedModel::Decoder;
+        vec![f64::from(u8::from(decoder)), point.seconds, point.bits]
+    };
+    Curve {
+        header: ["decoder", "seconds", "bits_per_pixel"].map(String::from).to_vec(),
+        rows: curve.iter().map(row).collect(),
+    }
+}

@@ -1,0 +1,355 @@
+//! Estimates that take longer than an edit may: the live estimate, refined for as long as the design stays as it is, and
+//! estimates that were ordered, one at a time. Both run on one named thread, orders first.
+
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::design::Design;
+use super::estimation::{DensityModel, EstimateRequest, estimate};
+use super::evaluation::{EvaluationError, Scene};
+use super::progress::{EstimateProgress, FitPoint};
+use super::refinement::{LiveEstimate, Refiner};
+use super::worker::{Stamped, Wake, lock, panic_text};
+use crate::information::{Estimate, InformationError};
+
+/// Points of the curve of a fit that are kept; beyond, every second one is dropped.
+const CURVE_POINTS: usize = 600;
+/// Time between two tellings of progress.
+const TELL_EVERY: Duration = Duration::from_millis(100);
+
+/// An estimate that was asked for.
+#[derive(Clone, Debug)]
+pub struct EstimateOrder {
+    /// The design as it was then.
+    pub design: Arc<Design>,
+    /// Its revision.
+    pub revision: u64,
+    /// What is to be estimated.
+    pub request: EstimateRequest,
+}
+
+/// An order that is being computed or waits.
+#[derive(Clone, Debug)]
+pub struct RunningEstimate {
+    /// The density model.
+    pub model: DensityModel,
+    /// Revision of the design.
+    pub revision: u64,
+    /// How far it is.
+    pub progress: EstimateProgress,
+    /// Curves of the fits, oldest first.
+    pub curve: Vec<FitPoint>,
+}
+
+/// A finished order with the curves of its fits.
+#[derive(Clone, Debug)]
+pub struct FinishedEstimate {
+    /// The result.
+    pub estimate: Estimate,
+    /// Curves of the fits, oldest first.
+    pub curve: Vec<FitPoint>,
+}
+
+/// What the thread has computed and is computing.
+#[derive(Clone, Default)]
+pub struct Estimates {
+    /// The newest live estimate.
+    pub live: Option<Stamped<LiveEstimate>>,
+    /// Why the newest design has no live estimate.
+    pub live_failure: Option<(u64, String)>,
+    /// The order in hand.
+    pub running: Option<RunningEstimate>,
+    /// All orders that were finished, oldest first.
+    pub finished: Vec<Stamped<FinishedEstimate>>,
+}
+
+/// Handle of the thread; dropping it stops what it does and ends it.
+pub(super) struct Estimator {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    mailbox: Mutex<Mailbox>,
+    arrived: Condvar,
+    estimates: Mutex<Estimates>,
+    failures: Mutex<Vec<String>>,
+    /// Newest revision that is known; a live estimate of an older one is given up.
+    newest: AtomicU64,
+    /// The order in hand is to stop.
+    cancelled: AtomicBool,
+    /// Live estimates are wanted.
+    live: AtomicBool,
+    quit: AtomicBool,
+    wake: Wake,
+}
+
+#[derive(Default)]
+struct Mailbox {
+    refine: Option<Refine>,
+    order: Option<EstimateOrder>,
+}
+
+/// A design whose live estimate is wanted.
+#[derive(Clone)]
+struct Refine {
+    revision: u64,
+    design: Arc<Design>,
+    scene: Arc<Scene>,
+}
+
+impl Estimator {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn start(wake: Wake) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared {
+            mailbox: Mutex::default(),
+            arrived: Condvar::new(),
+            estimates: Mutex::default(),
+            failures: Mutex::default(),
+            newest: AtomicU64::new(0),
+            cancelled: AtomicBool::new(false),
+            live: AtomicBool::new(true),
+            quit: AtomicBool::new(false),
+            wake,
+        });
+        let own = Arc::clone(&shared);
+        let thread = std::thread::Builder::new().name("lenslet-estimator".into()).spawn(move || run(&own))?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// A newer design is on its way: what is refined now is no longer of use.
+    pub fn supersede(&self, revision: u64) {
+        self.shared.newest.fetch_max(revision, Ordering::Relaxed);
+    }
+
+    /// Asks for the live estimate of a design; takes the place of one that waits.
+    pub fn refine(&self, revision: u64, design: Arc<Design>, scene: Arc<Scene>) {
+        self.supersede(revision);
+        lock(&self.shared.mailbox).refine = Some(Refine { revision, design, scene });
+        self.shared.arrived.notify_one();
+    }
+
+    /// Whether live estimates are computed.
+    pub fn is_live(&self) -> bool {
+        self.shared.live.load(Ordering::Relaxed)
+    }
+
+    /// Switches live estimates on or off.
+    pub fn set_live(&self, live: bool) {
+        self.shared.live.store(live, Ordering::Relaxed);
+        self.shared.arrived.notify_one();
+    }
+
+    /// Asks for an estimate; it takes the place of one that waits. Refused while another one is computed.
+    ///
+    /// # Errors
+    /// One sentence where another order is in hand.
+    pub fn order(&self, order: EstimateOrder) -> Result<(), String> {
+        let mut estimates = lock(&self.shared.estimates);
+        if estimates.running.is_some() {
+            return Err("one estimate is computed at a time; cancel the running one first".into());
+        }
+        estimates.running = Some(RunningEstimate {
+            model: order.request.model,
+            revision: order.revision,
+            progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None },
+            curve: Vec::new(),
+        });
+        drop(estimates);
+        self.shared.cancelled.store(false, Ordering::Relaxed);
+        lock(&self.shared.mailbox).order = Some(order);
+        self.shared.arrived.notify_one();
+        Ok(())
+    }
+
+    /// Stops the order in hand.
+    pub fn cancel(&self) {
+        self.shared.cancelled.store(true, Ordering::Relaxed);
+    }
+
+    /// What there is.
+    pub fn estimates(&self) -> Estimates {
+        lock(&self.shared.estimates).clone()
+    }
+
+    /// Why orders failed, since the last call.
+    pub fn take_failures(&self) -> Vec<String> {
+        std::mem::take(&mut *lock(&self.shared.failures))
+    }
+}
+
+impl Drop for Estimator {
+    fn drop(&mut self) {
+        self.shared.quit.store(true, Ordering::Relaxed);
+        self.shared.arrived.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // The thread catches its own panics, so joining fails only where the system killed it.
+            let _ = thread.join();
+        }
+    }
+}
+
+enum Task {
+    Order(EstimateOrder),
+    Refine(Refine),
+}
+
+fn run(shared: &Shared) {
+    // One core is left to the window.
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(cores.saturating_sub(1).max(1))
+        .thread_name(|index| format!("lenslet-estimate-{index}"))
+        .build();
+    let mut refiner = Refiner::default();
+    while let Some(task) = next_task(shared) {
+        let mut work = || match &task {
+            Task::Order(order) => shared.compute(order),
+            Task::Refine(wanted) => shared.refine(&mut refiner, wanted),
+        };
+        let done = catch_unwind(AssertUnwindSafe(|| match &pool {
+            Ok(pool) => pool.install(&mut work),
+            Err(_) => work(),
+        }));
+        if let Err(panic) = done {
+            let text = format!("an internal error stopped this estimate: {}", panic_text(panic.as_ref()));
+            match task {
+                Task::Order(_) => shared.fail(text),
+                Task::Refine(wanted) => {
+                    refiner = Refiner::default();
+                    lock(&shared.estimates).live_failure = Some((wanted.revision, text));
+                }
+            }
+        }
+        (shared.wake)();
+    }
+}
+
+/// Waits for the next task; `None` ends the thread.
+fn next_task(shared: &Shared) -> Option<Task> {
+    let mut mailbox = lock(&shared.mailbox);
+    loop {
+        if shared.quit.load(Ordering::Relaxed) {
+            return None;
+        }
+        if let Some(order) = mailbox.order.take() {
+            return Some(Task::Order(order));
+        }
+        if shared.live.load(Ordering::Relaxed)
+            && let Some(refine) = mailbox.refine.take()
+        {
+            return Some(Task::Refine(refine));
+        }
+        // The flags may change between the look at them and the wait, hence the time limit.
+        let waited = shared.arrived.wait_timeout(mailbox, Duration::from_millis(500));
+        mailbox = waited.unwrap_or_else(std::sync::PoisonError::into_inner).0;
+    }
+}
+
+impl Shared {
+    fn compute(&self, order: &EstimateOrder) {
+        let mut told = Instant::now();
+        let mut watch = |progress: &EstimateProgress| {
+            if self.quit.load(Ordering::Relaxed) || self.cancelled.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            if told.elapsed() >= TELL_EVERY {
+                told = Instant::now();
+                if let Some(running) = &mut lock(&self.estimates).running {
+                    running.curve.extend(progress.fit);
+                    thin_out(&mut running.curve);
+                    running.progress = progress.clone();
+                }
+                (self.wake)();
+            }
+            ControlFlow::Continue(())
+        };
+        match estimate(&order.design, &order.request, &mut watch) {
+            Ok(estimate) => {
+                let mut estimates = lock(&self.estimates);
+                let curve = estimates.running.take().map(|running| running.curve).unwrap_or_default();
+                let value = Arc::new(FinishedEstimate { estimate, curve });
+                estimates.finished.push(Stamped { revision: order.revision, value });
+            }
+            Err(EvaluationError::Information(InformationError::Cancelled)) => {
+                lock(&self.estimates).running = None;
+            }
+            Err(error) => self.fail(error.to_string()),
+        }
+    }
+
+    fn fail(&self, sentence: String) {
+        lock(&self.estimates).running = None;
+        lock(&self.failures).push(sentence);
+    }
+
+    fn refine(&self, refiner: &mut Refiner, wanted: &Refine) {
+        let revision = wanted.revision;
+        if revision < self.newest.load(Ordering::Relaxed) {
+            return;
+        }
+        let published = std::cell::Cell::new(false);
+        let mut publish = |estimate: LiveEstimate| {
+            published.set(true);
+            let mut estimates = lock(&self.estimates);
+            estimates.live_failure = None;
+            estimates.live = Some(Stamped { revision, value: Arc::new(estimate) });
+            drop(estimates);
+            (self.wake)();
+        };
+        // While edits follow each other quickly, each one that was begun still brings its first number.
+        let stop = || {
+            let superseded = revision < self.newest.load(Ordering::Relaxed) && published.get();
+            let unwanted = self.quit.load(Ordering::Relaxed) || !self.live.load(Ordering::Relaxed);
+            superseded || unwanted || lock(&self.mailbox).order.is_some()
+        };
+        match refiner.refine(&wanted.design, &wanted.scene, &mut publish, &stop) {
+            Ok(()) => {}
+            Err(EvaluationError::Information(InformationError::Cancelled)) => {
+                // An order or the switch interrupted: it goes on afterwards, unless there is a newer design by then.
+                let mut mailbox = lock(&self.mailbox);
+                if revision >= self.newest.load(Ordering::Relaxed) && mailbox.refine.is_none() {
+                    mailbox.refine = Some(wanted.clone());
+                }
+            }
+            Err(error) => lock(&self.estimates).live_failure = Some((revision, error.to_string())),
+        }
+    }
+}
+
+/// Drops every second point of a curve that has grown long.
+fn thin_out(curve: &mut Vec<FitPoint>) {
+    if curve.len() > CURVE_POINTS {
+        let mut index = 0;
+        curve.retain(|_| {
+            index += 1;
+            index % 2 == 1
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::progress::FittedModel;
+    use super::*;
+
+    #[test]
+    fn long_curves_keep_their_first_point_and_their_span() {
+        let point = |seconds| FitPoint { model: FittedModel::Density, seconds, bits: 1.0 };
+        let mut curve: Vec<FitPoint> = Vec::new();
+        for second in 0..5000 {
+            curve.push(point(f64::from(second)));
+            thin_out(&mut curve);
+        }
+        assert!(curve.len() <= CURVE_POINTS && curve.len() > CURVE_POINTS / 4);
+        assert_eq!(curve.first(), Some(&point(0.0)));
+        assert!(curve.last().unwrap().seconds > 4990.0);
+    }
+}

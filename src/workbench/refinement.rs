@@ -1,0 +1,200 @@
+//! The live estimate: a causal density model that starts from the model of the design before the edit, is scored while it
+//! is fitted, and settles.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ndarray::{Array2, Array3, Axis, s};
+
+use super::design::Design;
+use super::estimation::moments;
+use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
+use super::simulation::derived_seed;
+use super::stream::DesignStream;
+use crate::information::{
+    CausalFit, CausalModel, CausalRequest, Estimator, FitLength, InformationError, NoiseEntropy, PatchBatch,
+    PatchStream, Protocol, causal_model, information_map, paired_interval,
+};
+use crate::objects::Split;
+use crate::sensor::Convolution;
+
+/// Time of a fit from the beginning.
+const COLD: Duration = Duration::from_mins(1);
+/// Time of a fit from the model of a similar design.
+const WARM: Duration = Duration::from_secs(20);
+/// Share of the usual learning rate in the latter.
+const WARM_RATE: f64 = 0.5;
+/// Time from the beginning of a fit to its first score; later ones follow at times that grow by [`GROWTH`].
+const FIRST_SCORE: Duration = Duration::from_millis(300);
+const GROWTH: f64 = 1.7;
+/// Held-out patches of the scores in between, and of the last.
+const SCORED: usize = 96;
+const SCORED_LAST: usize = 384;
+/// Patches whose own maps are kept.
+const SHOWN: usize = 8;
+
+/// An estimate that gets better while one waits: an upper bound on the information at any time.
+#[derive(Clone, Debug)]
+pub struct LiveEstimate {
+    /// Bits per pixel.
+    pub bits_per_pixel: f64,
+    /// 95 % interval over held-out patches.
+    pub interval_95: [f64; 2],
+    /// Cross-entropy of the measurements, bits per pixel.
+    pub entropy_y: f64,
+    /// Entropy of the noise, bits per pixel.
+    pub entropy_y_given_x: f64,
+    /// Rows and columns of a patch.
+    pub patch: (usize, usize),
+    /// Held-out patches behind it.
+    pub test_patches: usize,
+    /// Training steps so far.
+    pub steps: usize,
+    /// Seconds of the fit so far.
+    pub seconds: f64,
+    /// Time left until it settles; none once it has.
+    pub remaining: Option<Duration>,
+    /// Whether the fit began with the model of a similar design.
+    pub warm: bool,
+    /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
+    pub mean_map: Array2<f32>,
+    /// The same for some patches one by one, shape (n, rows, cols).
+    pub maps: Array3<f32>,
+    /// Those patches, photons, shape (n, rows, cols).
+    pub patches: Array3<f32>,
+}
+
+/// Keeps the last model for the next design.
+#[derive(Default)]
+pub(super) struct Refiner {
+    last: Option<(Arc<Scene>, CausalModel)>,
+}
+
+impl Refiner {
+    /// Refines the live estimate of a design until it settles. `publish` gets every number; `stop` is asked at every step.
+    ///
+    /// Every design is scored on the same held-out objects at the same places, so that differences between edits are not
+    /// drowned in those of the scenes.
+    ///
+    /// # Errors
+    /// [`InformationError::Cancelled`] when stopped; [`EvaluationError`] where design, objects or noise allow no estimate.
+    pub fn refine(
+        &mut self,
+        design: &Design,
+        scene: &Arc<Scene>,
+        publish: &mut dyn FnMut(LiveEstimate),
+        stop: &dyn Fn() -> bool,
+    ) -> Result<(), EvaluationError> {
+        let set = &scene.set;
+        let psf = design.psf(set.planes())?;
+        let plan = Convolution::new(set.field(), design.encoder.grid())?;
+        let (rows, cols) = plan.measurement_shape();
+        let convolver = plan.with_psf(psf.slice(s![..set.planes(), .., ..]))?;
+        let patch = (rows.min(LIVE_PATCH), cols.min(LIVE_PATCH));
+        let stream = |split| DesignStream { design, set, convolver: &convolver, split, patch };
+        let test = stream(Split::Test).draw(SCORED, derived_seed(design.seed, 2))?;
+        let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
+        let known = self.last.take().filter(|(of, _)| Arc::ptr_eq(of, scene)).map(|(_, model)| model);
+        let train = stream(Split::Train);
+        let request = CausalRequest {
+            stream: &train,
+            test: &test,
+            moments: Some(&moments(design, set, patch)?),
+            noise: design.noise,
+            length: FitLength::Time(if known.is_some() { WARM } else { COLD }),
+            start: known.as_ref(),
+            estimator: Estimator::Live,
+            seed: derived_seed(design.seed, 3),
+        };
+        let mut model = causal_model(&request)?;
+        let mut fit = CausalFit::new(request.length, request.seed);
+        if known.is_some() {
+            fit.rate *= WARM_RATE;
+        }
+        let scorer = Scorer { design, entropy: &entropy, warm: known.is_some() };
+        let started = Instant::now();
+        let mut next = FIRST_SCORE;
+        let mut failure = None;
+        let fitted = fit.fit_watched(&mut model, &train, &mut |progress, snapshot| {
+            if stop() {
+                return ControlFlow::Break(());
+            }
+            if progress.elapsed >= next {
+                match scorer.score(&snapshot(), &test, progress.step, started, progress.remaining) {
+                    Ok(estimate) => publish(estimate),
+                    Err(error) => {
+                        failure = Some(error);
+                        return ControlFlow::Break(());
+                    }
+                }
+                next = started.elapsed().mul_f64(GROWTH);
+            }
+            ControlFlow::Continue(())
+        });
+        if let Some(failure) = failure {
+            return Err(failure.into());
+        }
+        if let Ok(steps) = fitted {
+            // The first patches are those of the scores before, so that the last one differs from them by little.
+            let more = stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(design.seed, 5))?;
+            let test = joined(&test, &more)?;
+            publish(scorer.score(&model, &test, steps, started, None)?);
+        }
+        self.last = Some((Arc::clone(scene), model));
+        Ok(fitted.map(|_| ())?)
+    }
+}
+
+/// Scores models of one design.
+struct Scorer<'a> {
+    design: &'a Design,
+    entropy: &'a NoiseEntropy,
+    warm: bool,
+}
+
+impl Scorer<'_> {
+    fn score(
+        &self,
+        model: &CausalModel,
+        test: &PatchBatch,
+        steps: usize,
+        started: Instant,
+        remaining: Option<Duration>,
+    ) -> Result<LiveEstimate, InformationError> {
+        let maps = information_map(model, self.design.noise, test)?;
+        let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
+        let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let (bits_per_pixel, entropy_y_given_x) = (mean(&information), mean(&per_patch));
+        let shown = s![..SHOWN.min(maps.len_of(Axis(0))), .., ..];
+        Ok(LiveEstimate {
+            bits_per_pixel,
+            interval_95: paired_interval(&information, self.design.seed)?,
+            entropy_y: bits_per_pixel + entropy_y_given_x,
+            entropy_y_given_x,
+            patch: model.patch(),
+            test_patches: information.len(),
+            steps,
+            seconds: started.elapsed().as_secs_f64(),
+            remaining,
+            warm: self.warm,
+            mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
+            maps: maps.slice(shown).mapv(|bits| bits as f32),
+            patches: test.noisy.slice(shown).to_owned(),
+        })
+    }
+}
+
+/// Both batches, one after the other.
+fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, InformationError> {
+    let both = |a: &Array3<f32>, b: &Array3<f32>| {
+        ndarray::concatenate(Axis(0), &[a.view(), b.view()])
+            .map_err(|error| InformationError::Stream { reason: error.to_string() })
+    };
+    let clean = match (&one.clean, &other.clean) {
+        (Some(one), Some(other)) => Some(both(one, other)?),
+        _ => None,
+    };
+    Ok(PatchBatch { noisy: both(&one.noisy, &other.noisy)?, clean })
+}
