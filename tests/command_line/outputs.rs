@@ -186,6 +186,27 @@ fn an_estimate_is_never_bare() {
 }
 
 #[test]
+fn a_bracket_names_both_bounds_and_where_they_come_from() {
+    let bench = Bench::new();
+    let line = "estimate --estimator bracket --lenslets heuristic:2 --patch 12 --patches-test 60 --budget 4s --seed 3";
+    let found = bench.json(&format!("{line} --objects beads:0.02"));
+    let bits = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name} in {found}"));
+    assert!(bits("lower") < bits("upper") && bits("upper") == bits("bits_per_pixel"), "{found}");
+    assert!(bits("upper") <= bits("ceiling") && found["lower_from"] == "autoregressive decoder");
+    let interval = found["lower_interval_95"].as_array().unwrap();
+    assert!(interval[0].as_f64().unwrap() <= bits("lower") && bits("lower") <= interval[1].as_f64().unwrap());
+    let names: Vec<&str> =
+        found["upper_bounds"].as_array().unwrap().iter().map(|bound| bound["from"].as_str().unwrap()).collect();
+    assert!(names.len() == 3 && names[0] == found["upper_from"], "{names:?}");
+    assert_eq!((&found["seed"], &found["estimator"]), (&Value::from(3), &Value::from("bracket")));
+
+    // Objects whose entropy is not known have no lower bound.
+    bench.write("digits", idx(12, 28, |pixel| (pixel * 37 % 256) as u8));
+    let told = bench.done(&format!("{line} --objects idx:digits"));
+    assert!(told.contains("no lower bound is known") && told.contains("only an upper bound"), "{told}");
+}
+
+#[test]
 fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     let bench = Bench::new();
     let output = bench.run::<&str>([]);
