@@ -14,6 +14,7 @@ mod progress;
 mod simulation;
 mod stacks;
 mod stream;
+pub mod study;
 mod worker;
 
 pub use bench::Workbench;
