@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::record::{StudyCell, StudyRecord};
-use super::settings::StudyDesign;
+use super::settings::{StudyDesign, patch_name};
 use super::tables::density_of;
 
 /// Size of a panel's axes, pixels of the drawing.
@@ -11,7 +11,7 @@ const PANEL: (f64, f64) = (270.0, 190.0);
 /// Space left of and below the axes of a panel for its labels, and between panels.
 const GAP: (f64, f64) = (62.0, 66.0);
 /// Space above the panels for the legend.
-const TOP: f64 = 64.0;
+const TOP: f64 = 80.0;
 const COLUMNS: usize = 3;
 /// Least distance of two labels of the density axis.
 const LABEL_DISTANCE: f64 = 34.0;
@@ -36,7 +36,7 @@ pub(super) fn bracket_plot(record: &StudyRecord) -> String {
          {height:.0}\" font-family=\"sans-serif\" font-size=\"11\" fill=\"#222\">\n<rect width=\"100%\" height=\"100%\" \
          fill=\"#fff\"/>\n"
     );
-    legend(&mut svg);
+    legend(&mut svg, record);
     for (index, design) in designs.iter().enumerate() {
         let left = GAP.0 + (index % COLUMNS) as f64 * (PANEL.0 + GAP.0);
         let top = TOP + (index / COLUMNS) as f64 * (PANEL.1 + GAP.1);
@@ -48,19 +48,23 @@ pub(super) fn bracket_plot(record: &StudyRecord) -> String {
     svg
 }
 
-fn legend(svg: &mut String) {
-    let entries = [
-        (format!("<rect y=\"-9\" width=\"26\" height=\"10\" {BAND}/>"), "between lower and upper bound"),
-        (format!("<path d=\"M0 -4H26\" {DENSITY}/>"), "density model (an upper bound)"),
-        (
-            format!("<path d=\"M0 -4H26\" {PUBLISHED}/><circle cx=\"13\" cy=\"-4\" r=\"3\" fill=\"#d95f02\"/>"),
-            "published",
-        ),
-    ];
+fn legend(svg: &mut String, record: &StudyRecord) {
+    let band = format!("<rect y=\"-9\" width=\"26\" height=\"10\" {BAND}/>");
+    let density = format!("<path d=\"M0 -4H26\" {DENSITY}/>");
+    let mut entries = vec![(band, "between lower and upper bound"), (density, "density model (an upper bound)")];
+    if record.cells.iter().any(|cell| cell.published.is_some()) {
+        let mark = "<circle cx=\"13\" cy=\"-4\" r=\"3\" fill=\"#d95f02\"/>";
+        entries.push((format!("<path d=\"M0 -4H26\" {PUBLISHED}/>{mark}"), "published"));
+    }
     for (index, (symbol, text)) in entries.iter().enumerate() {
         let left = GAP.0 + index as f64 * 230.0;
         let _ = writeln!(svg, "<g transform=\"translate({left:.0} 24)\">{symbol}<text x=\"34\">{text}</text></g>");
     }
+    // Bits per pixel of different patches do not compare, so the patch is named.
+    let settings = &record.settings;
+    let patches: Vec<String> = settings.patches.iter().map(|&patch| patch_name(patch)).collect();
+    let (patches, noise) = (patches.join(", "), settings.noise);
+    let _ = writeln!(svg, "<text x=\"{}\" y=\"46\">patch: {patches}; {noise} noise</text>", GAP.0);
 }
 
 /// What panels share, so that they compare: the densities, and the largest value.
@@ -240,6 +244,7 @@ mod tests {
         }
         assert_eq!(svg.matches("information (bits per pixel)").count(), 9);
         assert_eq!(svg.matches("bead density (beads per object pixel)").count(), 9);
+        assert!(svg.contains("patch: 32 x 32 px; shot noise") && svg.contains(">published<"));
         assert!(svg.contains(">0.008<") && svg.contains(">0.6<") && !svg.contains("NaN"));
         // Every element is closed.
         for name in ["g", "text", "svg"] {
@@ -258,7 +263,7 @@ mod tests {
         let cells = [(0.005, 1, bounds), (0.008, 1, bounds), (0.013, 1, None), (0.02, 1, bounds), (0.03, 1, bounds)];
         assert_eq!(bracket_plot(&record(&cells)).matches("#9ecae1").count(), 3);
         let empty = bracket_plot(&record(&[]));
-        assert!(!empty.contains("NaN") && empty.matches("#9ecae1").count() == 1);
+        assert!(!empty.contains(">published<") && !empty.contains("NaN") && empty.matches("#9ecae1").count() == 1);
         let single = bracket_plot(&record(&cells[..1]));
         assert!(!single.contains("NaN") && single.matches("#9ecae1").count() == 2);
     }

@@ -90,6 +90,15 @@ impl StudyCell {
         self.estimate.as_ref().map(|estimate| estimate.bits_per_pixel)
     }
 
+    /// What the density model alone gives, bits per pixel: the estimate, or the density bound of a bracket. This is what
+    /// compares with published values, which are those of a density model, too.
+    pub fn model_bits(&self) -> Option<f64> {
+        match &self.estimate.as_ref()?.bracket {
+            Some(_) => self.upper_from("density"),
+            None => self.bits_per_pixel(),
+        }
+    }
+
     /// The lower bound, bits per pixel, where one was computed.
     pub fn lower(&self) -> Option<f64> {
         self.estimate.as_ref()?.bracket.as_ref()?.lower

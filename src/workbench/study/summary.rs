@@ -20,15 +20,15 @@ pub struct StudySummary {
     pub failed: usize,
     /// Estimates above the ceiling: loose ones, by which designs must not be ranked.
     pub above_ceiling: usize,
-    /// How many estimates are as low as the published ones, by margin.
+    /// How many estimates by the density model are as low as the published ones, by margin.
     pub within_published: Vec<WithinPublished>,
-    /// Whether designs come in the published order, by objects.
+    /// Whether the density model puts designs in the published order, by objects.
     pub rank_correlations: Vec<RankCorrelation>,
     /// How far patches overstate the whole sensor, in a study of patches that has it.
     pub over_sensor: Vec<OverSensor>,
 }
 
-/// Estimates at or below the published value and a margin.
+/// Estimates by the density model at or below the published value and a margin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WithinPublished {
     /// The margin, bits per pixel.
@@ -91,7 +91,7 @@ impl StudySummary {
         }
         lines.extend(self.within_published.iter().map(|row| {
             format!(
-                "{} of {} estimates ({:.0} %) are at most the published value + {} bits per pixel",
+                "{} of {} estimates by the density model ({:.0} %) are at most the published value + {} bits per pixel",
                 row.within,
                 row.compared,
                 100.0 * row.share,
@@ -106,9 +106,9 @@ impl StudySummary {
     }
 }
 
-/// Estimate and published value of a cell.
+/// What the density model gives in a cell, and the published value.
 fn compared(cell: &StudyCell) -> Option<(f64, f64)> {
-    cell.bits_per_pixel().zip(cell.published.map(|published| published.bits_per_pixel))
+    cell.model_bits().zip(cell.published.map(|published| published.bits_per_pixel))
 }
 
 fn within_published(cells: &[StudyCell]) -> Vec<WithinPublished> {

@@ -142,12 +142,12 @@ const GRID: [&str; 9] = [
     "lower bound",
     "ceiling",
     "published",
-    "estimate - published",
+    "density model - published",
     "seconds",
 ];
 
 fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
-    let difference = cell.bits_per_pixel().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
+    let difference = cell.model_bits().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
     vec![
         cell.objects.clone(),
         cell.design.clone(),
@@ -241,7 +241,7 @@ fn bits(value: Option<f64>) -> String {
 }
 
 fn seconds(cell: &StudyCell) -> String {
-    cell.estimate.as_ref().map_or(NOTHING.into(), |estimate| format!("{:.0}", estimate.seconds))
+    cell.estimate.as_ref().map_or(NOTHING.into(), |estimate| format!("{:.1}", estimate.seconds))
 }
 
 /// A row of a Markdown table; a bar in a text would end its column.
