@@ -284,7 +284,7 @@ impl Common {
         output::tell(announcement(&study));
         let bar = ProgressBar::new(study.record().settings.cells() as u64).with_style(
             // The template is fixed and valid; a default bar is as good.
-            ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {elapsed}")
+            ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
         study.run(&mut |event| {

@@ -67,14 +67,16 @@ impl StudySummary {
     /// Of these cells.
     pub(super) fn of(settings: &StudySettings, cells: &[StudyCell]) -> Self {
         let estimated = cells.iter().filter(|cell| cell.estimate.is_some()).count();
+        // A single patch of many has a published value: no share, no order.
+        let compared = if settings.kind == StudyKind::Patches { &[] } else { cells };
         let above = |cell: &&StudyCell| cell.estimate.as_ref().is_some_and(crate::information::Estimate::above_ceiling);
         Self {
             cells: settings.cells(),
             estimated,
             failed: cells.len() - estimated,
             above_ceiling: cells.iter().filter(above).count(),
-            within_published: within_published(cells),
-            rank_correlations: rank_correlations(settings, cells),
+            within_published: within_published(compared),
+            rank_correlations: rank_correlations(settings, compared),
             over_sensor: over_sensor(settings, cells),
         }
     }
