@@ -10,6 +10,7 @@ mod export;
 mod headless;
 mod measure;
 mod output;
+mod study;
 mod tamura;
 
 use std::path::PathBuf;
@@ -45,6 +46,8 @@ enum Command {
     Tamura(tamura::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
+    /// Estimate a whole table of objects, designs and patches, resumable, into files.
+    Study(study::Arguments),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -59,6 +62,8 @@ enum Failure {
     Closed,
     /// Bad input, usage, or a file that cannot be read or written: code 2.
     Input(anyhow::Error),
+    /// Done, but not all of it: code 1.
+    Incomplete(anyhow::Error),
 }
 
 /// Every error of the library is about what it was given: files, settings, designs.
@@ -95,6 +100,7 @@ fn finish(result: Result<(), Failure>) -> ExitCode {
         // Whoever closed the pipe has what they wanted.
         Ok(()) | Err(Failure::Closed) => return ExitCode::SUCCESS,
         Err(Failure::Input(error)) => (error, 2),
+        Err(Failure::Incomplete(error)) => (error, 1),
     };
     output::tell(format_args!("lenslet-studio: {error:#}"));
     ExitCode::from(code)
@@ -106,6 +112,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Measure(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
+        Some(Command::Study(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "lenslet-studio", &mut script);

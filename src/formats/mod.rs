@@ -28,6 +28,6 @@ pub use npz::{read_npz, read_npz_f64};
 pub use picture::{read_grey, write_png_rgb, write_png8, write_png16};
 pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
 pub use stack::{read_picture_or_array, read_stack};
-pub use tables::{read_json, write_csv, write_json};
+pub use tables::{read_json, write_csv, write_csv_text, write_json};
 pub use tiff_pages::{PageWriter, read_pages, write_tiff};
 pub use write::{create_folder, write_safely};

@@ -16,6 +16,18 @@ const LARGEST_JSON_BYTES: u64 = 256 << 20;
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written or a row is not as long as the header.
 pub fn write_csv(path: &Path, header: &[&str], rows: impl Iterator<Item = Vec<f64>>) -> Result<(), FormatError> {
+    write_csv_text(path, header, rows.map(|row| row.iter().map(|value| format!("{value:?}")).collect()))
+}
+
+/// Writes a comma-separated table (RFC 4180) of texts, quoted where that is needed.
+///
+/// # Errors
+/// [`FormatError::NotWritten`] if it cannot be written or a row is not as long as the header.
+pub fn write_csv_text(
+    path: &Path,
+    header: &[&str],
+    rows: impl Iterator<Item = Vec<String>>,
+) -> Result<(), FormatError> {
     write_safely(path, |writer| {
         let names: Vec<String> = header.iter().map(|name| quoted(name)).collect();
         writeln!(writer, "{}", names.join(","))?;
@@ -24,7 +36,7 @@ pub fn write_csv(path: &Path, header: &[&str], rows: impl Iterator<Item = Vec<f6
                 let text = format!("row {} of {} values under {} names", index + 1, row.len(), header.len());
                 return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
             }
-            let values: Vec<String> = row.iter().map(|value| format!("{value:?}")).collect();
+            let values: Vec<String> = row.iter().map(|value| quoted(value)).collect();
             writeln!(writer, "{}", values.join(","))?;
         }
         Ok(())

@@ -16,6 +16,7 @@ mod refinement;
 mod simulation;
 mod stacks;
 mod stream;
+pub mod study;
 mod worker;
 
 pub use bench::Workbench;

@@ -5,6 +5,7 @@ mod measured;
 mod options;
 mod outputs;
 mod streams;
+mod study;
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

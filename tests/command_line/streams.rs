@@ -10,7 +10,7 @@ use super::{Bench, text};
 fn everything_has_help() {
     let bench = Bench::new();
     let help = bench.done("--help");
-    for name in ["export", "measure", "tamura", "estimate", "completions"] {
+    for name in ["export", "measure", "tamura", "estimate", "study", "completions"] {
         assert!(help.contains(name), "{help}");
         let of_command = bench.done(&format!("{name} --help"));
         assert!(of_command.contains("Usage: lenslet-studio ") && of_command.contains(name), "{of_command}");

@@ -1,0 +1,430 @@
+//! `study`: one estimate for every cell of a table, resumable.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::choices::{BudgetChoice, PatchChoice, check_count, check_folder};
+use super::design_args::{DesignArgs, SceneArgs};
+use super::{Failure, output};
+use crate::information::Estimator;
+use crate::objects::ObjectSource;
+use crate::sensor::Noise;
+use crate::workbench::study::{
+    PublishedSet, Study, StudyCell, StudyDesign, StudyEvent, StudyObjects, StudyRecord, StudySettings, StudyStep,
+};
+
+/// Most patches of one kind; those of 32 x 32 px then take 4 GB.
+const MOST_PATCHES: usize = 1_000_000;
+
+/// Arguments of `study`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(subcommand)]
+    kind: Kind,
+}
+
+#[derive(Debug, Subcommand)]
+enum Kind {
+    /// Objects and designs against published values: beads of four densities before five heuristic layouts.
+    Grid(Grid),
+    /// One design and its objects in patches of many sizes: how far patches overstate the whole sensor.
+    Patches(Patches),
+    /// Bounds from both sides against bead density, with a plot.
+    Bracket(Bracket),
+}
+
+/// What all kinds share.
+#[derive(Args, Debug)]
+struct Common {
+    /// Folder of the study. One that holds a part of the same study is continued.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// Time for the fits of one cell, such as 60s, 5m or 1h [default: 60s; full 30m, pixelcnn and bracket 5m].
+    #[arg(long)]
+    budget: Option<BudgetChoice>,
+
+    /// Patches that gaussian and pixelcnn are fitted to.
+    #[arg(long, default_value_t = 10_000)]
+    patches_train: usize,
+
+    /// Held-out patches that estimates are scored on.
+    #[arg(long, default_value_t = 1_500)]
+    patches_test: usize,
+
+    /// Print the result file.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args, Debug)]
+struct Grid {
+    #[command(flatten)]
+    common: Common,
+
+    /// The objects, in place of the beads: any source that estimate takes; repeat it for several.
+    #[arg(long, value_name = "OBJECTS")]
+    objects: Vec<ObjectSource>,
+
+    /// The published image set that --objects stand for, once for each and in the same order.
+    #[arg(long, value_enum, value_name = "NAME", requires = "objects")]
+    published_as: Vec<PublishedChoice>,
+
+    /// Heuristic layouts by their number of lenslets [default: 1,2,4,6,9].
+    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = layout)]
+    lenslets: Vec<usize>,
+
+    /// The estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorChoice,
+
+    /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
+    #[arg(long, default_value = "32")]
+    patch: PatchChoice,
+
+    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
+    #[arg(long, default_value_t = Noise::Shot)]
+    noise: Noise,
+
+    /// Seed of objects, noise, patches and fits.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Args, Debug)]
+struct Patches {
+    #[command(flatten)]
+    common: Common,
+
+    #[command(flatten)]
+    design: DesignArgs,
+
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// Patches in pixels: sides of squares, rows x cols, or sensor for whole measurements.
+    #[arg(long, value_delimiter = ',', default_value = "8,12,16,24,32,48,sensor")]
+    sides: Vec<PatchChoice>,
+
+    /// The estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorChoice,
+}
+
+#[derive(Args, Debug)]
+struct Bracket {
+    #[command(flatten)]
+    common: Common,
+
+    /// Heuristic layouts by their number of lenslets [default: 1 to 9].
+    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = layout)]
+    lenslets: Vec<usize>,
+
+    /// Bead densities, beads per object pixel [default: 0.005,0.008,0.013,0.02,0.03,0.05].
+    #[arg(long, value_delimiter = ',', value_parser = beads)]
+    densities: Vec<ObjectSource>,
+
+    /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
+    #[arg(long, default_value = "32")]
+    patch: PatchChoice,
+
+    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
+    #[arg(long, default_value_t = Noise::Shot)]
+    noise: Noise,
+
+    /// Seed of objects, noise, patches and fits.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Estimators by the names of the command line.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum EstimatorChoice {
+    /// Causal density model over clean levels, fitted for 60 s or the --budget.
+    #[default]
+    Live,
+    /// The same, fitted for 30 minutes or the --budget.
+    Full,
+    /// The published autoregressive network, fitted for 5 minutes or the --budget.
+    #[value(name = "pixelcnn")]
+    PixelCnn,
+    /// Stationary Gaussian, fitted in seconds.
+    Gaussian,
+    /// Bounds from both sides in 5 minutes or the --budget.
+    Bracket,
+}
+
+impl EstimatorChoice {
+    /// The estimator and its budget in seconds where none is given.
+    fn estimator(self) -> (Estimator, Option<f64>) {
+        match self {
+            Self::Live => (Estimator::Live, Some(60.0)),
+            Self::Full => (Estimator::Full, Some(1800.0)),
+            Self::PixelCnn => (Estimator::PixelCnn, Some(300.0)),
+            Self::Gaussian => (Estimator::GaussianStationary, None),
+            Self::Bracket => (Estimator::Bracket, Some(300.0)),
+        }
+    }
+}
+
+/// Image sets by the names of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PublishedChoice {
+    Cifar10,
+    Mnist,
+    Fashion,
+    /// Objects that nothing was published for.
+    None,
+}
+
+impl PublishedChoice {
+    fn set(self) -> Option<PublishedSet> {
+        match self {
+            Self::Cifar10 => Some(PublishedSet::Cifar10),
+            Self::Mnist => Some(PublishedSet::Mnist),
+            Self::Fashion => Some(PublishedSet::Fashion),
+            Self::None => None,
+        }
+    }
+}
+
+impl Arguments {
+    /// Does it.
+    pub fn run(self) -> Result<(), Failure> {
+        match self.kind {
+            Kind::Grid(grid) => {
+                let settings = grid.settings()?;
+                grid.common.run(settings)
+            }
+            Kind::Patches(patches) => {
+                let settings = patches.settings()?;
+                patches.common.run(settings)
+            }
+            Kind::Bracket(bracket) => {
+                let settings = bracket.settings();
+                bracket.common.run(settings)
+            }
+        }
+    }
+}
+
+impl Grid {
+    fn settings(&self) -> anyhow::Result<StudySettings> {
+        let published = StudySettings::grid();
+        let (sources, names) = (self.objects.len(), self.published_as.len());
+        if names != 0 && names != sources {
+            anyhow::bail!(
+                "--published-as: expected one for each of {sources} --objects in the same order, found {names}; give \
+                 none for those that nothing was published for"
+            );
+        }
+        let names = self.published_as.iter().map(|choice| choice.set()).chain(std::iter::repeat(None));
+        let objects = self.objects.iter().cloned().zip(names);
+        let objects: Vec<StudyObjects> = objects.map(|(source, set)| StudyObjects::new(source, set)).collect();
+        let (estimator, budget_seconds) = self.estimator.estimator();
+        Ok(StudySettings {
+            objects: if objects.is_empty() { published.objects } else { objects },
+            designs: layouts(&self.lenslets, published.designs),
+            patches: vec![patch(self.patch)],
+            estimator,
+            budget_seconds,
+            noise: self.noise,
+            seed: self.seed,
+            ..published
+        })
+    }
+}
+
+impl Patches {
+    fn settings(&self) -> anyhow::Result<StudySettings> {
+        let design = self.design.design(Some(&self.scene))?;
+        let (estimator, budget_seconds) = self.estimator.estimator();
+        let patches = self.sides.iter().map(|&side| patch(side)).collect();
+        Ok(StudySettings { patches, estimator, budget_seconds, ..StudySettings::patches(&design) })
+    }
+}
+
+impl Bracket {
+    fn settings(&self) -> StudySettings {
+        let all = StudySettings::bracket();
+        let objects: Vec<StudyObjects> =
+            self.densities.iter().map(|source| StudyObjects::new(source.clone(), None)).collect();
+        StudySettings {
+            objects: if objects.is_empty() { all.objects } else { objects },
+            designs: layouts(&self.lenslets, all.designs),
+            patches: vec![patch(self.patch)],
+            noise: self.noise,
+            seed: self.seed,
+            ..all
+        }
+    }
+}
+
+impl Common {
+    fn run(self, mut settings: StudySettings) -> Result<(), Failure> {
+        check_count("--patches-train", self.patches_train, 0..=MOST_PATCHES)?;
+        check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
+        if let Some(budget) = self.budget {
+            if settings.budget_seconds.is_none() {
+                return Err(
+                    anyhow::anyhow!("--budget is the time of a fit; leave it out for --estimator gaussian").into()
+                );
+            }
+            settings.budget_seconds = Some(budget.0.as_secs_f64());
+        }
+        settings.patches_train = self.patches_train;
+        settings.patches_test = self.patches_test;
+        settings.check()?;
+        check_folder(&self.out)?;
+        let mut study = Study::open(settings, &self.out)?;
+        output::tell(announcement(&study));
+        let bar = ProgressBar::new(study.record().settings.cells() as u64).with_style(
+            // The template is fixed and valid; a default bar is as good.
+            ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
+        study.run(&mut |event| {
+            match event {
+                StudyEvent::Step(step) => {
+                    bar.set_position(step.number as u64 - 1);
+                    bar.set_message(working(step));
+                }
+                StudyEvent::Done { number, cells, cell } => {
+                    bar.set_position(*number as u64);
+                    bar.suspend(|| output::tell(finished(*number, *cells, cell)));
+                }
+            }
+            ControlFlow::Continue(())
+        })?;
+        bar.finish_and_clear();
+        self.print(&study)
+    }
+
+    /// The results, and a failure where cells have none.
+    fn print(&self, study: &Study) -> Result<(), Failure> {
+        if self.json {
+            output::print_json(study.record())?;
+        } else {
+            let files = study.files().iter().map(|file| format!("  {}", file.display())).collect::<Vec<_>>().join("\n");
+            output::print(&format!("{}\nWritten:\n{files}", study.markdown()))?;
+        }
+        failed(study.record(), &self.out)
+    }
+}
+
+/// What failed; the sentences are in the record and were told when they came.
+fn failed(record: &StudyRecord, folder: &std::path::Path) -> Result<(), Failure> {
+    match record.summary.failed {
+        0 => Ok(()),
+        failed => Err(Failure::Incomplete(anyhow::anyhow!(
+            "{}: expected an estimate in every cell, found {failed} of {} failed; the same command tries those again",
+            folder.display(),
+            record.summary.cells
+        ))),
+    }
+}
+
+/// What lies ahead, before it begins.
+fn announcement(study: &Study) -> String {
+    let settings = &study.record().settings;
+    let (cells, missing) = (settings.cells(), study.missing());
+    let there = match cells - missing {
+        0 => String::new(),
+        there => format!(", {there} of them there already"),
+    };
+    let each = match settings.budget_seconds {
+        Some(_) => format!("{} each", spoken(settings.budget())),
+        None => "seconds each".to_owned(),
+    };
+    let left = study.time_left();
+    let time = match missing {
+        0 => "nothing is left to compute".to_owned(),
+        _ if left.is_zero() => format!("{missing} left to compute"),
+        _ => format!("about {} to go", spoken(left)),
+    };
+    format!("{cells} cells, {each}{there}: {time}")
+}
+
+fn working(step: &StudyStep<'_>) -> String {
+    let StudyStep { number, cells, name, progress, left } = step;
+    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", spoken(*left)) };
+    format!("Cell {number} of {cells}{left}: {name}: {}", progress.step)
+}
+
+fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
+    let name = cell.name();
+    let result = match (&cell.estimate, &cell.failure) {
+        (Some(estimate), _) => {
+            let lower = cell.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
+            let published =
+                cell.published.map_or(String::new(), |known| format!(", published {:.4}", known.bits_per_pixel));
+            let bits = estimate.bits_per_pixel;
+            format!("{lower}at most {bits:.4} bits per pixel{published}, {:.1} s", estimate.seconds)
+        }
+        (None, Some(failure)) => format!("failed: {failure}"),
+        (None, None) => "failed".to_owned(),
+    };
+    format!("Cell {number} of {cells}: {name}: {result}")
+}
+
+/// A time for people, in its two largest units.
+fn spoken(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    let minutes = (seconds / 60.0).round() as u64;
+    match minutes {
+        _ if seconds < 9.95 => format!("{} s", (seconds * 10.0).round() / 10.0),
+        _ if seconds < 99.5 => format!("{seconds:.0} s"),
+        ..120 => format!("{minutes} min"),
+        _ if minutes.is_multiple_of(60) => format!("{} h", minutes / 60),
+        _ => format!("{} h {} min", minutes / 60, minutes % 60),
+    }
+}
+
+fn patch(choice: PatchChoice) -> Option<(usize, usize)> {
+    match choice {
+        PatchChoice::Shape(rows, cols) => Some((rows, cols)),
+        PatchChoice::Sensor => None,
+    }
+}
+
+/// Heuristic layouts, or those that are usual where none is named.
+fn layouts(counts: &[usize], usual: Vec<StudyDesign>) -> Vec<StudyDesign> {
+    if counts.is_empty() { usual } else { counts.iter().map(|&count| StudyDesign::heuristic(count)).collect() }
+}
+
+/// A heuristic layout by its number of lenslets.
+fn layout(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if (1..=9).contains(&count) => Ok(count),
+        _ => Err(format!("lenslets {text:?}: expected numbers of lenslets from 1 to 9, such as 1,2,4")),
+    }
+}
+
+/// Beads by their density.
+fn beads(text: &str) -> Result<ObjectSource, String> {
+    format!("beads:{text}").parse::<ObjectSource>().map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_told_in_their_two_largest_units() {
+        for (seconds, text) in [
+            (0.25, "0.3 s"),
+            (9.0, "9 s"),
+            (60.0, "60 s"),
+            (300.0, "5 min"),
+            (1200.0, "20 min"),
+            (7200.0, "2 h"),
+            (16_200.0, "4 h 30 min"),
+        ] {
+            assert_eq!(spoken(Duration::from_secs_f64(seconds)), text);
+        }
+    }
+}

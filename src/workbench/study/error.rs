@@ -1,0 +1,65 @@
+//! Why a study cannot begin or go on, told in one sentence.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::formats::FormatError;
+use crate::workbench::EvaluationError;
+
+/// A study that was refused or stopped. A cell that fails is none of these: it is recorded, and the study goes on.
+#[derive(Debug, Error)]
+pub enum StudyError {
+    /// A setting is not one that can be computed.
+    #[error("{what}: expected {expected}, found {found}; change it")]
+    Setting {
+        /// The setting.
+        what: &'static str,
+        /// What it may be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// The folder holds a study of other settings.
+    #[error(
+        "{}: expected a study with {what} {expected}, found one with {found}; repeat the settings that it was started \
+         with, or choose another folder", .path.display()
+    )]
+    Changed {
+        /// The file of the study.
+        path: PathBuf,
+        /// The first setting that differs.
+        what: &'static str,
+        /// Its value now.
+        expected: String,
+        /// Its value in the file.
+        found: String,
+    },
+    /// The file in the folder is no study that this version knows.
+    #[error("{}: expected a Lenslet Studio study of version {version}, found {found}; {advice}", .path.display())]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// Newest version that is read.
+        version: u64,
+        /// What it holds.
+        found: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// Another run computes the same study.
+    #[error("{}: expected a folder of this run alone, found another run at work in it; wait for it or choose another folder", .folder.display())]
+    Busy {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// Objects, mask or noise allow no estimate in any cell.
+    #[error(transparent)]
+    Evaluation(#[from] EvaluationError),
+    /// Whoever watches asked to stop; the cells computed so far are in the file.
+    #[error("the study was stopped; start it again in the same folder to go on")]
+    Cancelled,
+}

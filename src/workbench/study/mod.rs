@@ -1,0 +1,25 @@
+//! Studies: one estimate for every cell of a table of objects, designs and patches, kept in a folder as it grows, so that
+//! hours of computing survive whatever stops them.
+
+mod error;
+mod machine;
+mod plot;
+mod published;
+mod rank;
+mod record;
+mod run;
+mod settings;
+mod summary;
+mod tables;
+
+pub use error::StudyError;
+pub use machine::Machine;
+pub use published::{Published, PublishedSet};
+pub use rank::spearman;
+pub use record::{StudyCell, StudyRecord};
+pub use run::{Study, StudyEvent, StudyStep};
+pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
+pub use summary::{OverSensor, RankCorrelation, StudySummary, WithinPublished};
+
+#[cfg(test)]
+mod tests;

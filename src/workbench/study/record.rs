@@ -1,0 +1,237 @@
+//! The file of a study: its settings, the cells computed so far, and what follows from them.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::StudyError;
+use super::machine::Machine;
+use super::published::Published;
+use super::settings::{PlannedCell, StudySettings, patch_name};
+use super::summary::StudySummary;
+use crate::formats::{FormatError, read_json, write_json};
+use crate::information::Estimate;
+
+const FORMAT: &str = "lenslet-studio/study";
+const FORMAT_VERSION: u64 = 1;
+/// Numbers of different versions of the program do not belong into one table.
+const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// A study as it stands in its file. Information is in bits per pixel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StudyRecord {
+    /// Always "lenslet-studio/study".
+    pub format: String,
+    /// Version of the fields.
+    pub format_version: u64,
+    /// Version of the program that computed the cells.
+    pub program_version: String,
+    /// What is computed.
+    pub settings: StudySettings,
+    /// The cells computed so far, in the order of the settings.
+    pub cells: Vec<StudyCell>,
+    /// What all cells tell together; reading ignores it.
+    #[serde(skip_deserializing)]
+    pub summary: StudySummary,
+}
+
+/// One cell: an estimate with all that belongs to it, or the sentence that says why there is none.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StudyCell {
+    /// The objects, by the text of their source.
+    pub objects: String,
+    /// The mask, by its name in the settings.
+    pub design: String,
+    /// Rows and columns of the patch in pixels; `None` for the whole measurement.
+    pub patch: Option<(usize, usize)>,
+    /// The published value, where there is one for exactly this cell.
+    pub published: Option<Published>,
+    /// The estimate; none where it failed.
+    pub estimate: Option<Estimate>,
+    /// Why it failed.
+    pub failure: Option<String>,
+    /// What computed it.
+    pub machine: Machine,
+}
+
+impl StudyCell {
+    /// A cell of the plan; an estimate that is no finite number counts as failed, because no file could hold it.
+    pub(super) fn new(
+        planned: &PlannedCell<'_>,
+        settings: &StudySettings,
+        result: Result<Estimate, String>,
+        machine: Machine,
+    ) -> Self {
+        let (estimate, failure) = match result {
+            Ok(estimate) if is_finite(&estimate) => (Some(estimate), None),
+            Ok(_) => (None, Some("the estimate is not a finite number; give the fit more time".into())),
+            Err(sentence) => (None, Some(sentence)),
+        };
+        Self {
+            objects: planned.objects.source.to_string(),
+            design: planned.design.name.clone(),
+            patch: planned.patch,
+            published: planned.published(settings),
+            estimate,
+            failure,
+            machine,
+        }
+    }
+
+    /// Whether this is the cell of the plan.
+    pub(super) fn is(&self, planned: &PlannedCell<'_>) -> bool {
+        self.patch == planned.patch
+            && self.design == planned.design.name
+            && self.objects == planned.objects.source.to_string()
+    }
+
+    /// The estimate, an upper bound: bits per pixel.
+    pub fn bits_per_pixel(&self) -> Option<f64> {
+        self.estimate.as_ref().map(|estimate| estimate.bits_per_pixel)
+    }
+
+    /// What the density model alone gives, bits per pixel: the estimate, or the density bound of a bracket. This is what
+    /// compares with published values, which are those of a density model, too.
+    pub fn model_bits(&self) -> Option<f64> {
+        match &self.estimate.as_ref()?.bracket {
+            Some(_) => self.upper_from("density"),
+            None => self.bits_per_pixel(),
+        }
+    }
+
+    /// The lower bound, bits per pixel, where one was computed.
+    pub fn lower(&self) -> Option<f64> {
+        self.estimate.as_ref()?.bracket.as_ref()?.lower
+    }
+
+    /// The upper bound of this name ("density", "gaussian" or "ceiling") of a bracket, bits per pixel.
+    pub fn upper_from(&self, name: &str) -> Option<f64> {
+        let bounds = &self.estimate.as_ref()?.bracket.as_ref()?.upper_bounds;
+        bounds.iter().find(|bound| bound.from == name).map(|bound| bound.bits_per_pixel)
+    }
+
+    /// The ceiling, bits per pixel, where the entropy of the objects is known.
+    pub fn ceiling(&self) -> Option<f64> {
+        self.estimate.as_ref()?.ceiling
+    }
+
+    /// Objects, design and patch for people.
+    pub fn name(&self) -> String {
+        format!("{}, {}, {}", self.objects, self.design, patch_name(self.patch))
+    }
+}
+
+fn is_finite(estimate: &Estimate) -> bool {
+    let [low, high] = estimate.interval_95;
+    let bounds = estimate.bracket.iter().flat_map(|bracket| {
+        let upper = bracket
+            .upper_bounds
+            .iter()
+            .flat_map(|bound| [bound.bits_per_pixel, bound.interval_95[0], bound.interval_95[1]]);
+        upper.chain(bracket.lower).chain(bracket.lower_interval_95.into_iter().flatten())
+    });
+    [estimate.bits_per_pixel, low, high, estimate.entropy_y, estimate.entropy_y_given_x]
+        .into_iter()
+        .chain(estimate.ceiling)
+        .chain(bounds)
+        .all(f64::is_finite)
+}
+
+impl StudyRecord {
+    /// A study without cells.
+    pub(super) fn new(settings: StudySettings) -> Self {
+        let summary = StudySummary::of(&settings, &[]);
+        Self {
+            format: FORMAT.into(),
+            format_version: FORMAT_VERSION,
+            program_version: PROGRAM_VERSION.into(),
+            settings,
+            cells: Vec::new(),
+            summary,
+        }
+    }
+
+    /// The study of a file.
+    ///
+    /// # Errors
+    /// [`StudyError`] where the file cannot be read, is no study, or one of a newer version.
+    pub fn open(path: &Path) -> Result<Self, StudyError> {
+        Self::from_value(path, read_json(path)?)
+    }
+
+    fn from_value(path: &Path, value: serde_json::Value) -> Result<Self, StudyError> {
+        let refused =
+            |found: String, advice| StudyError::Refused { path: path.into(), version: FORMAT_VERSION, found, advice };
+        let another = "choose another folder";
+        match value.get("format").and_then(serde_json::Value::as_str) {
+            Some(FORMAT) => {}
+            Some(other) => return Err(refused(format!("format {other:?}"), another)),
+            None => return Err(refused("no format entry".into(), another)),
+        }
+        match value.get("format_version").and_then(serde_json::Value::as_u64) {
+            Some(FORMAT_VERSION) => {}
+            Some(newer) if newer > FORMAT_VERSION => {
+                let found = format!("version {newer}, written by a newer Lenslet Studio");
+                return Err(refused(found, "update this program, or choose another folder"));
+            }
+            _ => return Err(refused("no usable format_version".into(), another)),
+        }
+        let mut record: Self = serde_path_to_error::deserialize(value)
+            .map_err(|error| refused(error.to_string(), "restore it from a backup, or choose another folder"))?;
+        record.summary = StudySummary::of(&record.settings, &record.cells);
+        Ok(record)
+    }
+
+    /// The study as it would be read back; settings that went through a file compare with those that did.
+    pub(super) fn as_read(&self, path: &Path) -> Result<Self, StudyError> {
+        let lost = |error: serde_json::Error| FormatError::from_write(path, error.into());
+        let text = serde_json::to_string(self).map_err(lost)?;
+        Self::from_value(path, serde_json::from_str(&text).map_err(lost)?)
+    }
+
+    /// Whether `other`, read from `path`, is the same study by the same version of the program.
+    pub(super) fn check_same(&self, other: &Self, path: &Path) -> Result<(), StudyError> {
+        let changed = |what, expected: &str, found: &str| {
+            Err(StudyError::Changed { path: path.into(), what, expected: short(expected), found: short(found) })
+        };
+        if self.program_version != other.program_version {
+            return changed("the program version", &self.program_version, &other.program_version);
+        }
+        let settings = self.settings.described().into_iter().zip(other.settings.described());
+        if let Some(((what, expected), (_, found))) = settings.into_iter().find(|(here, there)| here.1 != there.1) {
+            return changed(what, &expected, &found);
+        }
+        if self.settings != other.settings {
+            return changed("the masks", "of these settings", "others of the same names");
+        }
+        Ok(())
+    }
+
+    /// Puts a cell in its place, instead of an earlier one of the same objects, design and patch.
+    pub(super) fn put(&mut self, cell: StudyCell) {
+        let mut cells = std::mem::take(&mut self.cells);
+        cells.retain(|old| (&old.objects, &old.design, old.patch) != (&cell.objects, &cell.design, cell.patch));
+        cells.push(cell);
+        // Few cells: the plan is searched for each.
+        let plan = self.settings.plan();
+        cells.sort_by_key(|cell| plan.iter().position(|planned| cell.is(planned)));
+        drop(plan);
+        self.summary = StudySummary::of(&self.settings, &cells);
+        self.cells = cells;
+    }
+
+    /// Writes the file, whole or not at all.
+    pub(super) fn save(&self, path: &Path) -> Result<(), FormatError> {
+        write_json(path, self)
+    }
+}
+
+/// Most characters of a setting in a sentence.
+const LONGEST: usize = 80;
+
+fn short(text: &str) -> String {
+    if text.chars().count() <= LONGEST {
+        return text.to_owned();
+    }
+    format!("{}...", text.chars().take(LONGEST).collect::<String>())
+}

@@ -1,0 +1,218 @@
+//! Computing a study cell by cell, so that whatever stops it costs the current cell at most.
+
+use std::fs::File;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use super::error::StudyError;
+use super::machine::Machine;
+use super::plot::bracket_plot;
+use super::record::{StudyCell, StudyRecord};
+use super::settings::{PlannedCell, StudyKind, StudySettings};
+use super::tables::{CSV_HEADER, csv_row, markdown};
+use crate::formats::{FormatError, create_folder, write_csv_text, write_safely};
+use crate::information::{Estimate, InformationError};
+use crate::workbench::progress::Watch;
+use crate::workbench::simulation::open_set;
+use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError, estimate};
+
+/// The file that holds a study; the others are made from it.
+const RECORD: &str = "study.json";
+
+/// What computes a cell; tests put something quicker in its place.
+type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimate, EvaluationError>;
+
+/// A study in its folder: `study.json`, the tables `study.md` and `study.csv`, and the plot `study.svg` of a bracket
+/// study.
+#[derive(Debug)]
+pub struct Study {
+    folder: PathBuf,
+    record: StudyRecord,
+    /// Held while the study is open, so that no other run computes the same cells.
+    _lock: Option<File>,
+}
+
+/// What is being computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StudyStep<'a> {
+    /// Number of the cell among all, from 1.
+    pub number: usize,
+    /// Cells of the study.
+    pub cells: usize,
+    /// Objects, design and patch.
+    pub name: &'a str,
+    /// What its estimate is doing.
+    pub progress: &'a EstimateProgress,
+    /// Time that this cell and those after it are likely to take.
+    pub left: Duration,
+}
+
+/// What a study tells while it goes on.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StudyEvent<'a> {
+    /// A cell is being computed.
+    Step(StudyStep<'a>),
+    /// A cell was computed, or failed, and is in the file.
+    Done {
+        /// Number of the cell among all, from 1.
+        number: usize,
+        /// Cells of the study.
+        cells: usize,
+        /// The cell.
+        cell: &'a StudyCell,
+    },
+}
+
+/// Hears of events, and answers whether to go on.
+pub(super) type StudyWatch<'a> = &'a mut dyn FnMut(&StudyEvent<'_>) -> ControlFlow<()>;
+
+impl Study {
+    /// Opens the study of `folder`, which is made if need be, or begins it there. Objects are read, so that those that
+    /// have changed since are found out.
+    ///
+    /// # Errors
+    /// [`StudyError`] where the settings cannot be computed, or the folder holds a study of other settings, by another
+    /// version of the program, or a file that is none.
+    pub fn open(mut settings: StudySettings, folder: &Path) -> Result<Self, StudyError> {
+        settings.check()?;
+        let Some(first) = settings.designs.first().cloned() else { return Err(StudyError::Cancelled) };
+        for index in 0..settings.objects.len() {
+            let design = settings.design(&settings.objects[index], &first);
+            settings.objects[index].fingerprint = open_set(&design).map_err(EvaluationError::from)?.fingerprint();
+        }
+        create_folder(folder)?;
+        let lock = lock(folder)?;
+        let path = folder.join(RECORD);
+        let mut record = StudyRecord::new(settings).as_read(&path)?;
+        if path.exists() {
+            let earlier = StudyRecord::open(&path)?;
+            record.check_same(&earlier, &path)?;
+            for cell in earlier.cells {
+                record.put(cell);
+            }
+        }
+        Ok(Self { folder: folder.to_path_buf(), record, _lock: lock })
+    }
+
+    /// The study as it is in the file.
+    pub fn record(&self) -> &StudyRecord {
+        &self.record
+    }
+
+    /// Cells without an estimate; those that failed are tried again.
+    pub fn missing(&self) -> usize {
+        self.record.settings.plan().iter().filter(|planned| !self.has(planned)).count()
+    }
+
+    /// Time that the missing cells are likely to take.
+    pub fn time_left(&self) -> Duration {
+        self.time_of_cell().mul_f64(self.missing() as f64)
+    }
+
+    /// The files of the study that are there once it ran.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let plot = (self.record.settings.kind == StudyKind::Bracket).then_some("study.svg");
+        [RECORD, "study.md", "study.csv"].into_iter().chain(plot).map(|name| self.folder.join(name)).collect()
+    }
+
+    /// The study as a Markdown table with its settings and what follows from it.
+    pub fn markdown(&self) -> String {
+        markdown(&self.record)
+    }
+
+    /// Computes what is missing; after every cell the files hold it. Cells that failed have their sentence in the record.
+    ///
+    /// # Errors
+    /// [`StudyError::Cancelled`] where `watch` asked to stop, and where a file cannot be written.
+    pub fn run(&mut self, watch: StudyWatch<'_>) -> Result<(), StudyError> {
+        self.run_with(&|design, request, watch| estimate(design, request, watch), watch)
+    }
+
+    /// [`Study::run`] with something else in place of the estimate.
+    pub(super) fn run_with(&mut self, estimator: Estimator<'_>, watch: StudyWatch<'_>) -> Result<(), StudyError> {
+        // A folder that cannot be written is told now, not after the first cell.
+        self.write()?;
+        let settings = self.record.settings.clone();
+        let plan = settings.plan();
+        let machine = Machine::here();
+        for (index, planned) in plan.iter().enumerate() {
+            if self.has(planned) {
+                continue;
+            }
+            let result = self.compute(&settings, index, planned, estimator, watch)?;
+            let cell = StudyCell::new(planned, &settings, result, machine.clone());
+            self.record.put(cell.clone());
+            self.write()?;
+            let event = StudyEvent::Done { number: index + 1, cells: plan.len(), cell: &cell };
+            if watch(&event).is_break() {
+                return Err(StudyError::Cancelled);
+            }
+        }
+        Ok(())
+    }
+
+    /// The estimate of a cell, or the sentence that says why there is none.
+    fn compute(
+        &self,
+        settings: &StudySettings,
+        index: usize,
+        planned: &PlannedCell<'_>,
+        estimator: Estimator<'_>,
+        watch: StudyWatch<'_>,
+    ) -> Result<Result<Estimate, String>, StudyError> {
+        let (start, expected) = (Instant::now(), self.time_of_cell());
+        let others = expected.mul_f64(self.missing().saturating_sub(1) as f64);
+        let name = planned.name();
+        let result = estimator(
+            &settings.design(planned.objects, planned.design),
+            &settings.request(planned.patch)?,
+            &mut |progress| {
+                let left = others + expected.saturating_sub(start.elapsed());
+                let step = StudyStep { number: index + 1, cells: settings.cells(), name: &name, progress, left };
+                watch(&StudyEvent::Step(step))
+            },
+        );
+        match result {
+            Ok(estimate) => Ok(Ok(estimate)),
+            Err(EvaluationError::Information(InformationError::Cancelled)) => Err(StudyError::Cancelled),
+            Err(error) => Ok(Err(error.to_string())),
+        }
+    }
+
+    fn has(&self, planned: &PlannedCell<'_>) -> bool {
+        self.record.cells.iter().any(|cell| cell.estimate.is_some() && cell.is(planned))
+    }
+
+    /// Time that a cell is likely to take: the mean of those that are there, which know what a budget leaves out, or the
+    /// budget.
+    fn time_of_cell(&self) -> Duration {
+        let estimates = self.record.cells.iter().filter_map(|cell| cell.estimate.as_ref());
+        let seconds: Vec<f64> = estimates.map(|estimate| estimate.seconds).collect();
+        let mean = seconds.iter().sum::<f64>() / seconds.len() as f64;
+        Duration::try_from_secs_f64(mean).unwrap_or_else(|_| self.record.settings.budget())
+    }
+
+    fn write(&self) -> Result<(), FormatError> {
+        self.record.save(&self.folder.join(RECORD))?;
+        let text = self.markdown();
+        write_safely(&self.folder.join("study.md"), |writer| writer.write_all(text.as_bytes()))?;
+        let rows = self.record.cells.iter().map(|cell| csv_row(&self.record.settings, cell));
+        write_csv_text(&self.folder.join("study.csv"), &CSV_HEADER, rows)?;
+        if self.record.settings.kind == StudyKind::Bracket {
+            let plot = bracket_plot(&self.record);
+            write_safely(&self.folder.join("study.svg"), |writer| writer.write_all(plot.as_bytes()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Keeps other runs out of a folder until the file is dropped or the process ends, however it ends. Where the system
+/// knows no locks of folders, nobody is kept out.
+fn lock(folder: &Path) -> Result<Option<File>, StudyError> {
+    let Ok(file) = File::open(folder) else { return Ok(None) };
+    match file.try_lock() {
+        Err(std::fs::TryLockError::WouldBlock) => Err(StudyError::Busy { folder: folder.into() }),
+        Ok(()) | Err(std::fs::TryLockError::Error(_)) => Ok(Some(file)),
+    }
+}

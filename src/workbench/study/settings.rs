@@ -1,0 +1,371 @@
+//! What a study computes: objects, designs and patches, each with each, and what all cells share.
+
+use std::collections::HashSet;
+use std::fmt;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::StudyError;
+use super::published::{Published, PublishedSet, heuristic_lenslets, published};
+use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
+use crate::objects::ObjectSource;
+use crate::optics::{Encoder, heuristic_layout};
+use crate::sensor::Noise;
+use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError};
+
+/// Bead densities of the published grid.
+const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];
+/// Lenslets of the published grid.
+const GRID_LENSLETS: [usize; 5] = [1, 2, 4, 6, 9];
+/// Bead densities where brackets of sparse and dense scenes part.
+const BRACKET_DENSITIES: [f64; 6] = [0.005, 0.008, 0.013, 0.02, 0.03, 0.05];
+/// Sides of square patches in pixels; the whole sensor follows.
+const PATCH_SIDES: [usize; 6] = [8, 12, 16, 24, 32, 48];
+/// Side of the published patch, pixels.
+const PATCH_SIDE: usize = 32;
+/// Budget of a cell of a bracket study, seconds.
+const BRACKET_BUDGET: f64 = 300.0;
+/// Budget of a cell of the other studies, seconds.
+const LIVE_BUDGET: f64 = 60.0;
+
+/// What a study is about; it decides which tables are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StudyKind {
+    /// Objects and designs against published values.
+    Grid,
+    /// One design and object set, patches of many sizes.
+    Patches,
+    /// Bounds from both sides against bead density.
+    Bracket,
+}
+
+impl fmt::Display for StudyKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Grid => "grid",
+            Self::Patches => "patches",
+            Self::Bracket => "bracket",
+        })
+    }
+}
+
+/// A set of objects of a study.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StudyObjects {
+    /// Where they come from.
+    pub source: ObjectSource,
+    /// The published image set that they stand for; beads need no name.
+    pub published_as: Option<PublishedSet>,
+    /// Fingerprint of the set; empty until the study is opened.
+    pub fingerprint: String,
+}
+
+impl StudyObjects {
+    /// Objects that are yet to be opened.
+    pub fn new(source: ObjectSource, published_as: Option<PublishedSet>) -> Self {
+        Self { source, published_as, fingerprint: String::new() }
+    }
+}
+
+/// A mask of a study.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StudyDesign {
+    /// `heuristic:9` for a heuristic layout, a description for other masks.
+    pub name: String,
+    /// The mask.
+    pub encoder: Encoder,
+}
+
+impl StudyDesign {
+    /// A mask by the name that tables give it.
+    pub fn new(encoder: Encoder) -> Self {
+        let name = match heuristic_lenslets(&encoder) {
+            Some(count) => format!("heuristic:{count}"),
+            None => encoder.describe(),
+        };
+        Self { name, encoder }
+    }
+
+    /// The heuristic layout of `count` lenslets, 1 to 9.
+    ///
+    /// # Panics
+    /// Where `count` is not 1 to 9.
+    pub fn heuristic(count: usize) -> Self {
+        Self::new(Encoder::Lenslets(heuristic_layout(count)))
+    }
+
+    /// Number of lenslets, where there are lenslets.
+    pub fn lenslets(&self) -> Option<usize> {
+        self.encoder.lenslets().map(|array| array.lenslets.len())
+    }
+}
+
+/// All that decides the numbers of a study.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StudySettings {
+    /// What it is about.
+    pub kind: StudyKind,
+    /// The objects; every set is seen through every design.
+    pub objects: Vec<StudyObjects>,
+    /// The masks.
+    pub designs: Vec<StudyDesign>,
+    /// Rows and columns of the patches in pixels; `None` takes whole measurements.
+    pub patches: Vec<Option<(usize, usize)>>,
+    /// The estimator.
+    pub estimator: Estimator,
+    /// Time for the fits of one cell, seconds; `None` for estimators that are not fitted for a time.
+    pub budget_seconds: Option<f64>,
+    /// Patches that an estimator is fitted to where it does not draw fresh ones.
+    pub patches_train: usize,
+    /// Held-out patches that it is scored on.
+    pub patches_test: usize,
+    /// Noise of the sensor.
+    pub noise: Noise,
+    /// Mean of the objects, photons per pixel.
+    pub mean_photons: f64,
+    /// Background, photons per pixel.
+    pub bias_photons: f64,
+    /// Seed of objects, noise, patches and fits.
+    pub seed: u64,
+}
+
+impl StudySettings {
+    /// The published grid: beads of four densities before five heuristic layouts, shot noise, patches of 32 x 32 px.
+    pub fn grid() -> Self {
+        Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Live, LIVE_BUDGET)
+    }
+
+    /// Bounds from both sides for beads of six densities before all nine heuristic layouts.
+    pub fn bracket() -> Self {
+        let lenslets: Vec<usize> = (1..=9).collect();
+        Self::beads(StudyKind::Bracket, &BRACKET_DENSITIES, &lenslets, Estimator::Bracket, BRACKET_BUDGET)
+    }
+
+    /// Patches of six sizes and the whole sensor, for one design and its objects.
+    pub fn patches(design: &Design) -> Self {
+        let sides = PATCH_SIDES.iter().map(|&side| Some((side, side)));
+        Self {
+            objects: vec![StudyObjects::new(design.objects.clone(), None)],
+            designs: vec![StudyDesign::new(design.encoder.clone())],
+            patches: sides.chain([None]).collect(),
+            noise: design.noise,
+            mean_photons: design.mean_photons,
+            bias_photons: design.bias_photons,
+            seed: design.seed,
+            ..Self::beads(StudyKind::Patches, &[], &[], Estimator::Live, LIVE_BUDGET)
+        }
+    }
+
+    fn beads(kind: StudyKind, densities: &[f64], lenslets: &[usize], estimator: Estimator, budget: f64) -> Self {
+        let Design { mean_photons, bias_photons, noise, seed, .. } = Design::default();
+        let beads = |&density: &f64| StudyObjects::new(ObjectSource::Beads { density }, None);
+        Self {
+            kind,
+            objects: densities.iter().map(beads).collect(),
+            designs: lenslets.iter().map(|&count| StudyDesign::heuristic(count)).collect(),
+            patches: vec![Some((PATCH_SIDE, PATCH_SIDE))],
+            estimator,
+            budget_seconds: Some(budget),
+            patches_train: 10_000,
+            patches_test: 1_500,
+            noise,
+            mean_photons,
+            bias_photons,
+            seed,
+        }
+    }
+
+    /// Number of cells.
+    pub fn cells(&self) -> usize {
+        self.objects.len() * self.designs.len() * self.patches.len()
+    }
+
+    /// Whether there is something to compute, nothing twice, and whether noise and light allow an estimate.
+    ///
+    /// # Errors
+    /// [`StudyError`] names the first setting that does not.
+    pub fn check(&self) -> Result<(), StudyError> {
+        let distinct = |what: &'static str, names: Vec<String>| {
+            let mut seen = HashSet::new();
+            let twice = names.iter().find(|name| !seen.insert(name.as_str())).map(|name| format!("{name} twice"));
+            match twice.or_else(|| names.is_empty().then(|| "none".to_owned())) {
+                Some(found) => Err(StudyError::Setting { what, expected: "each once".into(), found }),
+                None => Ok(()),
+            }
+        };
+        distinct("objects", self.objects.iter().map(|objects| objects.source.to_string()).collect())?;
+        distinct("lenslets", self.designs.iter().map(|design| design.name.clone()).collect())?;
+        distinct("patches", self.patches.iter().map(|&patch| patch_name(patch)).collect())?;
+        self.model()?;
+        NoiseEntropy::new(self.noise, Protocol::Default).map_err(EvaluationError::from)?;
+        for (objects, design) in self.objects.iter().flat_map(|objects| self.designs.iter().map(move |d| (objects, d)))
+        {
+            self.design(objects, design).check().map_err(EvaluationError::from)?;
+        }
+        Ok(())
+    }
+
+    /// Time for the fits of one cell; zero for estimators that are not fitted for a time.
+    pub fn budget(&self) -> Duration {
+        self.budget_seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or_default()
+    }
+
+    /// The design of a cell.
+    pub(super) fn design(&self, objects: &StudyObjects, design: &StudyDesign) -> Design {
+        Design {
+            encoder: design.encoder.clone(),
+            objects: objects.source.clone(),
+            mean_photons: self.mean_photons,
+            bias_photons: self.bias_photons,
+            noise: self.noise,
+            seed: self.seed,
+            ..Design::default()
+        }
+    }
+
+    /// What is asked for in a cell.
+    pub(super) fn request(&self, patch: Option<(usize, usize)>) -> Result<EstimateRequest, StudyError> {
+        Ok(EstimateRequest {
+            model: self.model()?,
+            protocol: Protocol::Default,
+            patch,
+            patches_train: self.patches_train,
+            patches_test: self.patches_test,
+            trials: 1,
+        })
+    }
+
+    /// The cells, in the order in which they are computed: by objects, then designs, then patches.
+    pub(super) fn plan(&self) -> Vec<PlannedCell<'_>> {
+        let mut plan = Vec::with_capacity(self.cells());
+        for objects in &self.objects {
+            for design in &self.designs {
+                plan.extend(self.patches.iter().map(|&patch| PlannedCell { objects, design, patch }));
+            }
+        }
+        plan
+    }
+
+    /// Every setting by name, for people; those that are equal in two studies read alike.
+    pub(super) fn described(&self) -> Vec<(&'static str, String)> {
+        let objects = |text: &dyn Fn(&StudyObjects) -> String| joined(self.objects.iter().map(text));
+        let images = objects(&|objects| objects.published_as.map_or("-".into(), |set| set.to_string()));
+        vec![
+            ("kind", self.kind.to_string()),
+            ("objects", objects(&|objects| objects.source.to_string())),
+            ("published image sets", images),
+            ("objects of the fingerprint", objects(&|objects| objects.fingerprint.clone())),
+            ("designs", joined(self.designs.iter().map(|design| design.name.clone()))),
+            ("patches", joined(self.patches.iter().map(|&patch| patch_name(patch)))),
+            ("estimator", self.estimator.to_string()),
+            ("budget", self.budget_seconds.map_or("none".into(), |seconds| format!("{seconds} s"))),
+            ("training patches", self.patches_train.to_string()),
+            ("test patches", self.patches_test.to_string()),
+            ("noise", self.noise.to_string()),
+            ("mean photons per pixel", self.mean_photons.to_string()),
+            ("background photons per pixel", self.bias_photons.to_string()),
+            ("seed", self.seed.to_string()),
+        ]
+    }
+
+    fn model(&self) -> Result<DensityModel, StudyError> {
+        let wrong = |expected: &str, found: String| {
+            Err(StudyError::Setting { what: "budget", expected: format!("{expected} for {}", self.estimator), found })
+        };
+        let Some(seconds) = self.budget_seconds else {
+            return match self.estimator {
+                Estimator::GaussianStationary => Ok(DensityModel::Stationary),
+                Estimator::GaussianFull => Ok(DensityModel::Full),
+                Estimator::GaussianAnalytic => Ok(DensityModel::Analytic),
+                Estimator::PixelCnn | Estimator::Live | Estimator::Full | Estimator::Bracket => {
+                    wrong("a time", "none".into())
+                }
+            };
+        };
+        let budget = match Duration::try_from_secs_f64(seconds) {
+            Ok(budget) if !budget.is_zero() => budget,
+            _ => return wrong("a time above 0 s", format!("{seconds} s")),
+        };
+        match self.estimator {
+            Estimator::PixelCnn => Ok(DensityModel::PixelCnn { budget: Some(budget), engine: EngineChoice::default() }),
+            estimator @ (Estimator::Live | Estimator::Full) => Ok(DensityModel::Causal { estimator, budget }),
+            Estimator::Bracket => Ok(DensityModel::Bracket { budget }),
+            Estimator::GaussianStationary | Estimator::GaussianFull | Estimator::GaussianAnalytic => {
+                wrong("none", format!("{seconds} s"))
+            }
+        }
+    }
+}
+
+/// A cell that is to be in the table.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PlannedCell<'a> {
+    pub objects: &'a StudyObjects,
+    pub design: &'a StudyDesign,
+    pub patch: Option<(usize, usize)>,
+}
+
+impl PlannedCell<'_> {
+    /// The value that its estimate is compared with, where there is one.
+    pub fn published(&self, settings: &StudySettings) -> Option<Published> {
+        published(&settings.design(self.objects, self.design), self.objects.published_as, self.patch)
+    }
+
+    /// Objects, design and patch for people.
+    pub fn name(&self) -> String {
+        format!("{}, {}, {}", self.objects.source, self.design.name, patch_name(self.patch))
+    }
+}
+
+/// A patch for people: `32 x 32 px`, or `sensor`.
+pub(super) fn patch_name(patch: Option<(usize, usize)>) -> String {
+    patch.map_or("sensor".into(), |(rows, cols)| format!("{rows} x {cols} px"))
+}
+
+fn joined(names: impl Iterator<Item = String>) -> String {
+    names.collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_published_grid_has_twenty_cells_with_published_values() {
+        let grid = StudySettings::grid();
+        grid.check().unwrap();
+        let plan = grid.plan();
+        assert_eq!((plan.len(), grid.cells(), grid.budget()), (20, 20, Duration::from_mins(1)));
+        assert!(plan.iter().all(|cell| cell.published(&grid).is_some_and(|known| known.interval_95.is_some())));
+        assert_eq!(
+            (plan[1].objects.source.to_string().as_str(), plan[1].design.name.as_str()),
+            ("beads:0.008", "heuristic:2")
+        );
+        assert_eq!(StudySettings::bracket().cells(), 54);
+        let patches = StudySettings::patches(&Design::default());
+        assert_eq!((patches.cells(), patches.patches[6], patches.designs[0].lenslets()), (7, None, Some(9)));
+    }
+
+    #[test]
+    fn what_cannot_be_computed_is_told_before_anything_is() {
+        let told = |change: &dyn Fn(&mut StudySettings)| {
+            let mut settings = StudySettings::grid();
+            change(&mut settings);
+            settings.check().unwrap_err().to_string()
+        };
+        for (told, part) in [
+            (told(&|grid| grid.designs.push(StudyDesign::heuristic(4))), "heuristic:4 twice"),
+            (told(&|grid| grid.objects.clear()), "objects: expected each once, found none"),
+            (told(&|grid| grid.patches = vec![None, None]), "sensor twice"),
+            (told(&|grid| grid.budget_seconds = None), "a time for live"),
+            (told(&|grid| grid.budget_seconds = Some(f64::NAN)), "above 0 s"),
+            (told(&|grid| grid.estimator = Estimator::GaussianStationary), "found 60 s"),
+            (told(&|grid| grid.noise = Noise::None), "without noise"),
+            (told(&|grid| grid.mean_photons = 0.0), "mean_photons"),
+        ] {
+            assert!(told.contains(part), "{part} in {told}");
+        }
+    }
+}

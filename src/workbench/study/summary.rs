@@ -1,0 +1,149 @@
+//! What the cells of a study tell together.
+
+use serde::Serialize;
+
+use super::rank::spearman;
+use super::record::StudyCell;
+use super::settings::{StudyKind, StudySettings, patch_name};
+
+/// Distances above the published value within which an estimate counts, bits per pixel.
+const MARGINS: [f64; 3] = [0.02, 0.005, 0.0];
+
+/// What the cells computed so far tell together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StudySummary {
+    /// Cells of the settings.
+    pub cells: usize,
+    /// Cells with an estimate.
+    pub estimated: usize,
+    /// Cells that failed.
+    pub failed: usize,
+    /// Estimates above the ceiling: loose ones, by which designs must not be ranked.
+    pub above_ceiling: usize,
+    /// How many estimates by the density model are as low as the published ones, by margin.
+    pub within_published: Vec<WithinPublished>,
+    /// Whether the density model puts designs in the published order, by objects.
+    pub rank_correlations: Vec<RankCorrelation>,
+    /// How far patches overstate the whole sensor, in a study of patches that has it.
+    pub over_sensor: Vec<OverSensor>,
+}
+
+/// Estimates by the density model at or below the published value and a margin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct WithinPublished {
+    /// The margin, bits per pixel.
+    pub margin: f64,
+    /// Estimates with a published value.
+    pub compared: usize,
+    /// Those at or below it and the margin.
+    pub within: usize,
+    /// Their share, 0 to 1.
+    pub share: f64,
+}
+
+/// Agreement with the published order of the designs before one set of objects.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RankCorrelation {
+    /// The objects.
+    pub objects: String,
+    /// Designs with an estimate and a published value.
+    pub designs: usize,
+    /// Spearman's rank correlation, -1 to 1.
+    pub spearman: f64,
+}
+
+/// An estimate from patches beside that from the whole sensor.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OverSensor {
+    /// The patch.
+    pub patch: String,
+    /// Estimate of the patch less that of the whole sensor, bits per pixel.
+    pub difference: f64,
+    /// Estimate of the patch over that of the whole sensor.
+    pub ratio: f64,
+}
+
+impl StudySummary {
+    /// Of these cells.
+    pub(super) fn of(settings: &StudySettings, cells: &[StudyCell]) -> Self {
+        let estimated = cells.iter().filter(|cell| cell.estimate.is_some()).count();
+        // A single patch of many has a published value: no share, no order.
+        let compared = if settings.kind == StudyKind::Patches { &[] } else { cells };
+        let above = |cell: &&StudyCell| cell.estimate.as_ref().is_some_and(crate::information::Estimate::above_ceiling);
+        Self {
+            cells: settings.cells(),
+            estimated,
+            failed: cells.len() - estimated,
+            above_ceiling: cells.iter().filter(above).count(),
+            within_published: within_published(compared),
+            rank_correlations: rank_correlations(settings, compared),
+            over_sensor: over_sensor(settings, cells),
+        }
+    }
+
+    /// One sentence for each result, for people.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines =
+            vec![format!("{} of {} cells have an estimate, {} failed", self.estimated, self.cells, self.failed)];
+        if self.above_ceiling > 0 {
+            lines.push(format!(
+                "{} of {} estimates lie above the ceiling: loose there, so do not rank designs by them",
+                self.above_ceiling, self.estimated
+            ));
+        }
+        lines.extend(self.within_published.iter().map(|row| {
+            format!(
+                "{} of {} estimates by the density model ({:.0} %) are at most the published value + {} bits per pixel",
+                row.within,
+                row.compared,
+                100.0 * row.share,
+                row.margin
+            )
+        }));
+        lines.extend(self.rank_correlations.iter().map(|row| {
+            let RankCorrelation { objects, designs, spearman } = row;
+            format!("{objects}: rank correlation with the published order of {designs} designs {spearman:.2}")
+        }));
+        lines
+    }
+}
+
+/// What the density model gives in a cell, and the published value.
+fn compared(cell: &StudyCell) -> Option<(f64, f64)> {
+    cell.model_bits().zip(cell.published.map(|published| published.bits_per_pixel))
+}
+
+fn within_published(cells: &[StudyCell]) -> Vec<WithinPublished> {
+    let pairs: Vec<(f64, f64)> = cells.iter().filter_map(compared).collect();
+    if pairs.is_empty() {
+        return Vec::new();
+    }
+    let count = |margin: f64| {
+        let within = pairs.iter().filter(|(ours, published)| *ours <= published + margin).count();
+        WithinPublished { margin, compared: pairs.len(), within, share: within as f64 / pairs.len() as f64 }
+    };
+    MARGINS.map(count).to_vec()
+}
+
+fn rank_correlations(settings: &StudySettings, cells: &[StudyCell]) -> Vec<RankCorrelation> {
+    let sources = settings.objects.iter().map(|objects| objects.source.to_string());
+    sources
+        .filter_map(|objects| {
+            let of_objects = cells.iter().filter(|cell| cell.objects == objects);
+            let pairs: Vec<(f64, f64)> = of_objects.filter_map(compared).collect();
+            spearman(&pairs).map(|spearman| RankCorrelation { objects, designs: pairs.len(), spearman })
+        })
+        .collect()
+}
+
+fn over_sensor(settings: &StudySettings, cells: &[StudyCell]) -> Vec<OverSensor> {
+    let whole = cells.iter().find(|cell| cell.patch.is_none()).and_then(StudyCell::bits_per_pixel);
+    let Some(whole) = whole.filter(|&bits| bits > 0.0 && settings.kind == StudyKind::Patches) else {
+        return Vec::new();
+    };
+    let row = |cell: &StudyCell| {
+        let bits = cell.bits_per_pixel()?;
+        Some(OverSensor { patch: patch_name(cell.patch), difference: bits - whole, ratio: bits / whole })
+    };
+    cells.iter().filter_map(row).collect()
+}

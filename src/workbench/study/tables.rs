@@ -1,0 +1,251 @@
+//! A study as tables: Markdown for people, CSV for other programs. Information is in bits per pixel.
+
+use super::record::{StudyCell, StudyRecord};
+use super::settings::{StudyKind, StudySettings, patch_name};
+use crate::objects::ObjectSource;
+
+/// Columns of the CSV table; information and intervals in bits per pixel. What is not known is empty.
+pub(super) const CSV_HEADER: [&str; 24] = [
+    "objects",
+    "density_beads_per_px",
+    "design",
+    "lenslets",
+    "patch_rows_px",
+    "patch_cols_px",
+    "estimator",
+    "bits_per_px",
+    "low_95_bits_per_px",
+    "high_95_bits_per_px",
+    "upper_from",
+    "lower_bits_per_px",
+    "lower_low_95_bits_per_px",
+    "lower_high_95_bits_per_px",
+    "density_bound_bits_per_px",
+    "gaussian_bound_bits_per_px",
+    "ceiling_bits_per_px",
+    "published_bits_per_px",
+    "published_low_95_bits_per_px",
+    "published_high_95_bits_per_px",
+    "seconds",
+    "processor",
+    "threads",
+    "failure",
+];
+
+/// The columns of a cell for people.
+type Row = fn(&StudyRecord, &StudyCell) -> Vec<String>;
+
+/// What stands for a value that is not known.
+const NOTHING: &str = "-";
+
+/// A cell under [`CSV_HEADER`]; numbers have the digits that read back to the same value.
+pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String> {
+    let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:?}"));
+    let count = |value: Option<usize>| value.map_or(String::new(), |value| value.to_string());
+    let estimate = cell.estimate.as_ref();
+    let bracket = estimate.and_then(|estimate| estimate.bracket.as_ref());
+    let patch = estimate.map(|estimate| estimate.patch);
+    let design = settings.designs.iter().find(|design| design.name == cell.design);
+    let interval = estimate.map(|estimate| estimate.interval_95);
+    let lower_interval = bracket.and_then(|bracket| bracket.lower_interval_95);
+    let published_interval = cell.published.and_then(|published| published.interval_95);
+    vec![
+        cell.objects.clone(),
+        number(density_of(cell)),
+        cell.design.clone(),
+        count(design.and_then(super::StudyDesign::lenslets)),
+        count(patch.map(|[rows, _]| rows).or(cell.patch.map(|(rows, _)| rows))),
+        count(patch.map(|[_, cols]| cols).or(cell.patch.map(|(_, cols)| cols))),
+        settings.estimator.to_string(),
+        number(cell.bits_per_pixel()),
+        number(interval.map(|[low, _]| low)),
+        number(interval.map(|[_, high]| high)),
+        bracket.map_or(String::new(), |bracket| bracket.upper_from.clone()),
+        number(cell.lower()),
+        number(lower_interval.map(|[low, _]| low)),
+        number(lower_interval.map(|[_, high]| high)),
+        number(cell.upper_from("density")),
+        number(cell.upper_from("gaussian")),
+        number(cell.ceiling()),
+        number(cell.published.map(|published| published.bits_per_pixel)),
+        number(published_interval.map(|[low, _]| low)),
+        number(published_interval.map(|[_, high]| high)),
+        number(estimate.map(|estimate| estimate.seconds)),
+        cell.machine.processor.clone(),
+        cell.machine.threads.to_string(),
+        cell.failure.clone().unwrap_or_default(),
+    ]
+}
+
+/// Share of the pixels that hold a bead, where the objects of a cell are beads in one plane.
+pub(super) fn density_of(cell: &StudyCell) -> Option<f64> {
+    match cell.objects.parse() {
+        Ok(ObjectSource::Beads { density } | ObjectSource::BeadsMax { density }) => Some(density),
+        _ => None,
+    }
+}
+
+/// The whole study for people.
+pub(super) fn markdown(record: &StudyRecord) -> String {
+    let settings = &record.settings;
+    let title = match settings.kind {
+        StudyKind::Grid => "Objects and designs",
+        StudyKind::Patches => "Patches and the whole sensor",
+        StudyKind::Bracket => "Bounds from both sides",
+    };
+    let budget = settings.budget_seconds.map_or(String::new(), |seconds| format!(", {seconds} s for each cell"));
+    let mut lines = vec![
+        format!("# {title}"),
+        String::new(),
+        format!(
+            "Estimator {}{budget}; {} noise, {} photons per pixel on average, {} of background; {} test patches; seed {}; \
+             Lenslet Studio {}. Information in bits per pixel, 95 % intervals.",
+            settings.estimator,
+            settings.noise,
+            settings.mean_photons,
+            settings.bias_photons,
+            settings.patches_test,
+            settings.seed,
+            record.program_version
+        ),
+        String::new(),
+    ];
+    let (header, row): (&[&str], Row) = match settings.kind {
+        StudyKind::Grid => (&GRID, grid_row),
+        StudyKind::Patches => (&PATCHES, patches_row),
+        StudyKind::Bracket => (&BRACKET, bracket_row),
+    };
+    lines.push(line(header.iter().map(|&name| name.to_owned())));
+    lines.push(line(header.iter().map(|_| "---".to_owned())));
+    lines.extend(record.cells.iter().map(|cell| line(row(record, cell).into_iter())));
+    lines.push(String::new());
+    lines.extend(record.summary.lines().iter().map(|text| format!("- {text}")));
+    let failures = record.cells.iter().filter_map(|cell| Some((cell.name(), cell.failure.as_ref()?)));
+    lines.extend(failures.map(|(name, failure)| format!("- failed: {name}: {failure}")));
+    let mut machines: Vec<String> = Vec::new();
+    for cell in &record.cells {
+        let machine = cell.machine.describe();
+        if !machines.contains(&machine) {
+            machines.push(machine);
+        }
+    }
+    lines.extend(machines.iter().map(|machine| format!("- computed on {machine}")));
+    lines.push(String::new());
+    lines.join("\n")
+}
+
+const GRID: [&str; 9] = [
+    "objects",
+    "design",
+    "patch",
+    "estimate",
+    "lower bound",
+    "ceiling",
+    "published",
+    "density model - published",
+    "seconds",
+];
+
+fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
+    let difference = cell.model_bits().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
+    vec![
+        cell.objects.clone(),
+        cell.design.clone(),
+        patch_name(cell.patch),
+        estimate(cell),
+        lower(cell),
+        bits(cell.ceiling()),
+        published(cell),
+        difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
+        seconds(cell),
+    ]
+}
+
+const PATCHES: [&str; 7] =
+    ["patch", "estimate", "lower bound", "ceiling", "estimate - sensor", "estimate / sensor", "seconds"];
+
+fn patches_row(record: &StudyRecord, cell: &StudyCell) -> Vec<String> {
+    let patch = patch_name(cell.patch);
+    let over = record.summary.over_sensor.iter().find(|over| over.patch == patch);
+    vec![
+        patch.clone(),
+        estimate(cell),
+        lower(cell),
+        bits(cell.ceiling()),
+        over.map_or(NOTHING.into(), |over| format!("{:+.4}", over.difference)),
+        over.map_or(NOTHING.into(), |over| format!("{:.2}", over.ratio)),
+        seconds(cell),
+    ]
+}
+
+const BRACKET: [&str; 11] = [
+    "objects",
+    "design",
+    "patch",
+    "lower bound",
+    "upper bound",
+    "from",
+    "density bound",
+    "Gaussian bound",
+    "ceiling",
+    "published",
+    "seconds",
+];
+
+fn bracket_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
+    let bracket = cell.estimate.as_ref().and_then(|estimate| estimate.bracket.as_ref());
+    vec![
+        cell.objects.clone(),
+        cell.design.clone(),
+        patch_name(cell.patch),
+        lower(cell),
+        estimate(cell),
+        bracket.map_or(NOTHING.into(), |bracket| bracket.upper_from.clone()),
+        bits(cell.upper_from("density")),
+        bits(cell.upper_from("gaussian")),
+        bits(cell.ceiling()),
+        published(cell),
+        seconds(cell),
+    ]
+}
+
+fn estimate(cell: &StudyCell) -> String {
+    match &cell.estimate {
+        Some(estimate) => with_interval(estimate.bits_per_pixel, Some(estimate.interval_95)),
+        None => "failed".into(),
+    }
+}
+
+fn lower(cell: &StudyCell) -> String {
+    let bracket = cell.estimate.as_ref().and_then(|estimate| estimate.bracket.as_ref());
+    match bracket.and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95))) {
+        Some((bits, interval)) => with_interval(bits, interval),
+        None => NOTHING.into(),
+    }
+}
+
+fn published(cell: &StudyCell) -> String {
+    cell.published.map_or(NOTHING.into(), |known| with_interval(known.bits_per_pixel, known.interval_95))
+}
+
+fn with_interval(bits: f64, interval: Option<[f64; 2]>) -> String {
+    match interval {
+        // A bound that nothing was sampled for has no interval.
+        Some([low, high]) if low < high => format!("{bits:.4} ({low:.4} to {high:.4})"),
+        _ => format!("{bits:.4}"),
+    }
+}
+
+fn bits(value: Option<f64>) -> String {
+    value.map_or(NOTHING.into(), |bits| format!("{bits:.4}"))
+}
+
+fn seconds(cell: &StudyCell) -> String {
+    cell.estimate.as_ref().map_or(NOTHING.into(), |estimate| format!("{:.1}", estimate.seconds))
+}
+
+/// A row of a Markdown table; a bar in a text would end its column.
+fn line(columns: impl Iterator<Item = String>) -> String {
+    let columns: Vec<String> = columns.map(|text| text.replace('|', "\\|").replace('\n', " ")).collect();
+    format!("| {} |", columns.join(" | "))
+}

@@ -1,0 +1,291 @@
+//! Resuming, refusing and tabulating, with estimates that cost nothing.
+
+use std::cell::Cell;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use super::error::StudyError;
+use super::record::StudyRecord;
+use super::run::{Study, StudyEvent};
+use super::settings::{StudyDesign, StudyObjects, StudySettings};
+use crate::information::{Bracket, Estimate, Estimator, Protocol, Provenance, Trial, TrialSettings, UpperBound};
+use crate::sensor::{Noise, SensorError};
+use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
+
+/// An estimate of this many bits per pixel.
+pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
+    let settings = TrialSettings {
+        estimator: Estimator::Live,
+        protocol: Protocol::Default,
+        noise: Noise::Shot,
+        patch: (32, 32),
+        patches_train: 0,
+        seed: 1,
+    };
+    let around = [5.0 + bits, 5.01 + bits, 4.99 + bits];
+    let trial = Trial::from_patches(settings, &around, &[5.0; 3], 2.0, Vec::new()).unwrap();
+    Estimate::new(&[trial], Provenance { ceiling, ..Provenance::default() }).unwrap()
+}
+
+/// An estimate between two bounds; the density model's is a third.
+pub(super) fn bracketed(lower: f64, upper: f64, density: f64) -> Estimate {
+    let mut estimate = estimated(upper, Some(upper));
+    let bound = |from: &str, bits: f64| UpperBound { from: from.into(), bits_per_pixel: bits, interval_95: [bits; 2] };
+    let mut bracket = Bracket::new(vec![bound("ceiling", upper), bound("density", density)], None).unwrap();
+    bracket.lower = Some(lower);
+    bracket.lower_interval_95 = Some([lower - 0.01, lower + 0.01]);
+    estimate.bracket = Some(bracket);
+    estimate
+}
+
+/// Two kinds of beads before two layouts.
+fn four_cells() -> StudySettings {
+    let beads = |text: &str| StudyObjects::new(text.parse().unwrap(), None);
+    StudySettings {
+        objects: vec![beads("beads:0.008"), beads("beads:0.02")],
+        designs: vec![StudyDesign::heuristic(1), StudyDesign::heuristic(4)],
+        ..StudySettings::grid()
+    }
+}
+
+fn on(_: &StudyEvent<'_>) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+/// Runs a study whose every estimate is `bits`; tells how many were computed.
+fn run(settings: StudySettings, folder: &Path, bits: f64) -> Result<usize, StudyError> {
+    let computed = Cell::new(0);
+    let mut study = Study::open(settings, folder)?;
+    study.run_with(
+        &|_, _, _| {
+            computed.set(computed.get() + 1);
+            Ok(estimated(bits, Some(0.3)))
+        },
+        &mut on,
+    )?;
+    Ok(computed.get())
+}
+
+fn saved(folder: &Path) -> StudyRecord {
+    StudyRecord::open(&folder.join("study.json")).unwrap()
+}
+
+#[test]
+fn only_missing_cells_are_computed() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(run(four_cells(), folder.path(), 0.25).unwrap(), 4);
+    assert_eq!(run(four_cells(), folder.path(), 0.5).unwrap(), 0);
+    // A run that was killed after two cells.
+    let mut record = saved(folder.path());
+    record.cells.remove(1);
+    record.cells.remove(2);
+    record.save(&folder.path().join("study.json")).unwrap();
+    assert_eq!(run(four_cells(), folder.path(), 0.5).unwrap(), 2);
+    let record = saved(folder.path());
+    let bits: Vec<f64> = record.cells.iter().map(|cell| (cell.bits_per_pixel().unwrap() * 100.0).round()).collect();
+    assert_eq!(bits, [25.0, 50.0, 25.0, 50.0], "cells stand in the order of the settings");
+    let names: Vec<String> = record.cells.iter().map(super::StudyCell::name).collect();
+    assert_eq!(names[1], "beads:0.008, heuristic:4, 32 x 32 px");
+    for name in ["study.json", "study.md", "study.csv"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn a_study_that_is_stopped_keeps_its_finished_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut study = Study::open(four_cells(), folder.path()).unwrap();
+    let steps = Cell::new(0);
+    let progress = EstimateProgress { step: "Fitting".into(), done: 0, total: 1, fit: None };
+    let stopped = study.run_with(
+        &|_, _, watch| match watch(&progress) {
+            ControlFlow::Continue(()) => Ok(estimated(0.25, None)),
+            ControlFlow::Break(()) => Err(crate::information::InformationError::Cancelled.into()),
+        },
+        &mut |event| match event {
+            StudyEvent::Step(step) => {
+                steps.set(steps.get() + 1);
+                assert_eq!((step.number, step.cells), (steps.get(), 4));
+                // A cell is expected to take its budget, and then what those before it took.
+                let most = if step.number == 1 { 4.0 * 60.0 } else { 2.0 * (5 - step.number) as f64 };
+                assert!(step.left.as_secs_f64() <= most && step.left.as_secs_f64() > most - 2.0, "{:?}", step.left);
+                if step.number == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            }
+            StudyEvent::Done { .. } => ControlFlow::Continue(()),
+        },
+    );
+    assert!(matches!(stopped, Err(StudyError::Cancelled)));
+    drop(study);
+    assert_eq!(saved(folder.path()).cells.len(), 2);
+    assert_eq!(run(four_cells(), folder.path(), 0.5).unwrap(), 2);
+}
+
+#[test]
+fn a_cell_that_fails_is_recorded_and_tried_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let fails = |design: &Design, _: &EstimateRequest, _: crate::workbench::Watch<'_>| -> Result<_, EvaluationError> {
+        if design.objects.to_string() == "beads:0.02" {
+            return Err(SensorError::PatchTooLarge { patch_rows: 32, patch_cols: 32, rows: 5, cols: 5 }.into());
+        }
+        let mut endless = estimated(0.25, None);
+        endless.interval_95[1] = f64::INFINITY;
+        Ok(endless)
+    };
+    let mut study = Study::open(four_cells(), folder.path()).unwrap();
+    study.run_with(&fails, &mut on).unwrap();
+    assert_eq!((study.missing(), study.record().summary.failed), (4, 4));
+    let told = study.markdown();
+    assert!(told.contains("failed: beads:0.02, heuristic:4, 32 x 32 px: "), "{told}");
+    assert!(told.contains("not a finite number"), "{told}");
+    drop(study);
+    assert_eq!(run(four_cells(), folder.path(), 0.25).unwrap(), 4);
+    assert_eq!(saved(folder.path()).summary.failed, 0);
+}
+
+#[test]
+fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    run(four_cells(), folder.path(), 0.25).unwrap();
+    let before = std::fs::read(folder.path().join("study.json")).unwrap();
+    let told = |change: &dyn Fn(&mut StudySettings)| {
+        let mut settings = four_cells();
+        change(&mut settings);
+        run(settings, folder.path(), 0.5).unwrap_err().to_string()
+    };
+    let mut moved = StudyDesign::heuristic(4);
+    if let crate::optics::Encoder::Lenslets(array) = &mut moved.encoder {
+        array.lenslets[0].x += 1.0;
+    }
+    for (told, part) in [
+        (told(&|study| study.seed = 2), "seed 2, found one with 1"),
+        (told(&|study| study.budget_seconds = Some(30.0)), "budget 30 s, found one with 60 s"),
+        (told(&|study| study.noise = Noise::Read { sigma: 5.0 }), "noise read:5, found one with shot"),
+        (told(&|study| study.designs.truncate(1)), "designs heuristic:1, found one with heuristic:1, heuristic:4"),
+        (told(&|study| study.designs[1] = moved.clone()), "the masks"),
+        (told(&|study| study.patches = vec![None]), "patches sensor"),
+        (told(&|study| study.estimator = Estimator::Full), "estimator full, found one with live"),
+        (told(&|study| study.bias_photons = 5.0), "background photons per pixel 5"),
+    ] {
+        assert!(told.contains(part) && told.contains("study.json") && told.contains("another folder"), "{told}");
+    }
+    // Objects that are others by now, and another version of the program.
+    for (entry, value, part) in
+        [("fingerprint", "abc", "fingerprint"), ("program_version", "0.0.0-none", "program version")]
+    {
+        let mut record = saved(folder.path());
+        match entry {
+            "fingerprint" => record.settings.objects[0].fingerprint = value.into(),
+            _ => record.program_version = value.into(),
+        }
+        record.save(&folder.path().join("study.json")).unwrap();
+        let told = run(four_cells(), folder.path(), 0.5).unwrap_err().to_string();
+        assert!(told.contains(part), "{told}");
+        std::fs::write(folder.path().join("study.json"), &before).unwrap();
+    }
+    assert_eq!(run(four_cells(), folder.path(), 0.5).unwrap(), 0);
+}
+
+#[test]
+fn files_that_are_no_study_are_refused_and_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    run(four_cells(), folder.path(), 0.25).unwrap();
+    let path = folder.path().join("study.json");
+    let whole = std::fs::read_to_string(&path).unwrap();
+    for (text, part) in [
+        (whole[..whole.len() / 2].to_owned(), "line "),
+        ("{}".into(), "no format entry"),
+        (whole.replace("lenslet-studio/study", "lenslet-studio/design"), "lenslet-studio/design"),
+        (whole.replacen("\"format_version\": 1", "\"format_version\": 9", 1), "newer Lenslet Studio"),
+        (whole.replacen("\"kind\": \"grid\"", "\"kind\": \"grill\"", 1), "grill"),
+    ] {
+        std::fs::write(&path, &text).unwrap();
+        let told = run(four_cells(), folder.path(), 0.5).unwrap_err().to_string();
+        assert!(told.contains(part) && told.contains("study.json"), "{part} in {told}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), text, "what is not understood is not overwritten");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn two_runs_do_not_share_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = Study::open(four_cells(), folder.path()).unwrap();
+    assert!(matches!(Study::open(four_cells(), folder.path()), Err(StudyError::Busy { .. })));
+    drop(study);
+    assert!(Study::open(four_cells(), folder.path()).is_ok());
+}
+
+#[test]
+fn estimates_are_compared_with_published_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut study = Study::open(four_cells(), folder.path()).unwrap();
+    // Published: 0.13, 0.3138 (density 0.008) and 0.267, 0.5801 (0.02). Above by 0.01, 0.003 and 0.3, below by 0.08.
+    let bits = |design: &Design| match (design.objects.to_string().as_str(), design.encoder.describe().as_str()) {
+        ("beads:0.008", "1 lenslet") => 0.14,
+        ("beads:0.008", _) => 0.3168,
+        (_, "1 lenslet") => 0.567,
+        _ => 0.5,
+    };
+    study.run_with(&|design, _, _| Ok(estimated(bits(design), Some(0.4))), &mut on).unwrap();
+    let summary = &study.record().summary;
+    let within: Vec<usize> = summary.within_published.iter().map(|row| row.within).collect();
+    assert_eq!((within, summary.within_published[0].compared), (vec![3, 2, 1], 4));
+    assert_eq!(summary.within_published[1].share, 0.5);
+    let ranks: Vec<f64> = summary.rank_correlations.iter().map(|row| row.spearman).collect();
+    assert_eq!((ranks, summary.above_ceiling), (vec![1.0, -1.0], 2));
+    let text = study.markdown();
+    for part in [
+        "| beads:0.008 | heuristic:1 | 32 x 32 px | 0.1400 (",
+        "| 0.4000 | 0.1300 (0.1185 to 0.1418) | +0.0100 | 2.0 |",
+        "- 3 of 4 estimates by the density model (75 %) are at most the published value + 0.02 bits per pixel",
+        "- beads:0.02: rank correlation with the published order of 2 designs -1.00",
+        "- 2 of 4 estimates lie above the ceiling",
+        "- computed on ",
+        "Estimator live, 60 s for each cell; shot noise",
+    ] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let table = std::fs::read_to_string(folder.path().join("study.csv")).unwrap();
+    let columns: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    let row: Vec<&str> = table.lines().nth(1).unwrap().split(',').collect();
+    let at = |name: &str| row[columns.iter().position(|&column| column == name).unwrap()];
+    assert_eq!((at("objects"), at("density_beads_per_px"), at("lenslets")), ("beads:0.008", "0.008", "1"));
+    assert_eq!((at("published_bits_per_px"), at("patch_rows_px"), at("failure")), ("0.13", "32", ""));
+    assert!((at("bits_per_px").parse::<f64>().unwrap() - 0.14).abs() < 1e-9);
+}
+
+#[test]
+fn patches_are_compared_with_the_whole_sensor() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = StudySettings { patches: vec![Some((8, 8)), None], ..StudySettings::patches(&Design::default()) };
+    let mut study = Study::open(settings, folder.path()).unwrap();
+    let bits = |request: &EstimateRequest| if request.patch.is_some() { 0.75 } else { 0.25 };
+    study.run_with(&|_, request, _| Ok(estimated(bits(request), None)), &mut on).unwrap();
+    let text = study.markdown();
+    assert!(text.contains("| 8 x 8 px | 0.75") && text.contains("| +0.5000 | 3.00 |"), "{text}");
+    assert!(text.contains("| sensor | 0.25") && text.contains("| +0.0000 | 1.00 |"), "{text}");
+    assert_eq!(saved(folder.path()).summary, study.record().summary);
+}
+
+#[test]
+fn brackets_are_told_with_all_bounds_and_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut study = Study::open(
+        StudySettings { designs: vec![StudyDesign::heuristic(9)], ..StudySettings::bracket() },
+        folder.path(),
+    )
+    .unwrap();
+    study.run_with(&|_, _, _| Ok(bracketed(0.125, 0.25, 0.5)), &mut on).unwrap();
+    let text = study.markdown();
+    assert!(
+        text.contains("| 0.1250 (0.1150 to 0.1350) | 0.2500 (") && text.contains("| ceiling | 0.5000 | - |"),
+        "{text}"
+    );
+    // The density model's 0.5 lies above the published 0.433 of density 0.05; the ceiling's 0.25 is not compared.
+    let within: Vec<usize> = study.record().summary.within_published.iter().map(|row| row.within).collect();
+    assert_eq!(within, [4, 4, 4], "{text}");
+    // The files say the same after they are read.
+    assert_eq!(&saved(folder.path()), study.record());
+    assert_eq!(study.files().len(), 4);
+    assert!(study.files().iter().all(|file| file.is_file()));
+}
