@@ -85,6 +85,7 @@ fn live(sample: &Sample) -> Found {
     let request = CausalRequest {
         stream: &StudyStream(&sample.study),
         test: &PatchBatch { noisy, clean: Some(clean) },
+        validation: None,
         moments: None,
         noise: sample.noise,
         length: FitLength::Steps(400),
@@ -218,4 +219,38 @@ fn intervals_cover_what_they_should() {
         assert!((0.90..=0.98).contains(&paired[0]), "{study}: {paired:?}");
         assert!((0.90..=most).contains(&independent[0]), "{study}: {independent:?}");
     }
+}
+
+/// A few patches, again and again.
+struct Few(PatchBatch);
+
+impl PatchStream for Few {
+    fn draw(&self, count: usize, _seed: u64) -> Result<PatchBatch, InformationError> {
+        let indices: Vec<usize> = (0..count).map(|index| index % self.0.noisy.len_of(Axis(0))).collect();
+        Ok(PatchBatch { noisy: self.0.noisy.select(Axis(0), &indices), clean: None })
+    }
+}
+
+#[test]
+fn what_a_fit_learns_by_heart_is_not_kept() {
+    let study = KnownTruth::GaussianField(GaussianField { side_px: 8, ..GaussianField::default() });
+    let batch = |count, seed| PatchBatch { noisy: study.draw(count, seed).unwrap().1, clean: None };
+    let (few, validation, test) = (Few(batch(6, 1)), batch(64, 2), batch(200, 3));
+    let estimate = |validation| {
+        let request = CausalRequest {
+            stream: &few,
+            test: &test,
+            validation,
+            moments: None,
+            noise: study.noise(),
+            length: FitLength::Steps(1000),
+            start: None,
+            estimator: Model::Full,
+            seed: 4,
+        };
+        causal_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap().0
+    };
+    let (guarded, blind) = (estimate(Some(&validation)), estimate(None));
+    assert!(guarded.notes().iter().any(|note| note.contains("too well")), "{:?}", guarded.notes());
+    assert!(guarded.bits_per_pixel() < blind.bits_per_pixel() - 0.05, "{guarded:?} {blind:?}");
 }

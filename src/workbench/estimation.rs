@@ -210,6 +210,7 @@ fn causal(
     let request = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
+        validation: None,
         moments: Some(&moments(source.design, source.set, source.patch)?),
         noise: source.design.noise,
         length: FitLength::Time(budget),

@@ -23,6 +23,9 @@ use crate::sensor::{Noise, Patches, SensorError};
 
 /// One image in this many is held out for the test patches.
 const TEST_SHARE: usize = 5;
+/// One training image in this many tells when a fit of the causal model should have ended, by so many patches.
+const VALIDATION_SHARE: usize = 8;
+const VALIDATION_PATCHES: usize = 128;
 
 /// Why measurements have no estimate.
 #[derive(Debug, Error)]
@@ -299,10 +302,21 @@ impl MeasuredImages {
     ) -> Result<Trial, MeasuredError> {
         let test = self.cut(test, patch, request.patches_test, derived_seed(seed, 2), "the test")?;
         if let DensityModel::Causal { estimator, budget } = request.model {
+            // Images are few, so that long fits would learn them by heart.
+            let (validation, train) =
+                train.split_at(if train.len() > 1 { train.len().div_ceil(VALIDATION_SHARE) } else { 0 });
             let stream = MeasuredStream { images: self.photons.select(Axis(0), train), patch };
+            let validation = match validation {
+                [] => None,
+                images => {
+                    let noisy = self.cut(images, patch, VALIDATION_PATCHES, derived_seed(seed, 4), "the fit")?;
+                    Some(PatchBatch { noisy, clean: None })
+                }
+            };
             let request = CausalRequest {
                 stream: &stream,
                 test: &PatchBatch { noisy: test, clean: None },
+                validation: validation.as_ref(),
                 moments: None,
                 noise,
                 length: FitLength::Time(budget),

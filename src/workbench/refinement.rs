@@ -100,6 +100,7 @@ impl Refiner {
         let request = CausalRequest {
             stream: &train,
             test: &test,
+            validation: None,
             moments: Some(&moments(design, set, patch)?),
             noise: design.noise,
             length: FitLength::Time(if known.is_some() { WARM } else { COLD }),

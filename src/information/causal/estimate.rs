@@ -26,6 +26,9 @@ pub struct CausalRequest<'a> {
     pub stream: &'a dyn PatchStream,
     /// Held-out patches of other scenes.
     pub test: &'a PatchBatch,
+    /// Patches of scenes that are neither fitted nor tested, for streams that repeat themselves: the weights that score
+    /// best on them are kept.
+    pub validation: Option<&'a PatchBatch>,
     /// Mean and autocovariance of the measurements where they are known; otherwise they are taken from patches.
     pub moments: Option<&'a Moments>,
     /// Noise of the measurements.
@@ -71,8 +74,15 @@ pub fn causal_estimate(
     let started = Instant::now();
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
-    let steps = fit.fit(&mut model, request.stream, on_progress)?;
+    let mut best = Best::new(request.validation);
+    let steps = fit.fit_watched(&mut model, request.stream, &mut |progress, snapshot| {
+        best.look(progress, snapshot);
+        on_progress(progress)
+    })?;
     let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches", fit.batch)];
+    if let Some(step) = best.put_into(&mut model)? {
+        notes.push(format!("the weights of step {step} are kept: later ones know the training patches too well"));
+    }
     if request.test.clean.is_none() {
         notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
     }
@@ -93,6 +103,53 @@ pub fn causal_estimate(
         Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?
     };
     Ok((trial, model))
+}
+
+/// The weights that scored best on validation patches while a model was fitted.
+struct Best<'a> {
+    patches: Option<&'a PatchBatch>,
+    /// Looks so far.
+    looks: u32,
+    /// Cross-entropy (bits per pixel), step and model.
+    found: Option<(f64, usize, CausalModel)>,
+}
+
+impl<'a> Best<'a> {
+    /// Looks during a fit, evenly spread.
+    const LOOKS: u32 = 20;
+
+    fn new(patches: Option<&'a PatchBatch>) -> Self {
+        Self { patches, looks: 0, found: None }
+    }
+
+    /// Scores the model where it is time for it.
+    fn look(&mut self, progress: &FitProgress, snapshot: &dyn Fn() -> CausalModel) {
+        let Some(patches) = self.patches else { return };
+        let whole = progress.elapsed + progress.remaining.unwrap_or_default();
+        if progress.elapsed * Self::LOOKS < whole * (self.looks + 1) {
+            return;
+        }
+        self.looks += 1;
+        let model = snapshot();
+        let Ok(bits) = validation_bits(&model, patches) else { return };
+        if self.found.as_ref().is_none_or(|(least, ..)| bits < *least) {
+            self.found = Some((bits, progress.step, model));
+        }
+    }
+
+    /// Puts the best weights in place of those at the end, where they score better; returns their step.
+    fn put_into(self, model: &mut CausalModel) -> Result<Option<usize>, InformationError> {
+        let (Some(patches), Some((bits, step, best))) = (self.patches, self.found) else { return Ok(None) };
+        if bits < validation_bits(model, patches)? {
+            *model = best;
+            return Ok(Some(step));
+        }
+        Ok(None)
+    }
+}
+
+fn validation_bits(model: &CausalModel, patches: &PatchBatch) -> Result<f64, InformationError> {
+    Ok(model.cross_entropy_map(patches.noisy.view())?.mean().unwrap_or(f64::INFINITY))
 }
 
 /// Information and noise entropy of every held-out patch, bits per pixel: `log2 p(y|x) - log2 q(y)` where clean patches
