@@ -3,8 +3,8 @@
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches,
+    CausalRequest, Covariance, Estimator as Model, FitKeeper, FitLength, GaussianRequest, InformationError,
+    NoiseEntropy, PatchBatch, PatchStream, PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches,
     bootstrap_interval, causal_estimate, gaussian_estimate, paired_interval,
 };
 use lenslet_studio::sensor::Noise;
@@ -86,6 +86,7 @@ fn live(sample: &Sample) -> Found {
         stream: &StudyStream(&sample.study),
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: None,
+        keeper: None,
         moments: None,
         noise: sample.noise,
         length: FitLength::Steps(400),
@@ -241,6 +242,7 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
             stream: &few,
             test: &test,
             validation,
+            keeper: None,
             moments: None,
             noise: study.noise(),
             length: FitLength::Steps(1000),
@@ -253,4 +255,67 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     let (guarded, blind) = (estimate(Some(&validation)), estimate(None));
     assert!(guarded.notes().iter().any(|note| note.contains("too well")), "{:?}", guarded.notes());
     assert!(guarded.bits_per_pixel() < blind.bits_per_pixel() - 0.05, "{guarded:?} {blind:?}");
+}
+
+/// Keeps the state of a fit in memory, whenever it may.
+#[derive(Default)]
+struct InMemory(std::sync::Mutex<Option<Vec<u8>>>);
+
+impl FitKeeper for InMemory {
+    fn key(&self) -> &'static str {
+        "this fit"
+    }
+
+    fn place(&self) -> String {
+        "memory".into()
+    }
+
+    fn every(&self) -> std::time::Duration {
+        std::time::Duration::ZERO
+    }
+
+    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
+        Ok(self.0.lock().unwrap().clone())
+    }
+
+    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
+        *self.0.lock().unwrap() = Some(state.to_vec());
+        Ok(())
+    }
+}
+
+#[test]
+fn a_stopped_fit_goes_on_bit_for_bit() {
+    let study = KnownTruth::TwoRates(TwoRates { side_px: 8, ..TwoRates::default() });
+    let stream = StudyStream(&study);
+    let test = stream.draw(20, 3).unwrap();
+    let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+        let request = CausalRequest {
+            stream: &stream,
+            test: &test,
+            validation: None,
+            keeper,
+            moments: None,
+            noise: study.noise(),
+            length: FitLength::Steps(150),
+            start: None,
+            estimator: Model::Full,
+            seed: 4,
+        };
+        let mut steps = 0;
+        let estimate = causal_estimate(&request, &mut |_| {
+            steps += 1;
+            if steps == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        estimate.map(|(trial, _)| (trial.bits_per_pixel().to_bits(), steps))
+    };
+    let (whole, steps) = run(None, usize::MAX).unwrap();
+    assert_eq!(steps, 150);
+    let kept = InMemory::default();
+    assert_eq!(run(Some(&kept), 100), Err(InformationError::Cancelled));
+    let (resumed, steps) = run(Some(&kept), usize::MAX).unwrap();
+    // Patches are drawn for 32 steps at a time.
+    assert_eq!((resumed, steps), (whole, 150 - 96));
+    kept.store(b"something else").unwrap();
+    assert!(run(Some(&kept), usize::MAX).unwrap_err().to_string().contains("safetensors"));
 }

@@ -41,6 +41,7 @@ fn estimated(design: &Design, model: DensityModel) -> Estimate {
         patches_train: 1500,
         patches_test: 500,
         trials: 1,
+        keep: None,
     };
     estimate(design, &request, &mut |_| std::ops::ControlFlow::Continue(())).unwrap()
 }

@@ -1,6 +1,7 @@
 //! `estimate`: the information of a design's measurements.
 
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -66,6 +67,11 @@ pub struct Arguments {
     /// Repetitions with other seeds; the smallest estimate is reported.
     #[arg(long, default_value_t = 1)]
     trials: usize,
+
+    /// Keep the state of a live or full fit in this file every 20 s; the same command goes on from it, and removes it in
+    /// the end.
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
 
     /// Print the result as JSON.
     #[arg(long)]
@@ -156,6 +162,10 @@ impl Arguments {
             return Err(anyhow::anyhow!("--estimator bracket is fitted once; give it a longer --budget").into());
         }
         let engine = self.engine.unwrap_or_default();
+        let kept = matches!(self.estimator, EstimatorChoice::Live | EstimatorChoice::Full) && self.trials == 1;
+        if self.resume.is_some() && !kept {
+            return Err(anyhow::anyhow!("--resume keeps one fit by --estimator live or full; leave it out").into());
+        }
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
             model: match self.estimator {
@@ -179,6 +189,7 @@ impl Arguments {
             patches_train: self.patches_train,
             patches_test: self.patches_test,
             trials: self.trials,
+            keep: self.resume.clone(),
         };
         let bar = output::progress_bar();
         let mut watch = |progress: &EstimateProgress| {

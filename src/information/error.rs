@@ -229,6 +229,9 @@ pub enum InformationError {
         /// What was found and what to do.
         reason: String,
     },
+    /// The state of a fit is that of another one.
+    #[error("the kept state belongs to another estimate; repeat its command to go on, or name another file")]
+    OtherFit,
     /// A person or program asked to stop.
     #[error("the estimate was cancelled")]
     Cancelled,

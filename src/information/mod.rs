@@ -31,8 +31,8 @@ pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use bracket::{Bracket, UpperBound};
 pub use causal::{
-    CausalFit, CausalModel, CausalRequest, CausalShape, FitLength, Moments, PatchBatch, PatchStream, causal_estimate,
-    causal_model, information_map, score,
+    CausalFit, CausalModel, CausalRequest, CausalShape, FitKeeper, FitLength, Moments, PatchBatch, PatchStream,
+    causal_estimate, causal_model, information_map, score,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};

@@ -23,6 +23,19 @@ impl Adam {
         Self { first: vec![0.0; count], second: vec![0.0; count], steps: 0 }
     }
 
+    /// Means of gradients and of their squares.
+    pub fn moments(&self) -> [&[f32]; 2] {
+        [&self.first, &self.second]
+    }
+
+    /// Goes back to these means, one after the other, after so many steps.
+    pub fn restore(&mut self, moments: &[f32], steps: usize) {
+        let (first, second) = moments.split_at(self.first.len());
+        self.first.copy_from_slice(first);
+        self.second.copy_from_slice(second);
+        self.steps = i32::try_from(steps).unwrap_or(i32::MAX);
+    }
+
     /// Takes one step of `rate` (units of the weights) against `scale` times `gradient`.
     pub fn step(&mut self, weights: &mut [f32], gradient: &[f32], scale: f32, rate: f32) {
         self.steps = self.steps.saturating_add(1);

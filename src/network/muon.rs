@@ -26,6 +26,16 @@ impl Muon {
         Self { momentum: vec![0.0; rows * cols], rows, cols }
     }
 
+    /// The momentum, (rows, cols).
+    pub fn momentum(&self) -> &[f32] {
+        &self.momentum
+    }
+
+    /// Goes back to this momentum.
+    pub fn restore(&mut self, momentum: &[f32]) {
+        self.momentum.copy_from_slice(momentum);
+    }
+
     /// Takes one step of `rate` (units of the weights) against `scale` times `gradient`, both (rows, cols).
     pub fn step(&mut self, weights: &mut [f32], gradient: &[f32], scale: f32, rate: f32) {
         let mut direction = vec![0.0; gradient.len()];

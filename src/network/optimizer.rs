@@ -86,6 +86,47 @@ impl Optimizer {
         self.steps += 1;
     }
 
+    /// Everything that the next step depends on besides the weights and the number of steps, in the order of the tensors;
+    /// the average of the weights comes last.
+    pub fn state(&self) -> Vec<f32> {
+        let mut state = Vec::new();
+        for (_, own) in &self.states {
+            match own {
+                State::Adam(adam) | State::Columns(adam, _) => {
+                    adam.moments().into_iter().for_each(|part| state.extend(part));
+                }
+                State::Muon(muon) => state.extend(muon.momentum()),
+            }
+        }
+        state.extend(self.average.iter().flatten());
+        state
+    }
+
+    /// Goes back to what [`Optimizer::state`] gave after so many steps, for the same layout.
+    ///
+    /// # Panics
+    /// For a state of another length.
+    pub fn restore(&mut self, mut state: &[f32], steps: usize) {
+        for (count, own) in &mut self.states {
+            match own {
+                State::Adam(adam) | State::Columns(adam, _) => {
+                    let (parts, rest) = state.split_at(2 * *count);
+                    adam.restore(parts, steps);
+                    state = rest;
+                }
+                State::Muon(muon) => {
+                    let (momentum, rest) = state.split_at(*count);
+                    muon.restore(momentum);
+                    state = rest;
+                }
+            }
+        }
+        if let Some(average) = &mut self.average {
+            average.copy_from_slice(state);
+        }
+        self.steps = steps;
+    }
+
     /// The averaged weights, or those given where there is no average.
     pub fn result<'a>(&'a self, weights: &'a [f32]) -> &'a [f32] {
         self.average.as_deref().unwrap_or(weights)

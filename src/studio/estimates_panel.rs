@@ -54,6 +54,7 @@ impl EstimateForm {
             patches_train: 10_000,
             patches_test: 1_500,
             trials: 1,
+            keep: None,
         }
     }
 }

@@ -1,11 +1,13 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use ndarray::{Array3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
+use super::kept_fit::KeptFit;
 use super::progress::{Watch, tell};
 use super::simulation::{convolver, derived_seed, open_set};
 use super::stream::DesignStream;
@@ -77,6 +79,9 @@ pub struct EstimateRequest {
     pub patches_test: usize,
     /// Repetitions; trial t uses seed + t.
     pub trials: usize,
+    /// A file for the state of the fit of a causal model, so that the same request goes on where it was stopped; it is
+    /// removed in the end.
+    pub keep: Option<PathBuf>,
 }
 
 /// Objects that are drawn and measured at a time: enough to keep threads busy, few enough to stay small.
@@ -207,10 +212,14 @@ fn causal(
     let (train, test) = source.splits();
     let stream = source.stream(train);
     let (clean, noisy) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
+    let (design, set) = (source.design, source.set);
+    let what = (design, set.fingerprint(), source.patch, estimator, budget, request.patches_test, seed);
+    let kept = request.keep.as_ref().map(|path| KeptFit::new(path, &what));
     let request = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: None,
+        keeper: kept.as_ref().map(|kept| kept as _),
         moments: Some(&moments(source.design, source.set, source.patch)?),
         noise: source.design.noise,
         length: FitLength::Time(budget),
@@ -219,6 +228,9 @@ fn causal(
         seed,
     };
     let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
+    if let Some(kept) = &kept {
+        kept.finish();
+    }
     Ok(trial)
 }
 

@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
 use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES};
+use super::kept_fit::KeptFit;
 use super::progress::{Watch, tell};
 use super::simulation::derived_seed;
 use crate::formats::{FormatError, picture_files, read_picture_or_array};
@@ -313,10 +314,13 @@ impl MeasuredImages {
                     Some(PatchBatch { noisy, clean: None })
                 }
             };
+            let what = (self.fingerprint(), patch, noise, estimator, budget, request.patches_test, seed);
+            let kept = request.keep.as_ref().map(|path| KeptFit::new(path, &what));
             let request = CausalRequest {
                 stream: &stream,
                 test: &PatchBatch { noisy: test, clean: None },
                 validation: validation.as_ref(),
+                keeper: kept.as_ref().map(|kept| kept as _),
                 moments: None,
                 noise,
                 length: FitLength::Time(budget),
@@ -324,7 +328,11 @@ impl MeasuredImages {
                 estimator,
                 seed,
             };
-            return Ok(causal_estimate(&request, &mut |fit| watch(&fit.into()))?.0);
+            let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
+            if let Some(kept) = &kept {
+                kept.finish();
+            }
+            return Ok(trial);
         }
         let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
         tell(watch, "Fitting", 0, 1)?;

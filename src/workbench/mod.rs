@@ -10,6 +10,7 @@ mod estimator;
 mod evaluation;
 mod export;
 mod jobs;
+mod kept_fit;
 mod measured;
 mod progress;
 mod refinement;

@@ -101,6 +101,7 @@ impl Refiner {
             stream: &train,
             test: &test,
             validation: None,
+            keeper: None,
             moments: Some(&moments(design, set, patch)?),
             noise: design.noise,
             length: FitLength::Time(if known.is_some() { WARM } else { COLD }),

@@ -28,6 +28,8 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --estimator pixelcnn --budget 60", "budget \"60\""),
         ("estimate --estimator pixelcnn --budget 200h", "168h"),
         ("estimate --engine burn:ndarray", "--estimator pixelcnn"),
+        ("estimate --resume fit", "--estimator live or full"),
+        ("estimate --estimator full --trials 2 --resume fit", "keeps one fit"),
         ("estimate --estimator live --engine cpu", "--estimator pixelcnn"),
         ("estimate --estimator live --protocol paper", "leave it out for live"),
         ("estimate --estimator bracket --trials 2", "fitted once"),

@@ -207,6 +207,17 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
 }
 
 #[test]
+fn the_state_of_a_fit_is_removed_in_the_end_and_foreign_files_are_refused() {
+    let bench = Bench::new();
+    let line = "estimate --estimator live --lenslets heuristic:1 --patch 8 --patches-test 20 --budget 1s --resume fit";
+    bench.json(line);
+    assert!(!bench.path("fit").exists());
+    bench.write("fit", "not a state");
+    assert!(bench.refused(line).contains("expected a safetensors file"), "{}", bench.refused(line));
+    assert_eq!(bytes(&bench, "fit"), b"not a state");
+}
+
+#[test]
 fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     let bench = Bench::new();
     let output = bench.run::<&str>([]);

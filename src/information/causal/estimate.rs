@@ -7,6 +7,7 @@ use ndarray::{Array3, Zip};
 
 use super::conditioning::Moments;
 use super::fit::{CausalFit, FitLength};
+use super::keep::FitKeeper;
 use super::model::CausalModel;
 use super::shape::CausalShape;
 use super::stream::{PatchBatch, PatchStream};
@@ -29,6 +30,8 @@ pub struct CausalRequest<'a> {
     /// Patches of scenes that are neither fitted nor tested, for streams that repeat themselves: the weights that score
     /// best on them are kept.
     pub validation: Option<&'a PatchBatch>,
+    /// Keeps the state of the fit, where it is to survive the program.
+    pub keeper: Option<&'a dyn FitKeeper>,
     /// Mean and autocovariance of the measurements where they are known; otherwise they are taken from patches.
     pub moments: Option<&'a Moments>,
     /// Noise of the measurements.
@@ -75,7 +78,7 @@ pub fn causal_estimate(
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
     let mut best = Best::new(request.validation);
-    let steps = fit.fit_watched(&mut model, request.stream, &mut |progress, snapshot| {
+    let steps = fit.fit_kept(&mut model, request.stream, request.keeper, &mut |progress, snapshot| {
         best.look(progress, snapshot);
         on_progress(progress)
     })?;

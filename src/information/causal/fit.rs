@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use super::keep::{Course, FitKeeper, restore, to_bytes};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::PatchStream;
@@ -75,45 +76,76 @@ impl CausalFit {
         stream: &dyn PatchStream,
         on_step: OnStep<'_>,
     ) -> Result<usize, InformationError> {
+        self.fit_kept(model, stream, None, on_step)
+    }
+
+    /// As [`CausalFit::fit_watched`]; the state is kept as often as the keeper
+    /// asks for, and a fit whose state is there goes on from it. Of a fixed number of steps the outcome is the same bit for bit.
+    ///
+    /// # Errors
+    /// As [`CausalFit::fit`], and where the state cannot be read or written, or is that of another fit.
+    pub fn fit_kept(
+        &self,
+        model: &mut CausalModel,
+        stream: &dyn PatchStream,
+        keeper: Option<&dyn FitKeeper>,
+        on_step: OnStep<'_>,
+    ) -> Result<usize, InformationError> {
         let started = Instant::now();
         let mut optimizer = Optimizer::new(&model.layout, &model.weights, true, rule);
+        let mut course = Course::default();
+        if let Some(keeper) = keeper
+            && let Some(state) = keeper.load()?
+        {
+            course = restore(&state, keeper.key(), model, &mut optimizer).map_err(|error| {
+                let (path, reason) = (keeper.place(), error.to_string());
+                InformationError::WeightsFile { path, reason }
+            })?;
+        }
         let mut gradients = Gradients::new(model.layout.count());
         let batch = self.batch.clamp(1, DRAWN);
-        let (mut steps, mut refused, mut caution) = (0, 0, 1.0);
-        let mut recent: Option<f64> = None;
-        let mut draws = 0_u64;
+        let mut kept = Instant::now();
         loop {
-            let pool = stream.draw(DRAWN, self.seed.wrapping_add(draws.wrapping_mul(0x9e37_79b9_7f4a_7c15)))?;
-            draws += 1;
+            if let Some(keeper) = keeper
+                && kept.elapsed() >= keeper.every()
+            {
+                let elapsed = course.before + started.elapsed();
+                keeper.store(&to_bytes(keeper.key(), &course, elapsed, model, &optimizer)?)?;
+                kept = Instant::now();
+            }
+            let seed = self.seed.wrapping_add(course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            let pool = stream.draw(DRAWN, seed)?;
             super::model::check(pool.noisy.view())?;
             let inputs = model.conditioning.inputs(pool.noisy.view());
+            course.draws += 1;
             for first in (0..=DRAWN - batch).step_by(batch) {
-                let done = self.done(steps, started);
+                let done = self.done(course.steps, course.before + started.elapsed());
                 if done >= 1.0 {
                     model.weights = optimizer.result(&model.weights).to_vec();
-                    return Ok(steps);
+                    return Ok(course.steps);
                 }
                 let indices: Vec<usize> = (first..first + batch).collect();
                 let loss = gradients.evaluate(model, &inputs, &indices);
                 let norm = gradients.norm();
-                steps += 1;
+                course.steps += 1;
                 if loss.is_finite() && norm.is_finite() {
                     let scale = (self.max_norm / norm.max(1e-30)).min(1.0);
-                    let rate = self.rate * caution * rate_schedule(done);
+                    let rate = self.rate * course.caution * rate_schedule(done);
                     optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
                     let bits = loss / std::f64::consts::LN_2;
-                    let share = (1.0 / REMEMBERED).max(1.0 / steps as f64);
-                    recent = Some(recent.map_or(bits, |mean| mean + share * (bits - mean)));
+                    let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
+                    course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
                 } else {
-                    refused += 1;
-                    caution *= 0.5;
-                    if refused == MAX_REFUSED {
-                        return Err(InformationError::Diverged { refused });
+                    course.refused += 1;
+                    course.caution *= 0.5;
+                    if course.refused == MAX_REFUSED {
+                        return Err(InformationError::Diverged { refused: course.refused });
                     }
                 }
                 let averaged = || optimizer.result(&model.weights).to_vec();
                 let snapshot = || CausalModel { weights: averaged(), ..model.clone() };
-                if on_step(&self.progress(steps, started, recent), &snapshot).is_break() {
+                let progress = self.progress(&course, course.before + started.elapsed());
+                if on_step(&progress, &snapshot).is_break() {
                     model.weights = averaged();
                     return Err(InformationError::Cancelled);
                 }
@@ -122,19 +154,19 @@ impl CausalFit {
     }
 
     /// Share of the fit that is over.
-    fn done(&self, steps: usize, started: Instant) -> f64 {
+    fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
             FitLength::Steps(all) => steps as f64 / all.max(1) as f64,
-            FitLength::Time(all) => started.elapsed().as_secs_f64() / all.as_secs_f64().max(1e-9),
+            FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),
         }
     }
 
-    fn progress(&self, step: usize, started: Instant, recent: Option<f64>) -> FitProgress {
-        let elapsed = started.elapsed();
+    fn progress(&self, course: &Course, elapsed: Duration) -> FitProgress {
         let remaining = match self.length {
-            FitLength::Steps(all) => elapsed.mul_f64((all as f64 / step as f64 - 1.0).max(0.0)),
+            FitLength::Steps(all) => elapsed.mul_f64((all as f64 / course.steps as f64 - 1.0).max(0.0)),
             FitLength::Time(all) => all.saturating_sub(elapsed),
         };
+        let (step, recent) = (course.steps, course.recent);
         FitProgress {
             epoch: 1,
             epochs: 1,

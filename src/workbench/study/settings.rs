@@ -234,6 +234,7 @@ impl StudySettings {
             patches_train: self.patches_train,
             patches_test: self.patches_test,
             trials: 1,
+            keep: None,
         })
     }
 

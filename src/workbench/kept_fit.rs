@@ -1,0 +1,54 @@
+//! The state of a fit in a file, so that an estimate goes on where it was stopped.
+
+use std::fmt::Debug;
+use std::path::{Path, PathBuf};
+
+use crate::formats::write_safely;
+use crate::information::{FitKeeper, InformationError};
+
+/// A file that holds the state of one fit while it goes on.
+pub(super) struct KeptFit {
+    path: PathBuf,
+    key: String,
+}
+
+impl KeptFit {
+    /// The file at `path`, for the fit that `what` describes completely.
+    pub fn new(path: &Path, what: &dyn Debug) -> Self {
+        let version = env!("CARGO_PKG_VERSION");
+        let key = blake3::hash(format!("{version} {what:?}").as_bytes()).to_hex().to_string();
+        Self { path: path.to_owned(), key }
+    }
+
+    /// Removes the file: the fit has come to its end.
+    pub fn finish(&self) {
+        // A file that stays behind is replaced by the next fit, or refused as that of another one.
+        let _ = std::fs::remove_file(&self.path);
+    }
+
+    fn failed(&self, error: &dyn std::fmt::Display) -> InformationError {
+        InformationError::WeightsFile { path: self.place(), reason: error.to_string() }
+    }
+}
+
+impl FitKeeper for KeptFit {
+    fn key(&self) -> &str {
+        &self.key
+    }
+
+    fn place(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
+        match std::fs::read(&self.path) {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(self.failed(&error)),
+        }
+    }
+
+    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
+        write_safely(&self.path, |out| out.write_all(state)).map_err(|error| self.failed(&error))
+    }
+}
