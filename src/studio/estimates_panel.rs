@@ -194,15 +194,10 @@ fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
         }
         // The first steps are off the scale of all that follow.
         let late = &points[points.len() / 10..];
-        let low = late.iter().map(|point| point[1]).fold(f64::INFINITY, f64::min);
-        let high = late.iter().map(|point| point[1]).fold(f64::NEG_INFINITY, f64::max);
-        let margin = 0.05 * (high - low).max(1e-3);
         Plot::new(("fit", name))
             .height(height)
             .legend(Legend::default().position(Corner::RightTop))
             .include_x(0.0)
-            .include_y(low - margin)
-            .default_y_bounds(low - margin, high + margin)
             .allow_scroll(false)
             .x_axis_label("seconds")
             .y_axis_label("bits per pixel")

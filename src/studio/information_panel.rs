@@ -266,12 +266,14 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
     let off = !state.bench.is_live();
     match &known.live {
         None if off => ("off".into(), gaussian),
+        None if state.estimates.running.is_some() => ("paused".into(), gaussian),
         None => ("computing".into(), gaussian),
         Some((live, current)) => {
             let stage = match (current, live.remaining) {
                 (false, _) => "of an earlier edit".to_owned(),
                 (true, None) => "settled".into(),
                 (true, Some(_)) if off => "switched off".into(),
+                (true, Some(_)) if state.estimates.running.is_some() => "paused".into(),
                 (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
             };
             let text = format!("{} {} {stage}", rounded(live.bits_per_pixel), interval(live.interval_95));
