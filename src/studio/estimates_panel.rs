@@ -111,8 +111,7 @@ fn order(ui: &mut Ui, state: &mut State) {
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut form.whole_sensor, false, "32 x 32 px");
                 ui.selectable_value(&mut form.whole_sensor, true, "Whole sensor").on_hover_text(
-                    "Patches count copies of one object point again; the whole measurement does not, and ranks masks as \
-                     reconstruction does",
+                    "Patches count copies of one object point again, each in a patch of its own; the whole measurement does not",
                 );
             })
             .response;

@@ -5,7 +5,6 @@ use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::design::Design;
@@ -67,10 +66,9 @@ pub struct Estimates {
     pub finished: Vec<Stamped<FinishedEstimate>>,
 }
 
-/// Handle of the thread; dropping it stops what it does and ends it.
+/// Handle of the thread; dropping it stops what it does; the thread then ends by itself.
 pub(super) struct Estimator {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
 }
 
 struct Shared {
@@ -120,8 +118,8 @@ impl Estimator {
             wake,
         });
         let own = Arc::clone(&shared);
-        let thread = std::thread::Builder::new().name("lenslet-estimator".into()).spawn(move || run(&own))?;
-        Ok(Self { shared, thread: Some(thread) })
+        std::thread::Builder::new().name("lenslet-estimator".into()).spawn(move || run(&own))?;
+        Ok(Self { shared })
     }
 
     /// A newer design is on its way: what is refined now is no longer of use.
@@ -172,6 +170,9 @@ impl Estimator {
     /// Stops the order in hand.
     pub fn cancel(&self) {
         self.shared.cancelled.store(true, Ordering::Relaxed);
+        if let Some(running) = &mut lock(&self.shared.estimates).running {
+            running.progress.step = "stopping".into();
+        }
     }
 
     /// What there is.
@@ -187,12 +188,9 @@ impl Estimator {
 
 impl Drop for Estimator {
     fn drop(&mut self) {
+        // Nobody waits for the thread: it writes no files, and ends at its next step.
         self.shared.quit.store(true, Ordering::Relaxed);
         self.shared.arrived.notify_one();
-        if let Some(thread) = self.thread.take() {
-            // The thread catches its own panics, so joining fails only where the system killed it.
-            let _ = thread.join();
-        }
     }
 }
 

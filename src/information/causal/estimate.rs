@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use ndarray::{Array3, Zip};
+use ndarray::{Array3, Axis, Zip, s};
 
 use super::conditioning::Moments;
 use super::fit::{CausalFit, FitLength};
@@ -15,6 +15,8 @@ use crate::information::likelihood::log_likelihood;
 use crate::information::{Estimator, FitProgress, InformationError, NoiseEntropy, Protocol, Trial, TrialSettings};
 use crate::sensor::Noise;
 
+/// Held-out patches that are scored before one may cancel.
+const SCORED_AT_ONCE: usize = 32;
 /// Patches that levels and units are taken from.
 const SAMPLE: usize = 256;
 /// Patches that second moments are taken from where they are not given.
@@ -89,7 +91,7 @@ pub fn causal_estimate(
     if request.test.clean.is_none() {
         notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
     }
-    let (information, entropy_y_given_x) = score(&model, request.noise, request.test)?;
+    let (information, entropy_y_given_x) = score_in_parts(&model, request, (started, steps), on_progress)?;
     let settings = TrialSettings {
         estimator: request.estimator,
         protocol: Protocol::Default,
@@ -106,6 +108,39 @@ pub fn causal_estimate(
         Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?
     };
     Ok((trial, model))
+}
+
+/// As [`score`] of the held-out patches, telling after each part.
+fn score_in_parts(
+    model: &CausalModel,
+    request: &CausalRequest<'_>,
+    (started, step): (Instant, usize),
+    on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let total = request.test.noisy.len_of(Axis(0));
+    let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
+    for first in (0..total).step_by(SCORED_AT_ONCE) {
+        let part = s![first..total.min(first + SCORED_AT_ONCE), .., ..];
+        let noisy = request.test.noisy.slice(part).to_owned();
+        let clean = request.test.clean.as_ref().map(|clean| clean.slice(part).to_owned());
+        let (bits, entropies) = score(model, request.noise, &PatchBatch { noisy, clean })?;
+        information.extend(bits);
+        entropy_y_given_x.extend(entropies);
+        let progress = FitProgress {
+            epoch: 1,
+            epochs: 1,
+            step,
+            validation_bits: None,
+            best_bits: None,
+            elapsed: started.elapsed(),
+            remaining: None,
+            scored: Some((information.len(), total)),
+        };
+        if on_progress(&progress).is_break() {
+            return Err(InformationError::Cancelled);
+        }
+    }
+    Ok((information, entropy_y_given_x))
 }
 
 /// The weights that scored best on validation patches while a model was fitted.
