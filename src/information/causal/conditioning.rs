@@ -74,6 +74,31 @@ pub(super) struct Inputs {
     pub guess: Vec<(f32, f32)>,
 }
 
+/// Gradients of a sum of losses by the inputs of one patch.
+#[derive(Clone, Debug)]
+pub(super) struct InputGradients {
+    /// By the photons where they are what is predicted, (pixels).
+    pub values: Vec<f64>,
+    /// (pixels, [`WINDOW_CHANNELS`]).
+    pub window: Vec<f32>,
+    /// (pixels, [`PRESENT_CHANNELS`]).
+    pub present: Vec<f32>,
+    /// By the predicted mean and by -1/2 over its variance, per pixel.
+    pub guess: Vec<(f64, f64)>,
+}
+
+impl InputGradients {
+    /// Zeros.
+    pub fn new(pixels: usize) -> Self {
+        Self {
+            values: vec![0.0; pixels],
+            window: vec![0.0; pixels * WINDOW_CHANNELS],
+            present: vec![0.0; pixels * PRESENT_CHANNELS],
+            guess: vec![(0.0, 0.0); pixels],
+        }
+    }
+}
+
 impl Conditioning {
     /// From sample patches and the moments of many.
     pub fn new(noise: Noise, sample: &PatchBatch, moments: &Moments) -> Result<Self, InformationError> {
@@ -159,6 +184,49 @@ impl Conditioning {
             },
         );
         Inputs { values, window, present, guess }
+    }
+
+    /// Gradient by the photons of one patch, from those by everything that [`Conditioning::inputs`] made of it.
+    pub fn by_values(&self, inputs: &Inputs, by: &InputGradients) -> Vec<f64> {
+        let (low, high) = self.levels.range();
+        let predicted = self.predictor.predict(&inputs.values);
+        let mut by_predicted = vec![0.0_f32; predicted.len()];
+        let mut by_values = by.values.clone();
+        for (i, &y) in inputs.values.iter().enumerate() {
+            let window = &by.window[i * WINDOW_CHANNELS..][..WINDOW_CHANNELS];
+            let present = &by.present[i * PRESENT_CHANNELS..][..PRESENT_CHANNELS];
+            let variance = self.predictor.variances[i];
+            by_values[i] += f64::from(window[0]) * self.root_slope(y) + f64::from(window[1] * self.photons.1);
+            let mut by_mean = 0.0;
+            if predicted[i] > low && predicted[i] < high {
+                let noise = self.scale.variance(f64::from(predicted[i]));
+                let noise_slope = self.scale.variance_slope(f64::from(predicted[i]));
+                let free = f64::from(variance) - noise;
+                let least = f64::from(LEAST_VARIANCE) * noise;
+                let (signal, signal_slope) =
+                    if free > least { (free, -noise_slope) } else { (least, f64::from(LEAST_VARIANCE) * noise_slope) };
+                by_mean += by.guess[i].0
+                    + by.guess[i].1 * 0.5 * signal_slope / (signal * signal)
+                    + f64::from(present[0]) * self.root_slope(predicted[i])
+                    + f64::from(present[2]) * 0.5 * (signal_slope / signal - noise_slope / noise);
+            }
+            by_mean += f64::from(present[1] * self.photons.1);
+            let surprise = (y - predicted[i]) / variance.sqrt();
+            if surprise.abs() < MOST_SURPRISE {
+                let slope = f64::from(0.5 * window[3] / variance.sqrt());
+                by_values[i] += slope;
+                by_mean -= slope;
+            }
+            by_predicted[i] = by_mean as f32;
+        }
+        for (value, through) in by_values.iter_mut().zip(self.predictor.transposed(&by_predicted)) {
+            *value += f64::from(through);
+        }
+        by_values
+    }
+
+    fn root_slope(&self, photons: f32) -> f64 {
+        self.scale.slope(f64::from(photons)) * f64::from(self.roots.1)
     }
 
     fn root(&self, photons: f32) -> f32 {

@@ -3,7 +3,7 @@
 use crate::network::{exponential, logarithm, vectorised};
 
 /// A level is never further from the linear prediction than this says, nats.
-const FARTHEST: f32 = -30.0;
+pub(super) const FARTHEST: f32 = -30.0;
 /// Mixtures of less than this, relative to the best level, are not trusted to single precision.
 pub(super) const SMALLEST: f32 = 1e-25;
 

@@ -48,6 +48,19 @@ impl Scale {
         }
     }
 
+    /// Slope of [`Scale::of`], per photon.
+    pub fn slope(self, photons: f64) -> f64 {
+        match self.noise {
+            Noise::Read { sigma } => 1.0 / sigma,
+            _ => 1.0 / (photons + self.shift()).max(1e-12).sqrt(),
+        }
+    }
+
+    /// Slope of [`Scale::variance`], photons.
+    pub fn variance_slope(self, photons: f64) -> f64 {
+        if self.noise.has_shot_noise() && photons > DARKEST { 1.0 } else { 0.0 }
+    }
+
     /// To photons.
     fn back(self, z: f64) -> f64 {
         match self.noise {
@@ -198,6 +211,30 @@ impl Levels {
         match &self.kernel {
             Kernel::Gaussian { inverse, .. } => ln_normal(f64::from(y) - x, 1.0 / f64::from(inverse[level])),
             _ => log_likelihood(self.noise, f64::from(y), x),
+        }
+    }
+
+    /// Whether the likelihoods are those of counts.
+    pub fn has_counts(&self) -> bool {
+        matches!(self.kernel, Kernel::Counts(_))
+    }
+
+    /// `ln P(y | x_l)` as a smooth function of y, nats, and its slope per photon. Of counts without the part that depends
+    /// on y alone; of shot and read noise together as a Gaussian of their variance.
+    pub fn smooth_log_likelihood(&self, y: f64, level: usize) -> [f64; 2] {
+        let x = f64::from(self.photons[level]);
+        match &self.kernel {
+            Kernel::Counts(_) => [y * x.ln() - x, x.ln()],
+            Kernel::Gaussian { inverse, log_norm } => {
+                let inverse = f64::from(inverse[level]);
+                let z = (y - x) * inverse;
+                [f64::from(log_norm[level]) - 0.5 * z * z, -z * inverse]
+            }
+            Kernel::Grid { .. } => {
+                let deviation = Scale::new(self.noise).variance(x).sqrt();
+                let z = (y - x) / deviation;
+                [ln_normal(y - x, deviation), -z / deviation]
+            }
         }
     }
 

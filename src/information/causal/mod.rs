@@ -4,6 +4,7 @@
 mod conditioning;
 mod estimate;
 mod fit;
+mod gradient;
 mod head;
 mod keep;
 mod levels;

@@ -116,7 +116,7 @@ impl CausalModel {
         Ok((loss, gradients.total))
     }
 
-    fn check_shape(&self, patches: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+    pub(super) fn check_shape(&self, patches: ArrayView3<'_, f32>) -> Result<(), InformationError> {
         let ((rows, cols), (_, found_rows, found_cols)) = (self.conditioning.patch, patches.dim());
         if (found_rows, found_cols) != (rows, cols) {
             return Err(InformationError::PatchShape { what: "patches", rows, cols, found_rows, found_cols });

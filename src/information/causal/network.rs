@@ -61,6 +61,17 @@ pub(super) struct PatchInputs<'a> {
 }
 
 impl Inputs {
+    /// Patch `index` of patches of so many pixels, on its own.
+    pub fn of_patch(&self, index: usize, pixels: usize) -> Self {
+        let part = self.patch(index, pixels);
+        Self {
+            values: part.values.to_vec(),
+            window: part.window.to_vec(),
+            present: part.present.to_vec(),
+            guess: part.guess.to_vec(),
+        }
+    }
+
     /// Patch `index` of patches of so many pixels.
     pub fn patch(&self, index: usize, pixels: usize) -> PatchInputs<'_> {
         let of = |count: usize| -> Range<usize> { index * pixels * count..(index + 1) * pixels * count };
@@ -186,6 +197,19 @@ impl Workspace {
                 *loss = -(most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()) as f32;
             }
         }
+    }
+
+    /// Puts gradients by the outputs, (pixels, levels + 1), in place of those of [`Workspace::score`].
+    pub fn set_output_gradients(&mut self, by_outputs: &[f32]) {
+        self.outputs.copy_from_slice(by_outputs);
+    }
+
+    /// Gradients by the window channels and the present channels of the inputs; call [`Workspace::backward`] first.
+    pub fn by_inputs(&mut self, layers: &Layers, weights: &[f32], by_window: &mut [f32], by_present: &mut [f32]) {
+        layers.window.by_input(weights, &self.features, &mut self.window_columns, Write::Replace);
+        by_window.fill(0.0);
+        layers.window_taps.scatter_add(self.grid, WINDOW_CHANNELS, &self.window_columns, by_window);
+        layers.present.by_input(weights, &self.features, by_present, Write::Replace);
     }
 
     /// Gradient by the weights, written or added to `gradient`; call [`Workspace::score`] first.

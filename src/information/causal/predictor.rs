@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::information::InformationError;
 use crate::information::dense::{DenseGaussian, dense_covariance};
-use crate::network::product_with_transposed;
+use crate::network::{product, product_with_transposed};
 
 /// Patches that one thread predicts at a time.
 const GROUP: usize = 16;
@@ -41,6 +41,14 @@ impl Predictor {
         });
         let variances = (0..pixels).map(|i| (1.0 / inverse[(i, i)].powi(2)) as f32).collect();
         Ok(Self { pixels, mean: mean as f32, coefficients, variances })
+    }
+
+    /// Gradient by the pixels of one patch from that by its predictions.
+    pub fn transposed(&self, by_predictions: &[f32]) -> Vec<f32> {
+        let mut by_values = vec![0.0; self.pixels];
+        let shape = (1, self.pixels, self.pixels);
+        product(by_predictions, &self.coefficients, shape, &mut by_values, crate::network::Write::Replace);
+        by_values
     }
 
     /// Predicted mean of each pixel of `values` (samples, pixels), photons.
