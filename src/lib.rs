@@ -13,6 +13,7 @@
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 1 | [`network`] | the parts that networks on the CPU are built from; knows no optics |
 //! | 2 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
+//! | 3 | [`design`] | the gradient of information by the mask |
 //! | 3 | [`studies`] | scenes of known information, for tests of the estimators |
 //! | 4 | [`workbench`] | the open design, commands, the worker, exports |
 //! | 5 | `studio`, `cli` | window, command line |
@@ -27,6 +28,7 @@
 //!   not depend on the number of threads.
 
 pub mod cli;
+pub mod design;
 pub mod formats;
 pub mod information;
 pub mod network;

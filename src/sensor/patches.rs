@@ -69,6 +69,17 @@ impl Patches {
         }
         patches
     }
+
+    /// The transpose of [`Patches::cut`]: adds patches of shape (count, rows, cols) to `stack` at their places.
+    ///
+    /// # Panics
+    /// Where the stack is smaller than the one the places were drawn for.
+    pub fn add_back(&self, patches: ArrayView3<'_, f64>, stack: &mut Array3<f64>) {
+        for (patch, &(image, row, col)) in patches.outer_iter().zip(&self.corners) {
+            let mut place = stack.slice_mut(s![image, row..row + self.shape.0, col..col + self.shape.1]);
+            place += &patch;
+        }
+    }
 }
 
 #[cfg(test)]

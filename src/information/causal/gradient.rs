@@ -45,13 +45,13 @@ impl CausalModel {
                 let (nats, by_patch) = self.loss_by_patch(&part);
                 let clean = clean.index_axis(Axis(0), index);
                 let normals = normals.index_axis(Axis(0), index);
-                let mut total = -nats.iter().sum::<f64>();
+                let mut total = nats.iter().sum::<f64>();
                 let given = clean.iter().zip(&normals).zip(&part.values).zip(by_patch);
                 for (out, (((&x, &e), &y), by_y)) in gradient.iter_mut().zip(given) {
                     let (x, e, y) = (f64::from(x).max(DARKEST), f64::from(e), f64::from(y));
                     let [log, slope_y, slope_x] = self.likelihood(y, x);
                     total += log;
-                    *out = slope_x + (slope_y - by_y) * noise.slope(x, e);
+                    *out = slope_x + (slope_y + by_y) * noise.slope(x, e);
                 }
                 total
             })
@@ -199,7 +199,8 @@ mod tests {
             }
             let clean = clean.slice_move(ndarray::s![..2, .., ..]);
             let normals = clean.mapv(|x| (x * 7.3).sin() * 1.2);
-            let (_, gradient) = model.information_gradient(clean.view(), normals.view()).unwrap();
+            let (bits, gradient) = model.information_gradient(clean.view(), normals.view()).unwrap();
+            assert!((0.0..5.0).contains(&bits), "{noise}: {bits}");
             for index in [(0, 0, 0), (0, 2, 3), (1, 3, 1), (1, 5, 6), (0, 4, 5), (1, 0, 3)] {
                 let moved = |by: f32| {
                     let mut clean = clean.clone();

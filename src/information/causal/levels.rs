@@ -48,11 +48,12 @@ impl Scale {
         }
     }
 
-    /// Slope of [`Scale::of`], per photon.
+    /// Slope of [`Scale::of`], per photon; 0 where that is cut off, as it is for what noise has made negative.
     pub fn slope(self, photons: f64) -> f64 {
         match self.noise {
             Noise::Read { sigma } => 1.0 / sigma,
-            _ => 1.0 / (photons + self.shift()).max(1e-12).sqrt(),
+            _ if photons + self.shift() > 0.0 => 1.0 / (photons + self.shift()).sqrt(),
+            _ => 0.0,
         }
     }
 
