@@ -481,6 +481,12 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     click(&mut window, "Information map of a patch");
     click(&mut window, "Next patch");
     assert!(window.query_by_label("2 of 8").is_some());
+    wait_for(&mut window, "where the gradient pulls", |window| {
+        studio(window).bench().estimates().live.is_some_and(|live| live.value.gradient.is_some())
+    });
+    let live = studio(&window).bench().estimates().live.unwrap();
+    assert_eq!((live.revision, live.value.gradient.as_ref().unwrap().len()), (after, 2));
+    click(&mut window, "Arrows");
     menu(&mut window, &["View", "Keep estimating"]);
     assert!(!studio(&window).bench().is_live());
 }

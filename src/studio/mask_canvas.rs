@@ -19,6 +19,10 @@ const NUDGE_PX: f64 = 0.1;
 const WHEEL_FACTOR: f64 = 1.08;
 /// Points that a touch pad reports for what a wheel would call one notch.
 const POINTS_PER_NOTCH: f32 = 40.0;
+/// Length of the longest gradient arrow, PSF px.
+const LONGEST_ARROW_PX: f64 = 3.0;
+/// Colour of gradient arrows, which is in no colour map.
+const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
 /// Handles are never smaller than this, in points.
 const MIN_HANDLE: f32 = 7.0;
 
@@ -26,6 +30,11 @@ const MIN_HANDLE: f32 = 7.0;
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
         state.views.psf.colormap_menu(ui);
+        let arrows = ui.checkbox(&mut state.arrows, "Arrows");
+        arrows.on_hover_text(
+            "Where the gradient of the live estimate would move each lenslet, the longest by 3 px. The live estimate is an \
+             upper bound: for sparse scenes it also climbs where it is loose.",
+        );
         let count = state.lenslet_count();
         let selected = state.selection.len();
         let text = match (count, selected) {
@@ -59,7 +68,29 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     for (index, lenslet) in array.lenslets.iter().enumerate() {
         handle(ui, state, placement, array, index, lenslet);
     }
+    if state.arrows {
+        draw_arrows(ui, state, placement, array);
+    }
     keyboard(ui, state, array);
+}
+
+/// Where the gradient of the live estimate would move each lenslet; the longest arrow has [`LONGEST_ARROW_PX`].
+fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
+    let Some(live) = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision)) else { return };
+    let Some(gradient) = live.value.gradient.as_ref().filter(|by| by.len() == array.lenslets.len()) else { return };
+    let longest = gradient.iter().map(|by| by.x.hypot(by.y)).fold(0.0, f64::max);
+    if longest <= 0.0 {
+        return;
+    }
+    let scale = LONGEST_ARROW_PX / longest;
+    for (lenslet, by) in array.lenslets.iter().zip(gradient) {
+        let from = placement.to_screen(lenslet.x, lenslet.y);
+        let to = placement.to_screen(lenslet.x + scale * by.x, lenslet.y + scale * by.y);
+        if from.distance(to) > 3.0 {
+            ui.painter().arrow(from, to - from, Stroke::new(3.5, Color32::from_black_alpha(160)));
+            ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));
+        }
+    }
 }
 
 /// The region and the width that can be made, drawn as a dashed frame.

@@ -21,6 +21,8 @@ pub struct State {
     pub estimates: Estimates,
     /// What the Estimates room asks for.
     pub estimate_form: EstimateForm,
+    /// Whether the mask shows where the gradient would move lenslets.
+    pub arrows: bool,
     /// The patch whose information map is shown; the mean over many where there is none.
     pub map_sample: Option<usize>,
     /// Indices of the selected lenslets.
@@ -201,6 +203,7 @@ impl State {
             live,
             estimates,
             estimate_form: EstimateForm::default(),
+            arrows: true,
             map_sample: None,
             selection: BTreeSet::new(),
             views: Views {

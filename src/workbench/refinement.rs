@@ -6,18 +6,23 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ndarray::{Array2, Array3, Axis, s};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use super::design::Design;
 use super::estimation::moments;
 use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
 use super::simulation::derived_seed;
 use super::stream::DesignStream;
+use crate::design::{GradientScene, information_gradient};
 use crate::information::{
     CausalFit, CausalModel, CausalRequest, Estimator, FitLength, InformationError, NoiseEntropy, PatchBatch,
     PatchStream, Protocol, causal_model, information_map, paired_interval,
 };
-use crate::objects::Split;
-use crate::sensor::Convolution;
+use crate::objects::{ObjectSet, Split};
+use crate::optics::LensletGradient;
+use crate::sensor::{Convolution, Patches};
 
 /// Time of a fit from the beginning.
 const COLD: Duration = Duration::from_mins(1);
@@ -31,6 +36,10 @@ const GROWTH: f64 = 1.7;
 /// Held-out patches of the scores in between, and of the last.
 const SCORED: usize = 96;
 const SCORED_LAST: usize = 384;
+/// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
+const FIRST_GRADIENT: Duration = Duration::from_secs(2);
+const PULLED_OBJECTS: usize = 12;
+const PULLED_PATCHES: usize = 32;
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
 
@@ -57,6 +66,9 @@ pub struct LiveEstimate {
     pub remaining: Option<Duration>,
     /// Whether the fit began with the model of a similar design.
     pub warm: bool,
+    /// How it changes with each lenslet, bits per pixel and unit of the parameter; none for other masks and in the first
+    /// seconds of a fit.
+    pub gradient: Option<Vec<LensletGradient>>,
     /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
     pub mean_map: Array2<f32>,
     /// The same for some patches one by one, shape (n, rows, cols).
@@ -114,6 +126,7 @@ impl Refiner {
         if known.is_some() {
             fit.rate *= WARM_RATE;
         }
+        let pull = Pull { design, set, plan: &plan, patch };
         let scorer = Scorer { design, entropy: &entropy, warm: known.is_some() };
         let started = Instant::now();
         let mut next = FIRST_SCORE;
@@ -124,7 +137,12 @@ impl Refiner {
             }
             if progress.elapsed >= next {
                 match scorer.score(&snapshot(), &test, progress.step, started, progress.remaining) {
-                    Ok(estimate) => publish(estimate),
+                    Ok(mut estimate) => {
+                        if progress.elapsed >= FIRST_GRADIENT {
+                            estimate.gradient = pull.gradient(&snapshot());
+                        }
+                        publish(estimate);
+                    }
                     Err(error) => {
                         failure = Some(error);
                         return ControlFlow::Break(());
@@ -141,10 +159,43 @@ impl Refiner {
             // The first patches are those of the scores before, so that the last one differs from them by little.
             let more = stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(design.seed, 5))?;
             let test = joined(&test, &more)?;
-            publish(scorer.score(&model, &test, steps, started, None)?);
+            let mut estimate = scorer.score(&model, &test, steps, started, None)?;
+            estimate.gradient = pull.gradient(&model);
+            publish(estimate);
         }
         self.last = Some((Arc::clone(scene), model));
         Ok(fitted.map(|_| ())?)
+    }
+}
+
+/// Where information pulls the lenslets of one design.
+struct Pull<'a> {
+    design: &'a Design,
+    set: &'a ObjectSet,
+    plan: &'a Convolution,
+    patch: (usize, usize),
+}
+
+impl Pull<'_> {
+    /// The gradient on held-out objects; none for masks without lenslets, or where numbers are not finite.
+    fn gradient(&self, model: &CausalModel) -> Option<Vec<LensletGradient>> {
+        let array = self.design.encoder.lenslets()?;
+        let seed = derived_seed(self.design.seed, 6);
+        let objects = self.set.objects(Split::Test, PULLED_OBJECTS, seed).ok()?;
+        let (rows, cols) = self.plan.measurement_shape();
+        let patches = Patches::draw((PULLED_OBJECTS, rows, cols), self.patch, PULLED_PATCHES, seed).ok()?;
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let shape = (PULLED_PATCHES, self.patch.0, self.patch.1);
+        let normals = Array3::from_shape_simple_fn(shape, || StandardNormal.sample(&mut random));
+        let scene = GradientScene {
+            plan: self.plan,
+            objects: objects.view(),
+            bias: self.design.bias_photons,
+            patches: &patches,
+            normals: normals.view(),
+        };
+        let gradient = information_gradient(array, &scene, model).ok()?.lenslets;
+        gradient.iter().all(|by| by.x.is_finite() && by.y.is_finite()).then_some(gradient)
     }
 }
 
@@ -181,6 +232,7 @@ impl Scorer<'_> {
             seconds: started.elapsed().as_secs_f64(),
             remaining,
             warm: self.warm,
+            gradient: None,
             mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
             maps: maps.slice(shown).mapv(|bits| bits as f32),
             patches: test.noisy.slice(shown).to_owned(),
