@@ -303,8 +303,8 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
             seed: 4,
         };
         let mut steps = 0;
-        let estimate = causal_estimate(&request, &mut |_| {
-            steps += 1;
+        let estimate = causal_estimate(&request, &mut |progress| {
+            steps += usize::from(progress.scored.is_none());
             if steps == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         estimate.map(|(trial, _)| (trial.bits_per_pixel().to_bits(), steps))
