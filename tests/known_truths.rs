@@ -1,17 +1,20 @@
 //! Estimators and intervals against studies whose information is known.
 
+mod study_stream;
+
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    CausalRequest, Covariance, Estimator as Model, FitKeeper, FitLength, GaussianRequest, InformationError,
-    NoiseEntropy, PatchBatch, PatchStream, PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches,
-    bootstrap_interval, causal_estimate, gaussian_estimate, paired_interval,
+    CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, NoiseEntropy, PatchBatch, PixelCnnFit,
+    PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches, bootstrap_interval, causal_estimate,
+    gaussian_estimate, paired_interval,
 };
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::studies::{GaussianField, KnownTruth, OneBead, TwoRates};
 use ndarray::{Array3, Axis, s};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use study_stream::StudyStream;
 
 /// Training and held-out patches of one study.
 struct Sample {
@@ -65,17 +68,6 @@ fn small_network(sample: &Sample) -> Found {
     let conditional = NoiseEntropy::new(sample.noise, Protocol::Default).unwrap().patch_bits(clean).unwrap();
     let interval = bootstrap_interval(&cross_entropy, &conditional, 6).unwrap();
     (mean(&cross_entropy) - mean(&conditional), interval)
-}
-
-/// Fresh patches of a study.
-struct StudyStream<'a>(&'a KnownTruth);
-
-impl PatchStream for StudyStream<'_> {
-    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
-        let drawn = self.0.draw(count, seed);
-        let (clean, noisy) = drawn.map_err(|error| InformationError::Stream { reason: error.to_string() })?;
-        Ok(PatchBatch { noisy, clean: Some(clean) })
-    }
 }
 
 /// The causal density model after a short fit.
@@ -220,102 +212,4 @@ fn intervals_cover_what_they_should() {
         assert!((0.90..=0.98).contains(&paired[0]), "{study}: {paired:?}");
         assert!((0.90..=most).contains(&independent[0]), "{study}: {independent:?}");
     }
-}
-
-/// A few patches, again and again.
-struct Few(PatchBatch);
-
-impl PatchStream for Few {
-    fn draw(&self, count: usize, _seed: u64) -> Result<PatchBatch, InformationError> {
-        let indices: Vec<usize> = (0..count).map(|index| index % self.0.noisy.len_of(Axis(0))).collect();
-        Ok(PatchBatch { noisy: self.0.noisy.select(Axis(0), &indices), clean: None })
-    }
-}
-
-#[test]
-fn what_a_fit_learns_by_heart_is_not_kept() {
-    let study = KnownTruth::GaussianField(GaussianField { side_px: 8, ..GaussianField::default() });
-    let batch = |count, seed| PatchBatch { noisy: study.draw(count, seed).unwrap().1, clean: None };
-    let (few, validation, test) = (Few(batch(6, 1)), batch(64, 2), batch(200, 3));
-    let estimate = |validation| {
-        let request = CausalRequest {
-            stream: &few,
-            test: &test,
-            validation,
-            keeper: None,
-            moments: None,
-            noise: study.noise(),
-            length: FitLength::Steps(1000),
-            start: None,
-            estimator: Model::Full,
-            seed: 4,
-        };
-        causal_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap().0
-    };
-    let (guarded, blind) = (estimate(Some(&validation)), estimate(None));
-    assert!(guarded.notes().iter().any(|note| note.contains("too well")), "{:?}", guarded.notes());
-    assert!(guarded.bits_per_pixel() < blind.bits_per_pixel() - 0.05, "{guarded:?} {blind:?}");
-}
-
-/// Keeps the state of a fit in memory, whenever it may.
-#[derive(Default)]
-struct InMemory(std::sync::Mutex<Option<Vec<u8>>>);
-
-impl FitKeeper for InMemory {
-    fn key(&self) -> &'static str {
-        "this fit"
-    }
-
-    fn place(&self) -> String {
-        "memory".into()
-    }
-
-    fn every(&self) -> std::time::Duration {
-        std::time::Duration::ZERO
-    }
-
-    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        Ok(self.0.lock().unwrap().clone())
-    }
-
-    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        *self.0.lock().unwrap() = Some(state.to_vec());
-        Ok(())
-    }
-}
-
-#[test]
-fn a_stopped_fit_goes_on_bit_for_bit() {
-    let study = KnownTruth::TwoRates(TwoRates { side_px: 8, ..TwoRates::default() });
-    let stream = StudyStream(&study);
-    let test = stream.draw(20, 3).unwrap();
-    let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
-        let request = CausalRequest {
-            stream: &stream,
-            test: &test,
-            validation: None,
-            keeper,
-            moments: None,
-            noise: study.noise(),
-            length: FitLength::Steps(150),
-            start: None,
-            estimator: Model::Full,
-            seed: 4,
-        };
-        let mut steps = 0;
-        let estimate = causal_estimate(&request, &mut |progress| {
-            steps += usize::from(progress.scored.is_none());
-            if steps == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        });
-        estimate.map(|(trial, _)| (trial.bits_per_pixel().to_bits(), steps))
-    };
-    let (whole, steps) = run(None, usize::MAX).unwrap();
-    assert_eq!(steps, 150);
-    let kept = InMemory::default();
-    assert_eq!(run(Some(&kept), 100), Err(InformationError::Cancelled));
-    let (resumed, steps) = run(Some(&kept), usize::MAX).unwrap();
-    // Patches are drawn for 32 steps at a time.
-    assert_eq!((resumed, steps), (whole, 150 - 96));
-    kept.store(b"something else").unwrap();
-    assert!(run(Some(&kept), usize::MAX).unwrap_err().to_string().contains("safetensors"));
 }

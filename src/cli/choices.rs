@@ -6,7 +6,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
+use clap::ValueEnum;
 
+use crate::information::Estimator;
 use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, import_psf, random_layout};
 use crate::workbench::{Design, EvaluationError};
 
@@ -100,6 +102,61 @@ impl FromStr for PatchChoice {
             .map(|(rows, cols)| Self::Shape(rows, cols))
             .ok_or_else(|| format!("patch {text:?}: expected pixels such as 32, rows x cols such as 16x24, or sensor"))
     }
+}
+
+impl PatchChoice {
+    /// Rows and columns in pixels; none for the whole measurement.
+    pub fn shape(self) -> Option<(usize, usize)> {
+        match self {
+            Self::Shape(rows, cols) => Some((rows, cols)),
+            Self::Sensor => None,
+        }
+    }
+}
+
+/// Estimators by the names of the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum EstimatorChoice {
+    /// Stationary Gaussian fitted to patches.
+    Gaussian,
+    /// Gaussian with the full covariance of all pixels of a patch, fitted to patches.
+    GaussianFull,
+    /// Gaussian of the covariance that objects and PSF have, without fitting.
+    GaussianAnalytic,
+    /// The published autoregressive network fitted to patches.
+    #[value(name = "pixelcnn")]
+    PixelCnn,
+    /// Causal density model over clean levels, fitted to fresh patches for 60 s or the --budget.
+    Live,
+    /// The same with a fit of 30 minutes or the --budget.
+    Full,
+    /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, in 5 minutes or the
+    /// --budget.
+    Bracket,
+}
+
+impl EstimatorChoice {
+    /// What it names.
+    pub fn estimator(self) -> Estimator {
+        match self {
+            Self::Gaussian => Estimator::GaussianStationary,
+            Self::GaussianFull => Estimator::GaussianFull,
+            Self::GaussianAnalytic => Estimator::GaussianAnalytic,
+            Self::PixelCnn => Estimator::PixelCnn,
+            Self::Live => Estimator::Live,
+            Self::Full => Estimator::Full,
+            Self::Bracket => Estimator::Bracket,
+        }
+    }
+}
+
+/// Most patches of one kind; those of 32 x 32 px then take 4 GB.
+const MOST_PATCHES: usize = 1_000_000;
+
+/// Refuses more patches than memory holds.
+pub fn check_patches(train: usize, test: usize) -> anyhow::Result<()> {
+    check_count("--patches-train", train, 0..=MOST_PATCHES)?;
+    check_count("--patches-test", test, 1..=MOST_PATCHES)
 }
 
 /// The error of objects and mask that do not fit each other, with the name of the objects.

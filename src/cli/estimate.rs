@@ -2,11 +2,10 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-use super::choices::{BudgetChoice, PatchChoice, about_objects, check_count};
+use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_patches};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
@@ -14,15 +13,8 @@ use crate::workbench::{
     Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, estimate,
 };
 
-/// Most patches of one kind; those of 32 x 32 px then take 4 GB.
-const MOST_PATCHES: usize = 1_000_000;
 /// Most repetitions.
 const MOST_TRIALS: usize = 10_000;
-
-/// Time of a fit where none is given.
-const LIVE_BUDGET: Duration = Duration::from_mins(1);
-const FULL_BUDGET: Duration = Duration::from_mins(30);
-const BRACKET_BUDGET: Duration = Duration::from_mins(5);
 
 /// Arguments of `estimate`.
 #[derive(Args, Debug)]
@@ -37,7 +29,7 @@ pub struct Arguments {
     measured: MeasuredArgs,
 
     /// The density model.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t = EstimatorChoice::Gaussian)]
     estimator: EstimatorChoice,
 
     /// default: exact noise entropy, no base image in both training and test; paper: as published.
@@ -102,90 +94,42 @@ struct MeasuredArgs {
     bin: usize,
 }
 
-/// Estimators by the names of the command line.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum EstimatorChoice {
-    /// Stationary Gaussian fitted to patches.
-    #[default]
-    Gaussian,
-    /// Gaussian with the full covariance of all pixels of a patch, fitted to patches.
-    GaussianFull,
-    /// Gaussian of the covariance that objects and PSF have, without fitting.
-    GaussianAnalytic,
-    /// The published autoregressive network fitted to patches.
-    #[value(name = "pixelcnn")]
-    PixelCnn,
-    /// Causal density model over clean levels, fitted to fresh patches for 60 s or the --budget.
-    Live,
-    /// The same with a fit of 30 minutes or the --budget.
-    Full,
-    /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, in 5 minutes or the
-    /// --budget.
-    Bracket,
-}
-
-impl EstimatorChoice {
-    /// Whether it is fitted for a time that can be chosen.
-    fn is_fitted(self) -> bool {
-        matches!(self, Self::PixelCnn) || self.is_ours()
-    }
-
-    /// Whether it is made for the default protocol alone.
-    fn is_ours(self) -> bool {
-        matches!(self, Self::Live | Self::Full | Self::Bracket)
-    }
-}
-
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
-        check_count("--patches-train", self.patches_train, 0..=MOST_PATCHES)?;
-        check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
+        check_patches(self.patches_train, self.patches_test)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
+        let estimator = self.estimator.estimator();
+        // Those that are made for the default protocol alone.
+        let ours = matches!(estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
         let budget = self.budget.map(|choice| choice.0);
-        if budget.is_some() && !self.estimator.is_fitted() {
+        if budget.is_some() && estimator.usual_budget().is_none() {
             return Err(anyhow::anyhow!(
                 "--budget is the time of a fit by --estimator pixelcnn, live, full or bracket; leave it out"
             )
             .into());
         }
-        if self.engine.is_some() && !matches!(self.estimator, EstimatorChoice::PixelCnn) {
+        if self.engine.is_some() && estimator != Estimator::PixelCnn {
             return Err(anyhow::anyhow!("--engine computes the network of --estimator pixelcnn; leave it out").into());
         }
-        if self.protocol == Protocol::Paper && self.estimator.is_ours() {
+        if self.protocol == Protocol::Paper && ours {
             return Err(anyhow::anyhow!(
                 "--protocol paper is that of --estimator pixelcnn and gaussian; leave it out for live, full and bracket"
             )
             .into());
         }
-        if self.trials > 1 && matches!(self.estimator, EstimatorChoice::Bracket) {
+        if self.trials > 1 && estimator == Estimator::Bracket {
             return Err(anyhow::anyhow!("--estimator bracket is fitted once; give it a longer --budget").into());
         }
-        let engine = self.engine.unwrap_or_default();
-        let kept = matches!(self.estimator, EstimatorChoice::Live | EstimatorChoice::Full) && self.trials == 1;
+        let kept = matches!(estimator, Estimator::Live | Estimator::Full) && self.trials == 1;
         if self.resume.is_some() && !kept {
             return Err(anyhow::anyhow!("--resume keeps one fit by --estimator live or full; leave it out").into());
         }
         let design = self.design.design(Some(&self.scene))?;
         let request = EstimateRequest {
-            model: match self.estimator {
-                EstimatorChoice::Gaussian => DensityModel::Stationary,
-                EstimatorChoice::GaussianFull => DensityModel::Full,
-                EstimatorChoice::GaussianAnalytic => DensityModel::Analytic,
-                EstimatorChoice::PixelCnn => DensityModel::PixelCnn { budget, engine },
-                EstimatorChoice::Live => {
-                    DensityModel::Causal { estimator: Estimator::Live, budget: budget.unwrap_or(LIVE_BUDGET) }
-                }
-                EstimatorChoice::Bracket => DensityModel::Bracket { budget: budget.unwrap_or(BRACKET_BUDGET) },
-                EstimatorChoice::Full => {
-                    DensityModel::Causal { estimator: Estimator::Full, budget: budget.unwrap_or(FULL_BUDGET) }
-                }
-            },
+            model: DensityModel::new(estimator, budget, self.engine.unwrap_or_default()),
             protocol: self.protocol,
-            patch: match self.patch {
-                PatchChoice::Shape(rows, cols) => Some((rows, cols)),
-                PatchChoice::Sensor => None,
-            },
+            patch: self.patch.shape(),
             patches_train: self.patches_train,
             patches_test: self.patches_test,
             trials: self.trials,

@@ -7,18 +7,14 @@ use std::time::Duration;
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::choices::{BudgetChoice, PatchChoice, check_count, check_folder};
+use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_patches};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
 use crate::workbench::study::{
     PublishedSet, Study, StudyCell, StudyDesign, StudyEvent, StudyObjects, StudyRecord, StudySettings, StudyStep,
 };
-
-/// Most patches of one kind; those of 32 x 32 px then take 4 GB.
-const MOST_PATCHES: usize = 1_000_000;
 
 /// Arguments of `study`.
 #[derive(Args, Debug)]
@@ -61,6 +57,22 @@ struct Common {
     json: bool,
 }
 
+/// What the cells of a table share.
+#[derive(Args, Debug)]
+struct CellArgs {
+    /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
+    #[arg(long, default_value = "32")]
+    patch: PatchChoice,
+
+    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
+    #[arg(long, default_value_t = Noise::Shot)]
+    noise: Noise,
+
+    /// Seed of objects, noise, patches and fits.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
 #[derive(Args, Debug)]
 struct Grid {
     #[command(flatten)]
@@ -79,20 +91,11 @@ struct Grid {
     lenslets: Vec<usize>,
 
     /// The estimator.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t = EstimatorChoice::Live)]
     estimator: EstimatorChoice,
 
-    /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
-    #[arg(long, default_value = "32")]
-    patch: PatchChoice,
-
-    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
-    #[arg(long, default_value_t = Noise::Shot)]
-    noise: Noise,
-
-    /// Seed of objects, noise, patches and fits.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    cells: CellArgs,
 }
 
 #[derive(Args, Debug)]
@@ -111,7 +114,7 @@ struct Patches {
     sides: Vec<PatchChoice>,
 
     /// The estimator.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t = EstimatorChoice::Live)]
     estimator: EstimatorChoice,
 }
 
@@ -128,47 +131,8 @@ struct Bracket {
     #[arg(long, value_delimiter = ',', value_parser = beads)]
     densities: Vec<ObjectSource>,
 
-    /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
-    #[arg(long, default_value = "32")]
-    patch: PatchChoice,
-
-    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
-    #[arg(long, default_value_t = Noise::Shot)]
-    noise: Noise,
-
-    /// Seed of objects, noise, patches and fits.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-}
-
-/// Estimators by the names of the command line.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum EstimatorChoice {
-    /// Causal density model over clean levels, fitted for 60 s or the --budget.
-    #[default]
-    Live,
-    /// The same, fitted for 30 minutes or the --budget.
-    Full,
-    /// The published autoregressive network, fitted for 5 minutes or the --budget.
-    #[value(name = "pixelcnn")]
-    PixelCnn,
-    /// Stationary Gaussian, fitted in seconds.
-    Gaussian,
-    /// Bounds from both sides in 5 minutes or the --budget.
-    Bracket,
-}
-
-impl EstimatorChoice {
-    /// The estimator and its budget in seconds where none is given.
-    fn estimator(self) -> (Estimator, Option<f64>) {
-        match self {
-            Self::Live => (Estimator::Live, Some(60.0)),
-            Self::Full => (Estimator::Full, Some(1800.0)),
-            Self::PixelCnn => (Estimator::PixelCnn, Some(300.0)),
-            Self::Gaussian => (Estimator::GaussianStationary, None),
-            Self::Bracket => (Estimator::Bracket, Some(300.0)),
-        }
-    }
+    #[command(flatten)]
+    cells: CellArgs,
 }
 
 /// Image sets by the names of the command line.
@@ -225,15 +189,14 @@ impl Grid {
         let names = self.published_as.iter().map(|choice| choice.set()).chain(std::iter::repeat(None));
         let objects = self.objects.iter().cloned().zip(names);
         let objects: Vec<StudyObjects> = objects.map(|(source, set)| StudyObjects::new(source, set)).collect();
-        let (estimator, budget_seconds) = self.estimator.estimator();
         Ok(StudySettings {
             objects: if objects.is_empty() { published.objects } else { objects },
             designs: layouts(&self.lenslets, published.designs),
-            patches: vec![patch(self.patch)],
-            estimator,
-            budget_seconds,
-            noise: self.noise,
-            seed: self.seed,
+            estimator: self.estimator.estimator(),
+            budget_seconds: budget_seconds(self.estimator),
+            patches: vec![self.cells.patch.shape()],
+            noise: self.cells.noise,
+            seed: self.cells.seed,
             ..published
         })
     }
@@ -242,9 +205,12 @@ impl Grid {
 impl Patches {
     fn settings(&self) -> anyhow::Result<StudySettings> {
         let design = self.design.design(Some(&self.scene))?;
-        let (estimator, budget_seconds) = self.estimator.estimator();
-        let patches = self.sides.iter().map(|&side| patch(side)).collect();
-        Ok(StudySettings { patches, estimator, budget_seconds, ..StudySettings::patches(&design) })
+        Ok(StudySettings {
+            patches: self.sides.iter().map(|side| side.shape()).collect(),
+            estimator: self.estimator.estimator(),
+            budget_seconds: budget_seconds(self.estimator),
+            ..StudySettings::patches(&design)
+        })
     }
 }
 
@@ -256,9 +222,9 @@ impl Bracket {
         StudySettings {
             objects: if objects.is_empty() { all.objects } else { objects },
             designs: layouts(&self.lenslets, all.designs),
-            patches: vec![patch(self.patch)],
-            noise: self.noise,
-            seed: self.seed,
+            patches: vec![self.cells.patch.shape()],
+            noise: self.cells.noise,
+            seed: self.cells.seed,
             ..all
         }
     }
@@ -266,8 +232,7 @@ impl Bracket {
 
 impl Common {
     fn run(self, mut settings: StudySettings) -> Result<(), Failure> {
-        check_count("--patches-train", self.patches_train, 0..=MOST_PATCHES)?;
-        check_count("--patches-test", self.patches_test, 1..=MOST_PATCHES)?;
+        check_patches(self.patches_train, self.patches_test)?;
         if let Some(budget) = self.budget {
             if settings.budget_seconds.is_none() {
                 return Err(
@@ -384,11 +349,9 @@ fn spoken(time: Duration) -> String {
     }
 }
 
-fn patch(choice: PatchChoice) -> Option<(usize, usize)> {
-    match choice {
-        PatchChoice::Shape(rows, cols) => Some((rows, cols)),
-        PatchChoice::Sensor => None,
-    }
+/// Time for a cell where none is given, seconds.
+fn budget_seconds(estimator: EstimatorChoice) -> Option<f64> {
+    estimator.estimator().usual_budget().map(|budget| budget.as_secs_f64())
 }
 
 /// Heuristic layouts, or those that are usual where none is named.

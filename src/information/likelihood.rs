@@ -1,6 +1,6 @@
 //! Likelihood of a measured pixel when its encoded value is known.
 
-use crate::sensor::Noise;
+use crate::sensor::{Noise, ln_factorial};
 
 /// Half width of sums over counts, in standard deviations of the read noise.
 const REACH: f64 = 9.0;
@@ -40,8 +40,7 @@ pub(super) fn ln_poisson(y: f64, x: f64) -> f64 {
     } else if x == 0.0 {
         if y == 0.0 { 0.0 } else { f64::NEG_INFINITY }
     } else if y < 32.0 {
-        let ln_factorial: f64 = (2..=y as u32).map(|k| f64::from(k).ln()).sum();
-        y * x.ln() - x - ln_factorial
+        y * x.ln() - x - ln_factorial(y)
     } else {
         // Loader's form (2000) of the saddle point: no large numbers are subtracted from each other.
         let r = 1.0 / y;

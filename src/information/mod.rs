@@ -21,6 +21,7 @@ mod likelihood;
 mod pixelcnn;
 mod poisson;
 mod poisson_gaussian;
+mod progress;
 mod stationary;
 #[cfg(test)]
 mod test_beads;
@@ -44,9 +45,10 @@ pub use gaussian::FullGaussian;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
 pub use likelihood::log_likelihood;
 pub use pixelcnn::{
-    BurnDevice, DataScale, Engine, EngineChoice, FitProgress, FitReport, Mixtures, PixelCnn, PixelCnnFit,
-    PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate,
+    BurnDevice, DataScale, Engine, EngineChoice, FitReport, Mixtures, PixelCnn, PixelCnnFit, PixelCnnRequest,
+    PixelCnnShape, TrainingPatches, pixelcnn_estimate,
 };
 pub use poisson::poisson_entropy;
+pub use progress::{FitProgress, OnProgress};
 pub use stationary::StationaryGaussian;
 pub use trial::{Estimator, Trial, TrialSettings};

@@ -1,6 +1,7 @@
 //! One trial of an estimator: a number with its interval and the settings it belongs to.
 
 use std::fmt;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,18 @@ pub enum Estimator {
     Full,
     /// The smallest of a live estimate, the Gaussian bound and the ceiling, beside a decoder's lower bound.
     Bracket,
+}
+
+impl Estimator {
+    /// Time for a fit where nothing else is asked for; none for estimators that are not fitted for a time.
+    pub fn usual_budget(self) -> Option<Duration> {
+        match self {
+            Self::GaussianStationary | Self::GaussianFull | Self::GaussianAnalytic => None,
+            Self::Live => Some(Duration::from_mins(1)),
+            Self::PixelCnn | Self::Bracket => Some(Duration::from_mins(5)),
+            Self::Full => Some(Duration::from_mins(30)),
+        }
+    }
 }
 
 impl fmt::Display for Estimator {

@@ -10,7 +10,7 @@ pub use convolution::{BlurWorkspace, Convolution, Convolver, ObjectSpectra};
 pub use error::SensorError;
 pub use noise::Noise;
 pub use patches::Patches;
-pub use poisson::sample_poisson;
+pub use poisson::{ln_factorial, sample_poisson};
 
 /// Background light in photons per pixel that every published measurement carries (Kabuli et al. 2026).
 pub const DEFAULT_BIAS: f64 = 10.0;

@@ -117,7 +117,7 @@ fn inversion(mean: f64, random: &mut impl Rng) -> f64 {
 }
 
 /// Natural logarithm of `count`!, exact to rounding: a table, then Stirling's series.
-fn ln_factorial(count: f64) -> f64 {
+pub fn ln_factorial(count: f64) -> f64 {
     const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
     if let Some(&value) = LN_FACTORIALS.get(count as usize) {
         return value;

@@ -24,31 +24,27 @@ pub struct EstimateForm {
 
 impl Default for EstimateForm {
     fn default() -> Self {
-        Self { kind: Estimator::Bracket, whole_sensor: false, minutes: 5.0, chosen: None }
+        let kind = Estimator::Bracket;
+        Self { kind, whole_sensor: false, minutes: usual_minutes(kind), chosen: None }
     }
 }
 
 impl EstimateForm {
     /// Those that are fitted; the Gaussian bound follows every edit anyway.
-    const KINDS: [(Estimator, &'static str, f64, &'static str); 3] = [
+    const KINDS: [(Estimator, &'static str, &'static str); 3] = [
         (
             Estimator::Bracket,
             "Bracket",
-            5.0,
             "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below",
         ),
-        (Estimator::Full, "Full", 30.0, "The density model of the live estimate, fitted for long"),
-        (Estimator::PixelCnn, "PixelCNN", 10.0, "The published density model, default protocol"),
+        (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
+        (Estimator::PixelCnn, "PixelCNN", "The published density model, default protocol"),
     ];
 
     fn request(&self) -> EstimateRequest {
         let budget = Duration::from_secs_f64(60.0 * self.minutes);
         EstimateRequest {
-            model: match self.kind {
-                Estimator::PixelCnn => DensityModel::PixelCnn { budget: Some(budget), engine: EngineChoice::Cpu },
-                Estimator::Bracket => DensityModel::Bracket { budget },
-                estimator => DensityModel::Causal { estimator, budget },
-            },
+            model: DensityModel::new(self.kind, Some(budget), EngineChoice::Cpu),
             protocol: Protocol::Default,
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
             patches_train: 10_000,
@@ -57,6 +53,10 @@ impl EstimateForm {
             keep: None,
         }
     }
+}
+
+fn usual_minutes(kind: Estimator) -> f64 {
+    kind.usual_budget().map_or(1.0, |budget| budget.as_secs_f64() / 60.0)
 }
 
 /// Shows the panel.
@@ -97,9 +97,9 @@ fn order(ui: &mut Ui, state: &mut State) {
             .selected_text(known.map_or("", |(_, name, ..)| name))
             .width(84.0)
             .show_ui(ui, |ui| {
-                for (kind, name, minutes, hint) in EstimateForm::KINDS {
+                for (kind, name, hint) in EstimateForm::KINDS {
                     if ui.selectable_value(&mut form.kind, kind, name).on_hover_text(hint).clicked() {
-                        form.minutes = minutes;
+                        form.minutes = usual_minutes(kind);
                     }
                 }
             })
@@ -172,7 +172,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 }
 
 /// The number of an estimate in one line.
-pub fn summary(estimate: &Estimate) -> String {
+fn summary(estimate: &Estimate) -> String {
     let lower = estimate.bracket.as_ref().and_then(|bracket| bracket.lower);
     let (bits, from) = (rounded(estimate.bits_per_pixel), estimate.estimator);
     match lower {

@@ -1,5 +1,7 @@
 //! Information and sparsity: what the design's numbers are and what they rest on.
 
+use std::sync::Arc;
+
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use super::image_view::{placeholder, significant};
@@ -49,7 +51,7 @@ struct Known<'a> {
     bounds: &'a LiveInformation,
     /// Whether the bounds are those of the design as it is now.
     current: bool,
-    live: Option<(LiveEstimate, bool)>,
+    live: Option<(Arc<LiveEstimate>, bool)>,
     /// The newest bracket of the design as it is now: of the patch that the live numbers refer to.
     bracket: Option<Bracket>,
     /// The same for whole measurements, with their shape.
@@ -67,7 +69,7 @@ impl<'a> Known<'a> {
         Self {
             bounds,
             current: state.is_current(revision),
-            live: live.map(|live| (LiveEstimate::clone(&live.value), state.is_current(live.revision))),
+            live: live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision))),
             bracket: brackets.iter().find(|(_, patch)| *patch == here).map(|(bracket, _)| bracket.clone()),
             sensor: brackets.into_iter().find(|(_, patch)| *patch != here),
         }

@@ -7,14 +7,14 @@ use ndarray::{Array3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
-use super::kept_fit::KeptFit;
+use super::kept_fit::kept_estimate;
 use super::progress::{Watch, tell};
 use super::simulation::{convolver, derived_seed, open_set};
 use super::stream::DesignStream;
 use crate::information::{
     AnalyticGaussian, CausalRequest, Covariance, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
     GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
-    Provenance, Trial, TrialSettings, causal_estimate, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -51,6 +51,20 @@ pub enum DensityModel {
 }
 
 impl DensityModel {
+    /// The model of an estimator, fitted for `budget`. Without one a PixelCNN is fitted for as long as its protocol says,
+    /// the others for their [usual](Estimator::usual_budget) time; estimators that are not fitted for a time ignore it.
+    pub fn new(estimator: Estimator, budget: Option<Duration>, engine: EngineChoice) -> Self {
+        let time = budget.or(estimator.usual_budget()).unwrap_or_default();
+        match estimator {
+            Estimator::GaussianStationary => Self::Stationary,
+            Estimator::GaussianFull => Self::Full,
+            Estimator::GaussianAnalytic => Self::Analytic,
+            Estimator::PixelCnn => Self::PixelCnn { budget, engine },
+            Estimator::Live | Estimator::Full => Self::Causal { estimator, budget: time },
+            Estimator::Bracket => Self::Bracket { budget: time },
+        }
+    }
+
     /// The name that its estimates go by.
     pub fn estimator(&self) -> Estimator {
         match self {
@@ -212,26 +226,21 @@ fn causal(
     let (train, test) = source.splits();
     let stream = source.stream(train);
     let (clean, noisy) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
-    let (design, set) = (source.design, source.set);
-    let what = (design, set.fingerprint(), source.patch, estimator, budget, request.patches_test, seed);
-    let kept = request.keep.as_ref().map(|path| KeptFit::new(path, &what));
-    let request = CausalRequest {
+    let (design, set, patch) = (source.design, source.set, source.patch);
+    let fit = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: None,
-        keeper: kept.as_ref().map(|kept| kept as _),
-        moments: Some(&moments(source.design, source.set, source.patch)?),
-        noise: source.design.noise,
+        keeper: None,
+        moments: Some(&moments(design, set, patch)?),
+        noise: design.noise,
         length: FitLength::Time(budget),
         start: None,
         estimator,
         seed,
     };
-    let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
-    if let Some(kept) = &kept {
-        kept.finish();
-    }
-    Ok(trial)
+    let what = || (design, set.fingerprint(), patch, estimator, budget, request.patches_test, seed);
+    Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
 }
 
 /// Share of a bracket's time that goes to the density model; without a prior there is no decoder to fit.
@@ -252,18 +261,30 @@ fn lower_bound(
     Ok(Some(bound))
 }
 
+/// What is known of a design's measurements without drawing any.
+struct KnownMoments {
+    /// As far as the objects have planes, shape (planes, rows, cols).
+    psf: Array3<f64>,
+    covariance: AnalyticGaussian,
+    /// Photons per pixel.
+    mean: f64,
+}
+
+impl KnownMoments {
+    fn of(design: &Design, set: &ObjectSet, patch: (usize, usize)) -> Result<Self, EvaluationError> {
+        let grid = design.encoder.grid();
+        let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
+        let psf = design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]);
+        let covariance = AnalyticGaussian::new(&set.autocovariance(reach), grid, patch)?;
+        let mean = super::evaluation::mean_measurement(design, set, psf.view());
+        Ok(Self { psf, covariance, mean })
+    }
+}
+
 /// Mean and autocovariance of the measurements, from those of the objects and the PSF.
 pub(super) fn moments(design: &Design, set: &ObjectSet, patch: (usize, usize)) -> Result<Moments, EvaluationError> {
-    let grid = design.encoder.grid();
-    let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
-    let psf = design.psf(set.planes())?;
-    let seen = psf.slice(ndarray::s![..set.planes(), .., ..]);
-    let mean = super::evaluation::mean_measurement(design, set, seen);
-    let autocovariance = AnalyticGaussian::new(&set.autocovariance(reach), grid, patch)?.measured_autocovariance(
-        seen,
-        mean,
-        design.noise,
-    )?;
+    let KnownMoments { psf, covariance, mean } = KnownMoments::of(design, set, patch)?;
+    let autocovariance = covariance.measured_autocovariance(psf.view(), mean, design.noise)?;
     Ok(Moments { mean, autocovariance })
 }
 
@@ -274,23 +295,14 @@ fn analytic(
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let start = std::time::Instant::now();
-    let (design, set, patch) = (source.design, source.set, source.patch);
+    let (design, patch) = (source.design, source.patch);
     let (_, test) = source.splits();
     let (clean, _) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
     tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
-    let grid = design.encoder.grid();
-    let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
-    let psf = design.psf(set.planes())?;
-    let seen = psf.slice(ndarray::s![..set.planes(), .., ..]);
-    let mean = super::evaluation::mean_measurement(design, set, seen);
-    let bound = AnalyticGaussian::new(&set.autocovariance(reach), grid, patch)?.evaluate(
-        seen,
-        mean,
-        design.noise,
-        entropy_y_given_x,
-    )?;
+    let KnownMoments { psf, covariance, mean } = KnownMoments::of(design, source.set, patch)?;
+    let bound = covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;
     let settings = TrialSettings {
         estimator: Estimator::GaussianAnalytic,
         protocol: request.protocol,

@@ -80,8 +80,9 @@ struct Shared {
     newest: AtomicU64,
     /// The order in hand is to stop.
     cancelled: AtomicBool,
-    /// Live estimates are wanted.
+    /// Live estimates are wanted; changed while the mailbox is locked, so that no change is missed before a wait.
     live: AtomicBool,
+    /// The thread is to end; changed as `live` is.
     quit: AtomicBool,
     wake: Wake,
 }
@@ -141,11 +142,10 @@ impl Estimator {
 
     /// Switches live estimates on or off.
     pub fn set_live(&self, live: bool) {
-        self.shared.live.store(live, Ordering::Relaxed);
-        self.shared.arrived.notify_one();
+        self.shared.set(&self.shared.live, live);
     }
 
-    /// Asks for an estimate; it takes the place of one that waits. Refused while another one is computed.
+    /// Asks for an estimate; refused while another one waits or is computed.
     ///
     /// # Errors
     /// One sentence where another order is in hand.
@@ -189,8 +189,7 @@ impl Estimator {
 impl Drop for Estimator {
     fn drop(&mut self) {
         // Nobody waits for the thread: it writes no files, and ends at its next step.
-        self.shared.quit.store(true, Ordering::Relaxed);
-        self.shared.arrived.notify_one();
+        self.shared.set(&self.shared.quit, true);
     }
 }
 
@@ -245,13 +244,19 @@ fn next_task(shared: &Shared) -> Option<Task> {
         {
             return Some(Task::Refine(refine));
         }
-        // The flags may change between the look at them and the wait, hence the time limit.
-        let waited = shared.arrived.wait_timeout(mailbox, Duration::from_millis(500));
-        mailbox = waited.unwrap_or_else(std::sync::PoisonError::into_inner).0;
+        mailbox = shared.arrived.wait(mailbox).unwrap_or_else(std::sync::PoisonError::into_inner);
     }
 }
 
 impl Shared {
+    /// Changes a flag that the thread looks at before it waits.
+    fn set(&self, flag: &AtomicBool, value: bool) {
+        let mailbox = lock(&self.mailbox);
+        flag.store(value, Ordering::Relaxed);
+        drop(mailbox);
+        self.arrived.notify_one();
+    }
+
     fn compute(&self, order: &EstimateOrder) {
         let mut told = Instant::now();
         let mut watch = |progress: &EstimateProgress| {

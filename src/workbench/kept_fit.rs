@@ -3,25 +3,46 @@
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
+use super::progress::Watch;
 use crate::formats::write_safely;
-use crate::information::{FitKeeper, InformationError};
+use crate::information::{CausalRequest, FitKeeper, InformationError, Trial, causal_estimate};
+
+/// The estimate of a causal model, with the state of its fit in the file `keep` where one is named; the file is removed in
+/// the end. `what` describes the fit completely.
+///
+/// # Errors
+/// As [`causal_estimate`].
+pub(super) fn kept_estimate<W: Debug>(
+    request: &CausalRequest<'_>,
+    keep: Option<&PathBuf>,
+    what: impl FnOnce() -> W,
+    watch: Watch<'_>,
+) -> Result<Trial, InformationError> {
+    let kept = keep.map(|path| KeptFit::new(path, &what()));
+    let request = CausalRequest { keeper: kept.as_ref().map(|kept| kept as _), ..*request };
+    let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
+    if let Some(kept) = &kept {
+        kept.finish();
+    }
+    Ok(trial)
+}
 
 /// A file that holds the state of one fit while it goes on.
-pub(super) struct KeptFit {
+struct KeptFit {
     path: PathBuf,
     key: String,
 }
 
 impl KeptFit {
     /// The file at `path`, for the fit that `what` describes completely.
-    pub fn new(path: &Path, what: &dyn Debug) -> Self {
+    fn new(path: &Path, what: &dyn Debug) -> Self {
         let version = env!("CARGO_PKG_VERSION");
         let key = blake3::hash(format!("{version} {what:?}").as_bytes()).to_hex().to_string();
         Self { path: path.to_owned(), key }
     }
 
     /// Removes the file: the fit has come to its end.
-    pub fn finish(&self) {
+    fn finish(&self) {
         // A file that stays behind is replaced by the next fit, or refused as that of another one.
         let _ = std::fs::remove_file(&self.path);
     }

@@ -11,13 +11,13 @@ use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
 use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES};
-use super::kept_fit::KeptFit;
+use super::kept_fit::kept_estimate;
 use super::progress::{Watch, tell};
 use super::simulation::derived_seed;
 use crate::formats::{FormatError, picture_files, read_picture_or_array};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, FitLength, GaussianRequest, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, PixelCnnRequest, Provenance, Trial, causal_estimate, gaussian_estimate, pixelcnn_estimate,
+    PatchBatch, PatchStream, PixelCnnRequest, Provenance, Trial, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -314,13 +314,11 @@ impl MeasuredImages {
                     Some(PatchBatch { noisy, clean: None })
                 }
             };
-            let what = (self.fingerprint(), patch, noise, estimator, budget, request.patches_test, seed);
-            let kept = request.keep.as_ref().map(|path| KeptFit::new(path, &what));
-            let request = CausalRequest {
+            let fit = CausalRequest {
                 stream: &stream,
                 test: &PatchBatch { noisy: test, clean: None },
                 validation: validation.as_ref(),
-                keeper: kept.as_ref().map(|kept| kept as _),
+                keeper: None,
                 moments: None,
                 noise,
                 length: FitLength::Time(budget),
@@ -328,11 +326,8 @@ impl MeasuredImages {
                 estimator,
                 seed,
             };
-            let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
-            if let Some(kept) = &kept {
-                kept.finish();
-            }
-            return Ok(trial);
+            let what = || (self.fingerprint(), patch, noise, estimator, budget, request.patches_test, seed);
+            return Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?);
         }
         let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
         tell(watch, "Fitting", 0, 1)?;

@@ -131,7 +131,7 @@ impl Refiner {
         let started = Instant::now();
         let mut next = FIRST_SCORE;
         let mut failure = None;
-        let fitted = fit.fit_watched(&mut model, &train, &mut |progress, snapshot| {
+        let fitted = fit.fit_watched(&mut model, &train, None, &mut |progress, snapshot| {
             if stop() {
                 return ControlFlow::Break(());
             }
@@ -215,7 +215,7 @@ impl Scorer<'_> {
         started: Instant,
         remaining: Option<Duration>,
     ) -> Result<LiveEstimate, InformationError> {
-        let maps = information_map(model, self.design.noise, test)?;
+        let maps = information_map(model, self.entropy, test)?;
         let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
         let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;

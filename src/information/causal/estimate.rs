@@ -1,6 +1,5 @@
 //! Information from an endless stream of patches by the causal density model.
 
-use std::ops::ControlFlow;
 use std::time::Instant;
 
 use ndarray::{Array3, Axis, Zip, s};
@@ -12,7 +11,9 @@ use super::model::CausalModel;
 use super::shape::CausalShape;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::likelihood::log_likelihood;
-use crate::information::{Estimator, FitProgress, InformationError, NoiseEntropy, Protocol, Trial, TrialSettings};
+use crate::information::{
+    Estimator, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
+};
 use crate::sensor::Noise;
 
 /// Held-out patches that are scored before one may cancel.
@@ -74,13 +75,13 @@ pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, Informat
 /// As [`causal_model`]; when `on_progress` cancels.
 pub fn causal_estimate(
     request: &CausalRequest<'_>,
-    on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+    on_progress: OnProgress<'_>,
 ) -> Result<(Trial, CausalModel), InformationError> {
     let started = Instant::now();
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
     let mut best = Best::new(request.validation);
-    let steps = fit.fit_kept(&mut model, request.stream, request.keeper, &mut |progress, snapshot| {
+    let steps = fit.fit_watched(&mut model, request.stream, request.keeper, &mut |progress, snapshot| {
         best.look(progress, snapshot);
         on_progress(progress)
     })?;
@@ -115,15 +116,16 @@ fn score_in_parts(
     model: &CausalModel,
     request: &CausalRequest<'_>,
     (started, step): (Instant, usize),
-    on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+    on_progress: OnProgress<'_>,
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = request.test.noisy.len_of(Axis(0));
+    let entropy = NoiseEntropy::new(request.noise, Protocol::Default)?;
     let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
     for first in (0..total).step_by(SCORED_AT_ONCE) {
         let part = s![first..total.min(first + SCORED_AT_ONCE), .., ..];
         let noisy = request.test.noisy.slice(part).to_owned();
         let clean = request.test.clean.as_ref().map(|clean| clean.slice(part).to_owned());
-        let (bits, entropies) = score(model, request.noise, &PatchBatch { noisy, clean })?;
+        let (bits, entropies) = score(model, &entropy, &PatchBatch { noisy, clean })?;
         information.extend(bits);
         entropy_y_given_x.extend(entropies);
         let progress = FitProgress {
@@ -191,14 +193,17 @@ fn validation_bits(model: &CausalModel, patches: &PatchBatch) -> Result<f64, Inf
 }
 
 /// Information and noise entropy of every held-out patch, bits per pixel: `log2 p(y|x) - log2 q(y)` where clean patches
-/// are known, `-log2 q(y) - H(Y|X)` with the noisy ones as means otherwise.
+/// are known, `-log2 q(y) - H(Y|X)` with the noisy ones as means otherwise. `entropy` is that of the model's noise.
 ///
 /// # Errors
 /// For patches of another shape or broken ones.
-pub fn score(model: &CausalModel, noise: Noise, test: &PatchBatch) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
-    let map = information_map(model, noise, test)?;
+pub fn score(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let map = information_map(model, entropy, test)?;
     let information = map.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
-    let entropy = NoiseEntropy::new(noise, Protocol::Default)?;
     let entropy_y_given_x = match &test.clean {
         Some(clean) => entropy.patch_bits(clean.view())?,
         None => entropy.patch_bits(test.noisy.mapv(|y| y.max(0.0)).view())?,
@@ -211,14 +216,18 @@ pub fn score(model: &CausalModel, noise: Noise, test: &PatchBatch) -> Result<(Ve
 ///
 /// # Errors
 /// As [`score`].
-pub fn information_map(model: &CausalModel, noise: Noise, test: &PatchBatch) -> Result<Array3<f64>, InformationError> {
+pub fn information_map(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+) -> Result<Array3<f64>, InformationError> {
+    let noise = model.conditioning.noise;
     let mut map = model.cross_entropy_map(test.noisy.view())?;
     if let Some(clean) = &test.clean {
         Zip::from(&mut map).and(&test.noisy).and(clean).par_for_each(|bits, &y, &x| {
             *bits += log_likelihood(noise, f64::from(y), f64::from(x)) / std::f64::consts::LN_2;
         });
     } else {
-        let entropy = NoiseEntropy::new(noise, Protocol::Default)?;
         Zip::from(&mut map).and(&test.noisy).par_for_each(|bits, &y| *bits -= entropy.bits(f64::from(y.max(0.0))));
     }
     Ok(map)

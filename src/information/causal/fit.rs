@@ -7,7 +7,7 @@ use super::keep::{Course, FitKeeper, restore, to_bytes};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::PatchStream;
-use crate::information::{FitProgress, InformationError};
+use crate::information::{FitProgress, InformationError, OnProgress};
 use crate::network::{Optimizer, rate_schedule};
 
 /// Patches that are drawn at a time.
@@ -60,31 +60,18 @@ impl CausalFit {
         &self,
         model: &mut CausalModel,
         stream: &dyn PatchStream,
-        on_progress: &mut dyn FnMut(&FitProgress) -> ControlFlow<()>,
+        on_progress: OnProgress<'_>,
     ) -> Result<usize, InformationError> {
-        self.fit_watched(model, stream, &mut |progress, _| on_progress(progress))
+        self.fit_watched(model, stream, None, &mut |progress, _| on_progress(progress))
     }
 
-    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted: the second argument of `on_step`
-    /// makes it as it would be if the fit ended there.
-    ///
-    /// # Errors
-    /// As [`CausalFit::fit`].
-    pub fn fit_watched(
-        &self,
-        model: &mut CausalModel,
-        stream: &dyn PatchStream,
-        on_step: OnStep<'_>,
-    ) -> Result<usize, InformationError> {
-        self.fit_kept(model, stream, None, on_step)
-    }
-
-    /// As [`CausalFit::fit_watched`]; the state is kept as often as the keeper
-    /// asks for, and a fit whose state is there goes on from it. Of a fixed number of steps the outcome is the same bit for bit.
+    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]). With a keeper the state is
+    /// kept as often as it asks for, and a fit whose state is there goes on from it; of a fixed number of steps the outcome
+    /// is the same bit for bit.
     ///
     /// # Errors
     /// As [`CausalFit::fit`], and where the state cannot be read or written, or is that of another fit.
-    pub fn fit_kept(
+    pub fn fit_watched(
         &self,
         model: &mut CausalModel,
         stream: &dyn PatchStream,

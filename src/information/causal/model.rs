@@ -1,6 +1,6 @@
 //! A fitted density model of one design's measurements.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use super::network::Workspace;
 use super::shape::{CausalShape, Layers};
 use super::stream::PatchBatch;
 use crate::information::{InformationError, MAX_PATCH_PIXELS};
-use crate::network::{ParameterLayout, Write, sum_in_order};
+use crate::network::{ParameterLayout, Pool, Write, sum_in_order};
 use crate::sensor::Noise;
 
 /// Patches that are made ready and scored at a time.
@@ -181,19 +181,15 @@ impl Gradients {
     }
 }
 
-/// Memory of the threads, kept from patch to patch. Which thread gets which does not matter.
+/// Memory of the threads, kept from patch to patch.
 #[derive(Debug, Default)]
-struct Workspaces(Mutex<Vec<Workspace>>);
+struct Workspaces(Pool<Workspace>);
 
 impl Workspaces {
     fn with(&self, model: &CausalModel, work: impl FnOnce(&mut Workspace)) {
-        // A workspace holds nothing that a panic elsewhere could have broken: all of it is written before it is read.
-        let free = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let free = free.filter(|workspace| workspace.serves(&model.layers, model.conditioning.patch));
-        let mut workspace =
-            free.unwrap_or_else(|| Workspace::new(&model.shape, &model.layers, model.conditioning.patch));
-        work(&mut workspace);
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+        let patch = model.conditioning.patch;
+        let make = || Workspace::new(&model.shape, &model.layers, patch);
+        self.0.with(|workspace| workspace.serves(&model.layers, patch), make, work);
     }
 }
 

@@ -6,13 +6,14 @@ use std::time::{Duration, Instant};
 use ndarray::{ArrayView3, Axis};
 
 use super::engine::EngineChoice;
-use super::fit::{FitReport, OnProgress, PixelCnnFit, TrainingPatches};
+use super::fit::{FitReport, PixelCnnFit, TrainingPatches};
 use super::model::PixelCnn;
-use super::progress::FitProgress;
 use super::shape::PixelCnnShape;
 pub(super) use crate::information::gaussian_estimate::check_clean;
 use crate::information::gaussian_estimate::{TEST_STREAM, dequantised, whole};
-use crate::information::{Estimator, InformationError, NoiseEntropy, Protocol, Trial, TrialSettings};
+use crate::information::{
+    Estimator, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
+};
 use crate::sensor::Noise;
 
 /// Held-out patches scored between two progress reports.

@@ -1,6 +1,5 @@
 //! The fit of a `PixelCNN` to training patches: the published procedure, and one that gets further in the same time.
 
-use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use ndarray::{ArrayView3, Axis, s};
@@ -9,10 +8,9 @@ use super::batches::{Batches, Purpose, prepared, seed_for};
 use super::engine::{Engine, EngineChoice};
 use super::first_mixture::spread_over;
 use super::model::{PixelCnn, check};
-use super::progress::FitProgress;
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
-use crate::information::InformationError;
+use crate::information::{FitProgress, InformationError, OnProgress};
 use crate::network::{Optimizer, Rule, rate_schedule};
 use crate::sensor::Noise;
 
@@ -84,9 +82,6 @@ pub struct FitReport {
     /// Whether the budget ended it before its own rule did.
     pub cut_short: bool,
 }
-
-/// Receives progress; `ControlFlow::Break` cancels the fit before its next step.
-pub type OnProgress<'a> = &'a mut dyn FnMut(&FitProgress) -> ControlFlow<()>;
 
 impl PixelCnnFit {
     /// The published procedure (Kabuli et al. 2026): Adam at 1e-3, batches of 64, 500 steps per epoch, at most 200

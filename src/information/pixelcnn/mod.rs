@@ -12,7 +12,6 @@ mod fit;
 mod mixture;
 mod model;
 mod network;
-mod progress;
 mod scale;
 mod shape;
 
@@ -20,7 +19,6 @@ pub use engine::{BurnDevice, Engine, EngineChoice};
 pub use estimate::{PixelCnnRequest, pixelcnn_estimate};
 pub use fit::{FitReport, PixelCnnFit, TrainingPatches};
 pub use model::{Mixtures, PixelCnn};
-pub use progress::FitProgress;
 pub use scale::DataScale;
 pub(super) use scale::check_values;
 pub use shape::PixelCnnShape;

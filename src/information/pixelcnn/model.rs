@@ -1,7 +1,5 @@
 //! A `PixelCNN` with its weights: densities of patches and gradients of their loss.
 
-use std::sync::{Mutex, PoisonError};
-
 use ndarray::{Array3, Array4, ArrayView3};
 use rayon::prelude::*;
 
@@ -12,7 +10,7 @@ use super::network::Workspace;
 use super::scale::{DataScale, check_values};
 use super::shape::{Layers, PixelCnnShape};
 use crate::information::InformationError;
-use crate::network::{Grid, ParameterLayout};
+use crate::network::{Grid, ParameterLayout, Pool};
 
 /// Largest patch, px: a thread needs about 22 kB for each.
 const MAX_PATCH_PIXELS: usize = 1 << 14;
@@ -180,20 +178,13 @@ pub(super) fn check(patches: ArrayView3<'_, f32>) -> Result<Grid, InformationErr
     Ok(Grid { samples, rows, cols })
 }
 
-/// Memory of the threads, kept from one stack of patches to the next. Which thread gets which does not matter.
+/// Memory of the threads, kept from one stack of patches to the next.
 #[derive(Debug, Default)]
-pub(super) struct Workspaces(Mutex<Vec<Workspace>>);
+pub(super) struct Workspaces(Pool<Workspace>);
 
 impl Workspaces {
     /// Lends a workspace for this grid.
     pub fn with(&self, shape: &PixelCnnShape, grid: Grid, work: impl FnOnce(&mut Workspace)) {
-        let kept = {
-            // A workspace holds nothing that a panic elsewhere could have broken: all of it is written before it is read.
-            let mut free = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            free.iter().position(|workspace| workspace.grid() == grid).map(|index| free.swap_remove(index))
-        };
-        let mut workspace = kept.unwrap_or_else(|| Workspace::new(shape, grid));
-        work(&mut workspace);
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+        self.0.with(|workspace| workspace.grid() == grid, || Workspace::new(shape, grid), work);
     }
 }

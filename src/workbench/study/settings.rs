@@ -24,10 +24,6 @@ const BRACKET_DENSITIES: [f64; 6] = [0.005, 0.008, 0.013, 0.02, 0.03, 0.05];
 const PATCH_SIDES: [usize; 6] = [8, 12, 16, 24, 32, 48];
 /// Side of the published patch, pixels.
 const PATCH_SIDE: usize = 32;
-/// Budget of a cell of a bracket study, seconds.
-const BRACKET_BUDGET: f64 = 300.0;
-/// Budget of a cell of the other studies, seconds.
-const LIVE_BUDGET: f64 = 60.0;
 
 /// What a study is about; it decides which tables are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -134,13 +130,13 @@ pub struct StudySettings {
 impl StudySettings {
     /// The published grid: beads of four densities before five heuristic layouts, shot noise, patches of 32 x 32 px.
     pub fn grid() -> Self {
-        Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Live, LIVE_BUDGET)
+        Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Live)
     }
 
     /// Bounds from both sides for beads of six densities before all nine heuristic layouts.
     pub fn bracket() -> Self {
         let lenslets: Vec<usize> = (1..=9).collect();
-        Self::beads(StudyKind::Bracket, &BRACKET_DENSITIES, &lenslets, Estimator::Bracket, BRACKET_BUDGET)
+        Self::beads(StudyKind::Bracket, &BRACKET_DENSITIES, &lenslets, Estimator::Bracket)
     }
 
     /// Patches of six sizes and the whole sensor, for one design and its objects.
@@ -154,11 +150,11 @@ impl StudySettings {
             mean_photons: design.mean_photons,
             bias_photons: design.bias_photons,
             seed: design.seed,
-            ..Self::beads(StudyKind::Patches, &[], &[], Estimator::Live, LIVE_BUDGET)
+            ..Self::beads(StudyKind::Patches, &[], &[], Estimator::Live)
         }
     }
 
-    fn beads(kind: StudyKind, densities: &[f64], lenslets: &[usize], estimator: Estimator, budget: f64) -> Self {
+    fn beads(kind: StudyKind, densities: &[f64], lenslets: &[usize], estimator: Estimator) -> Self {
         let Design { mean_photons, bias_photons, noise, seed, .. } = Design::default();
         let beads = |&density: &f64| StudyObjects::new(ObjectSource::Beads { density }, None);
         Self {
@@ -167,7 +163,7 @@ impl StudySettings {
             designs: lenslets.iter().map(|&count| StudyDesign::heuristic(count)).collect(),
             patches: vec![Some((PATCH_SIDE, PATCH_SIDE))],
             estimator,
-            budget_seconds: Some(budget),
+            budget_seconds: estimator.usual_budget().map(|budget| budget.as_secs_f64()),
             patches_train: 10_000,
             patches_test: 1_500,
             noise,
@@ -271,32 +267,17 @@ impl StudySettings {
         ]
     }
 
+    /// The density model, where the budget suits the estimator.
     fn model(&self) -> Result<DensityModel, StudyError> {
-        let wrong = |expected: &str, found: String| {
-            Err(StudyError::Setting { what: "budget", expected: format!("{expected} for {}", self.estimator), found })
+        let found = self.budget_seconds.map_or("none".into(), |seconds| format!("{seconds} s"));
+        let budget = self.budget_seconds.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or_default());
+        let expected = match (self.estimator.usual_budget(), budget) {
+            (None, Some(_)) => "none",
+            (Some(_), None) => "a time",
+            (Some(_), Some(Duration::ZERO)) => "a time above 0 s",
+            _ => return Ok(DensityModel::new(self.estimator, budget, EngineChoice::default())),
         };
-        let Some(seconds) = self.budget_seconds else {
-            return match self.estimator {
-                Estimator::GaussianStationary => Ok(DensityModel::Stationary),
-                Estimator::GaussianFull => Ok(DensityModel::Full),
-                Estimator::GaussianAnalytic => Ok(DensityModel::Analytic),
-                Estimator::PixelCnn | Estimator::Live | Estimator::Full | Estimator::Bracket => {
-                    wrong("a time", "none".into())
-                }
-            };
-        };
-        let budget = match Duration::try_from_secs_f64(seconds) {
-            Ok(budget) if !budget.is_zero() => budget,
-            _ => return wrong("a time above 0 s", format!("{seconds} s")),
-        };
-        match self.estimator {
-            Estimator::PixelCnn => Ok(DensityModel::PixelCnn { budget: Some(budget), engine: EngineChoice::default() }),
-            estimator @ (Estimator::Live | Estimator::Full) => Ok(DensityModel::Causal { estimator, budget }),
-            Estimator::Bracket => Ok(DensityModel::Bracket { budget }),
-            Estimator::GaussianStationary | Estimator::GaussianFull | Estimator::GaussianAnalytic => {
-                wrong("none", format!("{seconds} s"))
-            }
-        }
+        Err(StudyError::Setting { what: "budget", expected: format!("{expected} for {}", self.estimator), found })
     }
 }
 

@@ -1,5 +1,6 @@
 //! What a fit tells while it runs.
 
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 /// Where a fit is; sent after every step, and after every group of patches that is scored.
@@ -11,7 +12,8 @@ pub struct FitProgress {
     pub epochs: usize,
     /// Steps taken.
     pub step: usize,
-    /// Cross-entropy of the validation patches after the last epoch, bits per pixel; none in the first epoch.
+    /// Cross-entropy at the moment, bits per pixel: of the validation patches after the last epoch where there are epochs,
+    /// of the training patches of late otherwise; none before.
     pub validation_bits: Option<f64>,
     /// The smallest so far.
     pub best_bits: Option<f64>,
@@ -22,3 +24,6 @@ pub struct FitProgress {
     /// Held-out patches scored and to be scored, once the fit is over.
     pub scored: Option<(usize, usize)>,
 }
+
+/// Receives progress; `ControlFlow::Break` cancels the fit before its next step.
+pub type OnProgress<'a> = &'a mut dyn FnMut(&FitProgress) -> ControlFlow<()>;

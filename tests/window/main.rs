@@ -1,6 +1,8 @@
 //! The window, driven by the names that assistive technology sees.
 #![cfg(feature = "studio")]
 
+mod estimates;
+
 use std::path::Path;
 
 use egui::{Key, Modifiers, Rect, Role, Theme, Vec2, pos2};
@@ -446,80 +448,6 @@ fn the_window_looks_as_it_did() {
         window.snapshot(name);
         results.extend(window.take_snapshot_results());
     }
-}
-
-/// Steps frames until `done`, for at most so many seconds.
-fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
-    for _ in 0..6000 {
-        window.step();
-        if done(window) {
-            window.run_steps(3);
-            return;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
-    panic!("{what} did not come");
-}
-
-#[test]
-fn the_live_estimate_follows_edits_and_can_be_switched_off() {
-    let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, true);
-    wait_for(&mut window, "the first live estimate", |window| studio(window).bench().estimates().live.is_some());
-    let first = studio(&window).bench().estimates().live.unwrap();
-    assert!(!first.value.warm && first.value.remaining.is_some());
-    assert!(window.query_by_label_contains("refining").is_some());
-    assert!(first.value.bits_per_pixel > 0.1 && first.value.interval_95[0] < first.value.bits_per_pixel);
-    let before = studio(&window).bench().revision();
-    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
-    let after = studio(&window).bench().revision();
-    assert!(after > before);
-    wait_for(&mut window, "the estimate of the edited design", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.revision == after)
-    });
-    assert!(studio(&window).bench().estimates().live.unwrap().value.warm, "it starts from the model before");
-    click(&mut window, "Map");
-    click(&mut window, "Information map of a patch");
-    click(&mut window, "Next patch");
-    assert!(window.query_by_label("2 of 8").is_some());
-    wait_for(&mut window, "where the gradient pulls", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.value.gradient.is_some())
-    });
-    let live = studio(&window).bench().estimates().live.unwrap();
-    assert_eq!((live.revision, live.value.gradient.as_ref().unwrap().len()), (after, 2));
-    click(&mut window, "Arrows");
-    menu(&mut window, &["View", "Keep estimating"]);
-    assert!(!studio(&window).bench().is_live());
-}
-
-#[test]
-fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
-    let mut window = open(Design::default());
-    click(&mut window, "Estimates");
-    click(&mut window, "Start estimate");
-    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
-    click(&mut window, "Cancel estimate");
-    wait_for(&mut window, "the end of it", |window| studio(window).bench().estimates().running.is_none());
-    assert!(studio(&window).bench().estimates().finished.is_empty());
-    assert!(window.query_by_label("Start estimate").is_some());
-    let minutes = window.get_by_label("Minutes");
-    minutes.click();
-    window.run_steps(2);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.get_by_label("Minutes").type_text("0.1");
-    window.key_press(Key::Enter);
-    window.run_steps(2);
-    click(&mut window, "Start estimate");
-    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
-    let finished = studio(&window).bench().estimates().finished;
-    let bracket = finished[0].value.estimate.bracket.clone().expect("a bracket");
-    assert!(bracket.lower.unwrap() < bracket.upper && bracket.upper_from == "ceiling");
-    assert!(!finished[0].value.curve.is_empty());
-    // Information shows the bracket of this design first, until it is edited.
-    assert!(window.query_by_label_contains("decoder bound").is_some());
-    click(&mut window, "Estimate 1");
-    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
-    assert!(window.query_by_label_contains("of an earlier edit").is_some());
-    assert!(window.query_by_label_contains("decoder bound").is_none());
 }
 
 #[test]

@@ -1,0 +1,50 @@
+//! What the benches of training steps share: the steps of a fit, and the products that no step can do without.
+
+use std::hint::black_box;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use lenslet_studio::information::{FitProgress, OnProgress};
+use lenslet_studio::network::{Write, product, product_of_transposed, product_with_transposed};
+use rayon::prelude::*;
+
+/// Forward, by input and by kernel: the three products of every layer with (inputs, outputs) in `shapes`, for `chunks` times
+/// `pixels` pixels of which each chunk is taken through the network by one thread.
+pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize) {
+    let largest = |size: &dyn Fn(&(usize, usize)) -> usize| shapes.iter().map(size).max().unwrap_or(0);
+    let (inputs, outputs) = (largest(&|shape| shape.0), largest(&|shape| shape.1));
+    let kernels = largest(&|shape| shape.0 * shape.1);
+    (0..chunks).into_par_iter().with_max_len(1).for_each(|_| {
+        let input = vec![0.5_f32; pixels * inputs];
+        let kernel = vec![0.25_f32; kernels];
+        let (mut output, mut by_input) = (vec![0.0_f32; pixels * outputs], vec![0.0_f32; pixels * inputs]);
+        let mut by_kernel = vec![0.0_f32; kernels];
+        for &(inputs, outputs) in shapes {
+            let (input, kernel) = (&input[..pixels * inputs], &kernel[..inputs * outputs]);
+            let output = &mut output[..pixels * outputs];
+            product(input, kernel, (pixels, inputs, outputs), output, Write::Add);
+            let by_kernel = &mut by_kernel[..inputs * outputs];
+            product_of_transposed(input, output, (inputs, pixels, outputs), by_kernel, Write::Replace);
+            let by_input = &mut by_input[..pixels * inputs];
+            product_with_transposed(output, kernel, (pixels, outputs, inputs), by_input, Write::Replace);
+        }
+        black_box((&output, &by_kernel, &by_input));
+    });
+}
+
+/// Time of `steps` steps of a fit, after a first one that fills the caches; the fit is then stopped.
+pub fn training_time(steps: u64, fit: impl FnOnce(OnProgress<'_>)) -> Duration {
+    let (mut begun, mut taken) = (Instant::now(), Duration::ZERO);
+    fit(&mut |progress: &FitProgress| {
+        match progress.step as u64 {
+            1 => begun = Instant::now(),
+            step if step == steps + 1 => {
+                taken = begun.elapsed();
+                return ControlFlow::Break(());
+            }
+            _ => {}
+        }
+        ControlFlow::Continue(())
+    });
+    taken
+}

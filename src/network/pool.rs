@@ -1,0 +1,55 @@
+//! Memory that threads borrow from one another.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Workspaces of threads, kept from one piece of work to the next. Which thread gets which must not matter: whoever borrows
+/// one writes all of it before reading, so nothing that a panic elsewhere could have broken is left in it.
+#[derive(Debug)]
+pub struct Pool<T>(Mutex<Vec<T>>);
+
+impl<T> Default for Pool<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<T> Pool<T> {
+    /// Lends a workspace for which `serves` holds, or one that `make` makes, to `work`.
+    pub fn with<R>(&self, serves: impl Fn(&T) -> bool, make: impl FnOnce() -> T, work: impl FnOnce(&mut T) -> R) -> R {
+        let kept = {
+            let mut free = self.free();
+            free.iter().position(serves).map(|index| free.swap_remove(index))
+        };
+        let mut lent = kept.unwrap_or_else(make);
+        let result = work(&mut lent);
+        self.free().push(lent);
+        result
+    }
+
+    fn free(&self) -> MutexGuard<'_, Vec<T>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_serves_is_lent_again_and_what_does_not_is_kept_for_others() {
+        let pool = Pool::default();
+        let lend = |length: usize| {
+            let mut made = false;
+            pool.with(
+                |kept: &Vec<u8>| kept.len() == length,
+                || {
+                    made = true;
+                    vec![0; length]
+                },
+                |lent| assert_eq!(lent.len(), length),
+            );
+            made
+        };
+        assert_eq!([3, 3, 5, 3, 5].map(lend), [true, false, true, false, false]);
+    }
+}
