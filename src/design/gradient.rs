@@ -1,9 +1,14 @@
 //! The gradient of information by the lenslets, the density model's weights held.
 
 use ndarray::{Array3, ArrayView3, ArrayView4, Axis};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
-use super::error::DesignGradientError;
+use super::error::IdealError;
+use super::imaging::Imaging;
 use crate::information::CausalModel;
+use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 use crate::sensor::{Convolution, Patches};
 
@@ -38,12 +43,12 @@ pub struct DesignGradient {
 /// information, since the fit stands at the bottom of the cross-entropy.
 ///
 /// # Errors
-/// [`DesignGradientError`] where mask, objects, patches and model do not belong together.
+/// [`IdealError`] where mask, objects, patches and model do not belong together.
 pub fn information_gradient(
     array: &LensletArray,
     scene: &GradientScene<'_>,
     model: &CausalModel,
-) -> Result<DesignGradient, DesignGradientError> {
+) -> Result<DesignGradient, IdealError> {
     let planes = scene.objects.len_of(Axis(1));
     let psf = render_psf(array, planes)?;
     let convolver = scene.plan.with_psf(psf.view())?;
@@ -54,4 +59,46 @@ pub fn information_gradient(
     scene.patches.add_back(by_patches.view(), &mut by_encoded);
     let by_psf = convolver.psf_cotangent(scene.objects, by_encoded.mapv(|value| value as f32).view())?;
     Ok(DesignGradient { bits_per_pixel, lenslets: psf_gradient(array, by_psf.view())? })
+}
+
+/// Which measurements a gradient is taken of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GradientDraw {
+    /// The part of the objects.
+    pub split: Split,
+    /// Objects that are measured.
+    pub objects: usize,
+    /// Patches that are cut out of their measurements.
+    pub patches: usize,
+    /// Seed of objects, places and noise.
+    pub seed: u64,
+}
+
+impl Imaging<'_> {
+    /// The [`information_gradient`] of freshly drawn measurements, cut to the model's patch.
+    ///
+    /// # Errors
+    /// As [`information_gradient`]; where objects cannot be drawn.
+    pub fn gradient(
+        &self,
+        array: &LensletArray,
+        draw: &GradientDraw,
+        model: &CausalModel,
+    ) -> Result<DesignGradient, IdealError> {
+        let &GradientDraw { split, objects, patches: count, seed } = draw;
+        let objects = self.set.objects(split, objects, seed)?;
+        let (rows, cols) = self.plan().measurement_shape();
+        let patches = Patches::draw((objects.len_of(Axis(0)), rows, cols), model.patch(), count, seed)?;
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let (rows, cols) = model.patch();
+        let normals = Array3::from_shape_simple_fn((count, rows, cols), || StandardNormal.sample(&mut random));
+        let scene = GradientScene {
+            plan: self.plan(),
+            objects: objects.view(),
+            bias: self.bias,
+            patches: &patches,
+            normals: normals.view(),
+        };
+        information_gradient(array, &scene, model)
+    }
 }

@@ -9,12 +9,12 @@ use super::design::Design;
 use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
 use super::kept_fit::kept_estimate;
 use super::progress::{Watch, tell};
-use super::simulation::{convolver, derived_seed, open_set};
-use super::stream::DesignStream;
+use super::simulation::{imaging, open_set};
+use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
-    AnalyticGaussian, CausalRequest, Covariance, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
-    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
-    Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    CausalRequest, Covariance, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength, GaussianRequest,
+    InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol, Provenance, Trial,
+    TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -120,12 +120,13 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     }
     tell(watch, "Reading objects", 0, 1)?;
     let set = open_set(design)?;
-    let convolver = convolver(design, &set)?;
+    let imaging = imaging(design, &set)?;
+    let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
     let (rows, cols) = convolver.plan().measurement_shape();
     let patch = request.patch.unwrap_or((rows, cols));
     // A patch that fits no measurement is told before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
-    let source = PatchSource { design, set: &set, convolver: &convolver, patch, protocol: request.protocol };
+    let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol: request.protocol };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
     let trials = (0..repetitions as u64)
         .map(|trial| {
@@ -226,13 +227,13 @@ fn causal(
     let (train, test) = source.splits();
     let stream = source.stream(train);
     let (clean, noisy) = source.draw(test, request.patches_test, derived_seed(seed, 2), "Test patches", watch)?;
-    let (design, set, patch) = (source.design, source.set, source.patch);
+    let (design, set, patch) = (source.design, source.imaging.set, source.patch);
     let fit = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: None,
         keeper: None,
-        moments: Some(&moments(design, set, patch)?),
+        moments: Some(&moments(design, source.imaging, patch)?),
         noise: design.noise,
         length: FitLength::Time(budget),
         start: None,
@@ -255,37 +256,25 @@ fn lower_bound(
     watch: Watch<'_>,
 ) -> Result<Option<LowerBound>, EvaluationError> {
     let design = source.design;
-    let Some(channel) = bead_channel(design, source.set, source.patch)? else { return Ok(None) };
+    let Some(channel) = bead_channel(design, source.imaging.set, source.patch)? else { return Ok(None) };
     let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
     let (bound, _) = decoder_lower_bound(&channel, &fit, None, &mut |fit| watch(&fit.into()))?;
     Ok(Some(bound))
 }
 
-/// What is known of a design's measurements without drawing any.
-struct KnownMoments {
-    /// As far as the objects have planes, shape (planes, rows, cols).
-    psf: Array3<f64>,
-    covariance: AnalyticGaussian,
-    /// Photons per pixel.
-    mean: f64,
-}
-
-impl KnownMoments {
-    fn of(design: &Design, set: &ObjectSet, patch: (usize, usize)) -> Result<Self, EvaluationError> {
-        let grid = design.encoder.grid();
-        let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
-        let psf = design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]);
-        let covariance = AnalyticGaussian::new(&set.autocovariance(reach), grid, patch)?;
-        let mean = super::evaluation::mean_measurement(design, set, psf.view());
-        Ok(Self { psf, covariance, mean })
-    }
+/// The point spread function as far as the objects have planes, shape (planes, rows, cols).
+fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
+    Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
 }
 
 /// Mean and autocovariance of the measurements, from those of the objects and the PSF.
-pub(super) fn moments(design: &Design, set: &ObjectSet, patch: (usize, usize)) -> Result<Moments, EvaluationError> {
-    let KnownMoments { psf, covariance, mean } = KnownMoments::of(design, set, patch)?;
-    let autocovariance = covariance.measured_autocovariance(psf.view(), mean, design.noise)?;
-    Ok(Moments { mean, autocovariance })
+pub(super) fn moments(
+    design: &Design,
+    imaging: &Imaging<'_>,
+    patch: (usize, usize),
+) -> Result<Moments, EvaluationError> {
+    let known = imaging.known_moments(design.encoder.grid(), patch)?;
+    Ok(known.of(seen_psf(design, imaging.set)?.view())?)
 }
 
 fn analytic(
@@ -301,8 +290,10 @@ fn analytic(
     tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
-    let KnownMoments { psf, covariance, mean } = KnownMoments::of(design, source.set, patch)?;
-    let bound = covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;
+    let known = source.imaging.known_moments(design.encoder.grid(), patch)?;
+    let psf = seen_psf(design, source.imaging.set)?;
+    let mean = mean_measurement(source.imaging.set, psf.view(), design.bias_photons);
+    let bound = known.covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;
     let settings = TrialSettings {
         estimator: Estimator::GaussianAnalytic,
         protocol: request.protocol,
@@ -318,7 +309,7 @@ fn analytic(
 /// Where patches come from.
 struct PatchSource<'a> {
     design: &'a Design,
-    set: &'a ObjectSet,
+    imaging: &'a Imaging<'a>,
     convolver: &'a Convolver,
     patch: (usize, usize),
     protocol: Protocol,
@@ -334,8 +325,8 @@ impl PatchSource<'_> {
     }
 
     /// Fresh patches of one part of the set.
-    fn stream(&self, split: Split) -> DesignStream<'_> {
-        DesignStream { design: self.design, set: self.set, convolver: self.convolver, split, patch: self.patch }
+    fn stream(&self, split: Split) -> MeasurementStream<'_> {
+        self.imaging.stream(self.convolver.clone(), split, self.patch)
     }
 
     /// Noiseless and noisy patches, each of an object of its own.
@@ -362,7 +353,7 @@ impl PatchSource<'_> {
             let first = index * BATCH;
             tell(watch, step, first, count)?;
             let batch_seed = derived_seed(seed, first as u64);
-            let objects = self.set.objects(split, part.len_of(Axis(0)), batch_seed)?;
+            let objects = self.imaging.set.objects(split, part.len_of(Axis(0)), batch_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
             part.assign(&Patches::one_each(encoded.dim(), self.patch, batch_seed)?.cut(encoded.view()));
         }

@@ -9,6 +9,7 @@ use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use thiserror::Error;
 
 use super::design::{Design, DesignError};
+use crate::design::mean_measurement;
 use crate::information::{
     AnalyticGaussian, BeadCeiling, BeadChannel, Ceiling, GaussianBound, InformationError, NoiseEntropy,
     bootstrap_interval,
@@ -229,7 +230,7 @@ impl SceneOptics {
         let seen = optics.psf.slice(ndarray::s![..scene.set.planes(), .., ..]);
         let per_image = noise_entropy.patch_bits(measurements.noiseless.view())?;
         let entropy_y_given_x = per_image.iter().sum::<f64>() / per_image.len().max(1) as f64;
-        let mean = mean_measurement(design, &scene.set, seen);
+        let mean = mean_measurement(&scene.set, seen, design.bias_photons);
         let gaussian = self.analytic.evaluate(seen, mean, design.noise, entropy_y_given_x)?;
         let interval_95 = bootstrap_interval(&[gaussian.entropy_y], &per_image, design.seed)?;
         let ceiling = match &self.beads {
@@ -241,13 +242,6 @@ impl SceneOptics {
         };
         Ok(LiveInformation { gaussian, interval_95, ceiling, patch: self.patch })
     }
-}
-
-/// Mean of the measurements in photons per pixel, background included.
-pub(super) fn mean_measurement(design: &Design, set: &ObjectSet, psf: ArrayView3<'_, f64>) -> f64 {
-    // Where the sensor looks, beads are not thinned out by the border as they are in the mean over whole objects.
-    let mean_object = set.bead_prior().map_or(set.mean(), |prior| prior.probability * prior.spot.sum());
-    mean_object * psf.sum() + design.bias_photons
 }
 
 /// Tables for the ceiling of a set of objects; `None` where their entropy is not known, or is 0 (a bead on every pixel).

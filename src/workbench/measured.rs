@@ -13,7 +13,7 @@ use thiserror::Error;
 use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES};
 use super::kept_fit::kept_estimate;
 use super::progress::{Watch, tell};
-use super::simulation::derived_seed;
+use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_picture_or_array};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, FitLength, GaussianRequest, InformationError, NoiseEntropy,

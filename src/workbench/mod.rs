@@ -16,7 +16,6 @@ mod progress;
 mod refinement;
 mod simulation;
 mod stacks;
-mod stream;
 pub mod study;
 mod worker;
 

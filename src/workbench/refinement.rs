@@ -6,23 +6,18 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ndarray::{Array2, Array3, Axis, s};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 use super::design::Design;
 use super::estimation::moments;
 use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
-use super::simulation::derived_seed;
-use super::stream::DesignStream;
-use crate::design::{GradientScene, information_gradient};
+use super::simulation::imaging;
+use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
     CausalFit, CausalModel, CausalRequest, Estimator, FitLength, InformationError, NoiseEntropy, PatchBatch,
     PatchStream, Protocol, causal_model, information_map, paired_interval,
 };
-use crate::objects::{ObjectSet, Split};
+use crate::objects::Split;
 use crate::optics::LensletGradient;
-use crate::sensor::{Convolution, Patches};
 
 /// Time of a fit from the beginning.
 const COLD: Duration = Duration::from_mins(1);
@@ -99,12 +94,10 @@ impl Refiner {
         stop: &dyn Fn() -> bool,
     ) -> Result<(), EvaluationError> {
         let set = &scene.set;
-        let psf = design.psf(set.planes())?;
-        let plan = Convolution::new(set.field(), design.encoder.grid())?;
-        let (rows, cols) = plan.measurement_shape();
-        let convolver = plan.with_psf(psf.slice(s![..set.planes(), .., ..]))?;
-        let patch = (rows.min(LIVE_PATCH), cols.min(LIVE_PATCH));
-        let stream = |split| DesignStream { design, set, convolver: &convolver, split, patch };
+        let imaging = imaging(design, set)?;
+        let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
+        let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
+        let stream = |split| imaging.stream(convolver.clone(), split, patch);
         let test = stream(Split::Test).draw(SCORED, derived_seed(design.seed, 2))?;
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
         let known = self.last.take().filter(|(of, _)| Arc::ptr_eq(of, scene)).map(|(_, model)| model);
@@ -114,7 +107,7 @@ impl Refiner {
             test: &test,
             validation: None,
             keeper: None,
-            moments: Some(&moments(design, set, patch)?),
+            moments: Some(&moments(design, &imaging, patch)?),
             noise: design.noise,
             length: FitLength::Time(if known.is_some() { WARM } else { COLD }),
             start: known.as_ref(),
@@ -126,7 +119,6 @@ impl Refiner {
         if known.is_some() {
             fit.rate *= WARM_RATE;
         }
-        let pull = Pull { design, set, plan: &plan, patch };
         let scorer = Scorer { design, entropy: &entropy, warm: known.is_some() };
         let started = Instant::now();
         let mut next = FIRST_SCORE;
@@ -139,7 +131,7 @@ impl Refiner {
                 match scorer.score(&snapshot(), &test, progress.step, started, progress.remaining) {
                     Ok(mut estimate) => {
                         if progress.elapsed >= FIRST_GRADIENT {
-                            estimate.gradient = pull.gradient(&snapshot());
+                            estimate.gradient = pull(design, &imaging, &snapshot());
                         }
                         publish(estimate);
                     }
@@ -160,7 +152,7 @@ impl Refiner {
             let more = stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(design.seed, 5))?;
             let test = joined(&test, &more)?;
             let mut estimate = scorer.score(&model, &test, steps, started, None)?;
-            estimate.gradient = pull.gradient(&model);
+            estimate.gradient = pull(design, &imaging, &model);
             publish(estimate);
         }
         self.last = Some((Arc::clone(scene), model));
@@ -168,35 +160,14 @@ impl Refiner {
     }
 }
 
-/// Where information pulls the lenslets of one design.
-struct Pull<'a> {
-    design: &'a Design,
-    set: &'a ObjectSet,
-    plan: &'a Convolution,
-    patch: (usize, usize),
-}
-
-impl Pull<'_> {
-    /// The gradient on held-out objects; none for masks without lenslets, or where numbers are not finite.
-    fn gradient(&self, model: &CausalModel) -> Option<Vec<LensletGradient>> {
-        let array = self.design.encoder.lenslets()?;
-        let seed = derived_seed(self.design.seed, 6);
-        let objects = self.set.objects(Split::Test, PULLED_OBJECTS, seed).ok()?;
-        let (rows, cols) = self.plan.measurement_shape();
-        let patches = Patches::draw((PULLED_OBJECTS, rows, cols), self.patch, PULLED_PATCHES, seed).ok()?;
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let shape = (PULLED_PATCHES, self.patch.0, self.patch.1);
-        let normals = Array3::from_shape_simple_fn(shape, || StandardNormal.sample(&mut random));
-        let scene = GradientScene {
-            plan: self.plan,
-            objects: objects.view(),
-            bias: self.design.bias_photons,
-            patches: &patches,
-            normals: normals.view(),
-        };
-        let gradient = information_gradient(array, &scene, model).ok()?.lenslets;
-        gradient.iter().all(|by| by.x.is_finite() && by.y.is_finite()).then_some(gradient)
-    }
+/// Where information pulls the lenslets of a design, on held-out objects; none for masks without lenslets, or where numbers
+/// are not finite.
+fn pull(design: &Design, imaging: &Imaging<'_>, model: &CausalModel) -> Option<Vec<LensletGradient>> {
+    let array = design.encoder.lenslets()?;
+    let seed = derived_seed(design.seed, 6);
+    let draw = GradientDraw { split: Split::Test, objects: PULLED_OBJECTS, patches: PULLED_PATCHES, seed };
+    let gradient = imaging.gradient(array, &draw, model).ok()?.lenslets;
+    gradient.iter().all(|by| by.x.is_finite() && by.y.is_finite()).then_some(gradient)
 }
 
 /// Scores models of one design.

@@ -1,13 +1,12 @@
 //! Objects and their measurements through a design, as many as are asked for, part by part.
 
-use ndarray::{Array3, Array4, s};
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use ndarray::{Array3, Array4};
 
 use super::design::Design;
 use super::evaluation::EvaluationError;
+use crate::design::Imaging;
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Split};
-use crate::sensor::{Convolution, Convolver};
+use crate::sensor::Convolver;
 
 /// Objects and what the sensor makes of them.
 pub struct Simulated {
@@ -69,14 +68,10 @@ pub(super) fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
 
 /// The optics of a design before a set of objects.
 pub(super) fn convolver(design: &Design, set: &ObjectSet) -> Result<Convolver, EvaluationError> {
-    let psf = design.psf(set.planes())?;
-    let plan = Convolution::new(set.field(), design.encoder.grid())?;
-    Ok(plan.with_psf(psf.slice(s![..set.planes(), .., ..]))?)
+    Ok(imaging(design, set)?.convolver(design.psf(set.planes())?.view())?)
 }
 
-/// A seed of its own for each purpose of a run.
-pub(super) fn derived_seed(seed: u64, purpose: u64) -> u64 {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream(purpose);
-    random.next_u64()
+/// The sensor of a design before a set of objects, for any mask of its size.
+pub(super) fn imaging<'a>(design: &Design, set: &'a ObjectSet) -> Result<Imaging<'a>, EvaluationError> {
+    Ok(Imaging::new(set, design.encoder.grid(), design.bias_photons, design.noise)?)
 }

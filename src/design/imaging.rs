@@ -1,0 +1,132 @@
+//! What a mask is designed for: objects, sensor and noise, and the measurements that they make together.
+
+use ndarray::{ArrayView3, s};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::error::IdealError;
+use crate::information::{AnalyticGaussian, InformationError, Moments, PatchBatch, PatchStream};
+use crate::objects::{ObjectSet, Split};
+use crate::sensor::{Convolution, Convolver, Noise, Patches, SensorError};
+
+/// Patches that are cut from one measurement while a model is fitted: drawing objects costs more than cutting.
+const PATCHES_PER_OBJECT: usize = 4;
+
+/// A seed of its own for each purpose of a run.
+pub fn derived_seed(seed: u64, purpose: u64) -> u64 {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(purpose);
+    random.next_u64()
+}
+
+/// Mean of the measurements of a set of objects through a point spread function of shape (planes, rows, cols) with a
+/// background of `bias`; photons per pixel.
+pub fn mean_measurement(set: &ObjectSet, psf: ArrayView3<'_, f64>, bias: f64) -> f64 {
+    // Where the sensor looks, beads are not thinned out by the border as they are in the mean over whole objects.
+    let mean_object = set.bead_prior().map_or(set.mean(), |prior| prior.probability * prior.spot.sum());
+    mean_object * psf.sum() + bias
+}
+
+/// Objects before a sensor, seen through masks of one size.
+pub struct Imaging<'a> {
+    /// The objects.
+    pub set: &'a ObjectSet,
+    /// Background, photons per pixel.
+    pub bias: f64,
+    /// Noise of the sensor.
+    pub noise: Noise,
+    plan: Convolution,
+}
+
+impl<'a> Imaging<'a> {
+    /// Objects seen through point spread functions of `grid` (rows, cols).
+    ///
+    /// # Errors
+    /// Where the grid is larger than the objects.
+    pub fn new(set: &'a ObjectSet, grid: (usize, usize), bias: f64, noise: Noise) -> Result<Self, SensorError> {
+        Ok(Self { set, bias, noise, plan: Convolution::new(set.field(), grid)? })
+    }
+
+    /// The transforms.
+    pub fn plan(&self) -> &Convolution {
+        &self.plan
+    }
+
+    /// The patch (rows, cols) where `wished` was asked for: no larger than the measurement, which it is where nothing was.
+    pub fn patch(&self, wished: Option<(usize, usize)>) -> (usize, usize) {
+        let (rows, cols) = self.plan.measurement_shape();
+        wished.map_or((rows, cols), |wished| (rows.min(wished.0), cols.min(wished.1)))
+    }
+
+    /// The optics of a point spread function of shape (planes, rows, cols); planes that the objects do not have are
+    /// left out.
+    ///
+    /// # Errors
+    /// For a grid of another size.
+    pub fn convolver(&self, psf: ArrayView3<'_, f64>) -> Result<Convolver, SensorError> {
+        self.plan.with_psf(psf.slice(s![..self.set.planes(), .., ..]))
+    }
+
+    /// Fresh patches of measurements of one part of the objects.
+    pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream<'a> {
+        MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
+    }
+
+    /// What gives the moments of patches through any mask of `grid` (rows, cols).
+    ///
+    /// # Errors
+    /// For patches that are too large.
+    pub fn known_moments(
+        &self,
+        grid: (usize, usize),
+        patch: (usize, usize),
+    ) -> Result<KnownMoments<'a>, InformationError> {
+        let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
+        let covariance = AnalyticGaussian::new(&self.set.autocovariance(reach), grid, patch)?;
+        Ok(KnownMoments { set: self.set, bias: self.bias, noise: self.noise, covariance })
+    }
+}
+
+/// Mean and covariance of measurements, without drawing any.
+pub struct KnownMoments<'a> {
+    set: &'a ObjectSet,
+    bias: f64,
+    noise: Noise,
+    /// The Gaussian of that covariance.
+    pub covariance: AnalyticGaussian,
+}
+
+impl KnownMoments<'_> {
+    /// Those of measurements through a point spread function of shape (planes, rows, cols), which has the objects' planes.
+    ///
+    /// # Errors
+    /// For another shape, or no noise.
+    pub fn of(&self, psf: ArrayView3<'_, f64>) -> Result<Moments, InformationError> {
+        let mean = mean_measurement(self.set, psf, self.bias);
+        let autocovariance = self.covariance.measured_autocovariance(psf, mean, self.noise)?;
+        Ok(Moments { mean, autocovariance })
+    }
+}
+
+/// Measurements of one part of an object set through one mask, cut at random places.
+pub struct MeasurementStream<'a> {
+    set: &'a ObjectSet,
+    convolver: Convolver,
+    bias: f64,
+    noise: Noise,
+    split: Split,
+    patch: (usize, usize),
+}
+
+impl PatchStream for MeasurementStream<'_> {
+    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
+        let drawn = || -> Result<_, IdealError> {
+            let objects = self.set.objects(self.split, count.div_ceil(PATCHES_PER_OBJECT), seed)?;
+            let encoded = self.convolver.measure(objects.view(), self.bias)?;
+            Ok(Patches::draw(encoded.dim(), self.patch, count, seed)?.cut(encoded.view()))
+        };
+        let clean = drawn().map_err(|error| InformationError::Stream { reason: error.to_string() })?;
+        let noisy = self.noise.draw(clean.view(), derived_seed(seed, 1));
+        Ok(PatchBatch { noisy, clean: Some(clean) })
+    }
+}
