@@ -4,6 +4,7 @@ use ndarray::{Array2, ArrayView3};
 use rayon::prelude::*;
 
 use super::levels::{Levels, Scale};
+use super::network::PatchInputs;
 use super::predictor::Predictor;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, StationaryGaussian};
@@ -72,6 +73,8 @@ pub(super) struct Inputs {
     pub present: Vec<f32>,
     /// Predicted mean, photons, and -1/2 over its variance, per pixel.
     pub guess: Vec<(f32, f32)>,
+    /// The mean before it was brought within the levels, photons, per pixel.
+    pub predicted: Vec<f32>,
 }
 
 /// Gradients of a sum of losses by the inputs of one patch.
@@ -102,11 +105,20 @@ impl InputGradients {
 impl Conditioning {
     /// From sample patches and the moments of many.
     pub fn new(noise: Noise, sample: &PatchBatch, moments: &Moments) -> Result<Self, InformationError> {
+        let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
+        let counts = sample.noisy.iter().all(|y| y.fract() == 0.0);
+        Self::with_levels(noise, sample, moments, Levels::new(noise, images.view(), counts))
+    }
+
+    /// The same with levels that were chosen before.
+    pub fn with_levels(
+        noise: Noise,
+        sample: &PatchBatch,
+        moments: &Moments,
+        levels: Levels,
+    ) -> Result<Self, InformationError> {
         let (_, rows, cols) = sample.noisy.dim();
         let scale = Scale::new(noise);
-        let counts = sample.noisy.iter().all(|y| y.fract() == 0.0);
-        let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
-        let levels = Levels::new(noise, images.view(), counts);
         let standard = |value: &dyn Fn(f32) -> f64| {
             let count = sample.noisy.len() as f64;
             let mean = sample.noisy.iter().map(|&y| value(y)).sum::<f64>() / count;
@@ -136,6 +148,12 @@ impl Conditioning {
         if serves && high <= start_high && high >= 0.6 * start_high {
             self.levels = start.levels.clone();
         }
+        self
+    }
+
+    /// With its far places in the order in which `before` has those next to them.
+    pub fn in_order_of(mut self, before: &[(isize, isize)]) -> Self {
+        self.far = in_order_of(before, self.far);
         self
     }
 
@@ -183,15 +201,16 @@ impl Conditioning {
                 }
             },
         );
-        Inputs { values, window, present, guess }
+        Inputs { values, window, present, guess, predicted: predictions }
     }
 
-    /// Gradient by the photons of one patch, from those by everything that [`Conditioning::inputs`] made of it.
-    pub fn by_values(&self, inputs: &Inputs, by: &InputGradients) -> Vec<f64> {
+    /// Gradients by the photons of one patch, apart from those through the prediction, and by the predictions, from those
+    /// by everything that [`Conditioning::inputs`] made of it; [`Conditioning::through_predictions`] completes them.
+    pub fn by_values(&self, inputs: PatchInputs<'_>, by: InputGradients) -> (Vec<f64>, Vec<f32>) {
         let (low, high) = self.levels.range();
-        let predicted = self.predictor.predict(&inputs.values);
+        let predicted = inputs.predicted;
         let mut by_predicted = vec![0.0_f32; predicted.len()];
-        let mut by_values = by.values.clone();
+        let mut by_values = by.values;
         for (i, &y) in inputs.values.iter().enumerate() {
             let window = &by.window[i * WINDOW_CHANNELS..][..WINDOW_CHANNELS];
             let present = &by.present[i * PRESENT_CHANNELS..][..PRESENT_CHANNELS];
@@ -219,10 +238,12 @@ impl Conditioning {
             }
             by_predicted[i] = by_mean as f32;
         }
-        for (value, through) in by_values.iter_mut().zip(self.predictor.transposed(&by_predicted)) {
-            *value += f64::from(through);
-        }
-        by_values
+        (by_values, by_predicted)
+    }
+
+    /// What gradients by the predictions of patches, shape (samples, pixels), add to those by their photons.
+    pub fn through_predictions(&self, by_predicted: &[f32]) -> Vec<f32> {
+        self.predictor.transposed(by_predicted)
     }
 
     fn root_slope(&self, photons: f32) -> f64 {

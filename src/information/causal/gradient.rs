@@ -4,11 +4,12 @@
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
-use super::conditioning::{InputGradients, Inputs};
-use super::model::CausalModel;
-use super::network::Workspace;
+use super::conditioning::InputGradients;
+use super::head::{FARTHEST, SMALLEST, level_losses};
+use super::levels::Levels;
+use super::model::{CausalModel, Workspaces};
+use super::network::{PatchInputs, Workspace};
 use crate::information::InformationError;
-use crate::network::Write;
 use crate::sensor::Noise;
 
 /// Least photons of an encoded pixel for its noise.
@@ -35,88 +36,54 @@ impl CausalModel {
         self.check_shape(noisy.view())?;
         let inputs = self.conditioning.inputs(noisy.view());
         let pixels = noisy.len() / noisy.len_of(Axis(0)).max(1);
-        let mut gradient = Array3::zeros(clean.dim());
-        let bits: Vec<f64> = gradient
-            .axis_iter_mut(Axis(0))
+        let workspaces = Workspaces::default();
+        let parts: Vec<PatchLoss> = (0..noisy.len_of(Axis(0)))
             .into_par_iter()
-            .enumerate()
-            .map(|(index, mut gradient)| {
-                let part = inputs.of_patch(index, pixels);
-                let (nats, by_patch) = self.loss_by_patch(&part);
-                let clean = clean.index_axis(Axis(0), index);
-                let normals = normals.index_axis(Axis(0), index);
-                let mut total = nats.iter().sum::<f64>();
-                let given = clean.iter().zip(&normals).zip(&part.values).zip(by_patch);
-                for (out, (((&x, &e), &y), by_y)) in gradient.iter_mut().zip(given) {
-                    let (x, e, y) = (f64::from(x).max(DARKEST), f64::from(e), f64::from(y));
-                    let [log, slope_y, slope_x] = self.likelihood(y, x);
-                    total += log;
-                    *out = slope_x + (slope_y + by_y) * noise.slope(x, e);
-                }
-                total
-            })
+            .with_max_len(1)
+            .map(|index| workspaces.with(self, |workspace| self.loss_by_patch(workspace, inputs.patch(index, pixels))))
             .collect();
+        // Through the prediction all patches go together: its matrix is large.
+        let by_predicted: Vec<f32> = parts.iter().flat_map(|part| part.by_predicted.iter().copied()).collect();
+        let through = self.conditioning.through_predictions(&by_predicted);
+        let losses = parts.iter().flat_map(|part| part.nats.iter().zip(&part.by_values)).zip(&through);
+        let mut gradient = Array3::zeros(clean.dim());
+        let mut total = 0.0;
+        let pixels = gradient.iter_mut().zip(clean.iter().zip(&normals)).zip(&noisy);
+        for (((out, (&x, &e)), &y), ((&nats, &by_value), &through)) in pixels.zip(losses) {
+            let (x, e, y) = (f64::from(x).max(DARKEST), f64::from(e), f64::from(y));
+            let [log, slope_y, slope_x] = self.likelihood(y, x);
+            total += nats + log;
+            *out = slope_x + (slope_y + by_value + f64::from(through)) * noise.slope(x, e);
+        }
         let share = 1.0 / (noisy.len().max(1) as f64 * std::f64::consts::LN_2);
         gradient *= share;
-        Ok((bits.iter().sum::<f64>() * share, gradient))
+        Ok((total * share, gradient))
     }
 
-    /// -ln q of every pixel of one patch, nats, and the gradient of their sum by the patch; Poisson likelihoods without
-    /// the part that depends on y alone.
-    fn loss_by_patch(&self, inputs: &Inputs) -> (Vec<f64>, Vec<f64>) {
+    /// -ln q of every pixel of one patch, and the gradients of their sum; Poisson likelihoods without the part that
+    /// depends on y alone.
+    fn loss_by_patch(&self, workspace: &mut Workspace, inputs: PatchInputs<'_>) -> PatchLoss {
         let pixels = inputs.values.len();
-        let part = inputs.patch(0, pixels);
-        let mut workspace = Workspace::new(&self.shape, &self.layers, self.patch());
         let count = self.conditioning.levels.count();
-        let outputs = workspace.forward(&self.layers, &self.weights, part).to_vec();
-        let mut by_outputs = vec![0.0_f32; outputs.len()];
+        let mut by_outputs = workspace.forward(&self.layers, &self.weights, inputs).to_vec();
         let mut by = InputGradients::new(pixels);
-        let mut losses = Vec::with_capacity(pixels);
-        let per_pixel = outputs.chunks_exact(count + 1).zip(by_outputs.chunks_exact_mut(count + 1)).enumerate();
-        for (pixel, (outputs, by_outputs)) in per_pixel {
+        let mut nats = Vec::with_capacity(pixels);
+        let mut mixture = Mixture::new(count);
+        for (pixel, outputs) in by_outputs.chunks_exact_mut(count + 1).enumerate() {
             let y = f64::from(inputs.values[pixel]);
-            let loss = self.pixel_loss(y, inputs.guess[pixel], outputs, by_outputs);
-            losses.push(loss.nats);
+            let loss = mixture.loss(&self.conditioning.levels, y, inputs.guess[pixel], outputs);
+            nats.push(loss.nats);
             by.values[pixel] = loss.by_y;
             by.guess[pixel] = loss.by_guess;
         }
-        let mut unused = vec![0.0; self.layout.count()];
         workspace.set_output_gradients(&by_outputs);
-        workspace.backward(&self.layers, &self.weights, part, &mut unused, Write::Replace);
+        workspace.backward(&self.layers, &self.weights, inputs, None);
         workspace.by_inputs(&self.layers, &self.weights, &mut by.window, &mut by.present);
-        let by_patch = self.conditioning.by_values(inputs, &by);
-        (losses, by_patch)
+        let (by_values, by_predicted) = self.conditioning.by_values(inputs, by);
+        PatchLoss { nats, by_values, by_predicted }
     }
 
-    /// The loss of one pixel in double precision and its derivatives; those by the outputs are written.
-    fn pixel_loss(&self, y: f64, (mean, half): (f32, f32), outputs: &[f32], by_outputs: &mut [f32]) -> PixelLoss {
-        let levels = &self.conditioning.levels;
-        let count = levels.count();
-        let (mean, half) = (f64::from(mean), f64::from(half));
-        let scale = 1.0 + f64::from(outputs[count]);
-        let distance = |level: usize| f64::from(levels.photons[level]) - mean;
-        let pull = |level: usize| (distance(level).powi(2) * half).max(super::head::FARTHEST.into());
-        let logits: Vec<f64> = (0..count).map(|level| f64::from(outputs[level]) + scale * pull(level)).collect();
-        let terms: Vec<[f64; 2]> = (0..count).map(|level| levels.smooth_log_likelihood(y, level)).collect();
-        let (total, weights) = softmax(logits.iter().copied());
-        let (mixture, posteriors) = softmax(logits.iter().zip(&terms).map(|(logit, [log, _])| logit + log));
-        let mut loss = PixelLoss { nats: total - mixture, by_y: 0.0, by_guess: (0.0, 0.0) };
-        let mut by_scale = 0.0;
-        for level in 0..count {
-            let by_logit = weights[level] - posteriors[level];
-            by_outputs[level] = by_logit as f32;
-            by_scale += by_logit * pull(level);
-            if pull(level) > super::head::FARTHEST.into() {
-                loss.by_guess.0 -= by_logit * scale * 2.0 * distance(level) * half;
-                loss.by_guess.1 += by_logit * scale * distance(level).powi(2);
-            }
-            loss.by_y -= posteriors[level] * terms[level][1];
-        }
-        by_outputs[count] = by_scale as f32;
-        loss
-    }
-
-    /// ln p(y | x) as in [`super::levels::Levels::smooth_log_likelihood`], and its slopes by y and by x.
+    /// ln p(y | x) as in [`Levels::smooth_likelihoods`], and its slopes by y and by x.
     fn likelihood(&self, y: f64, x: f64) -> [f64; 3] {
         let read = self.conditioning.noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
         if self.conditioning.levels.has_counts() {
@@ -130,6 +97,14 @@ impl CausalModel {
     }
 }
 
+/// What the pixels of one patch lose.
+struct PatchLoss {
+    nats: Vec<f64>,
+    /// By the photons, apart from those through the prediction.
+    by_values: Vec<f64>,
+    by_predicted: Vec<f32>,
+}
+
 /// What one pixel loses, and derivatives.
 struct PixelLoss {
     nats: f64,
@@ -138,19 +113,54 @@ struct PixelLoss {
     by_guess: (f64, f64),
 }
 
-/// ln of the sum of exponentials, and their shares.
-fn softmax(logs: impl Iterator<Item = f64>) -> (f64, Vec<f64>) {
-    let mut shares: Vec<f64> = logs.collect();
-    let most = shares.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let mut sum = 0.0;
-    for share in &mut shares {
-        *share = (*share - most).exp();
-        sum += *share;
+/// The mixture of one pixel, with room to work in.
+struct Mixture {
+    logs: Vec<f64>,
+    shares: Vec<f32>,
+    slopes: Vec<f32>,
+    /// Pulls of the prediction, weights and posteriors as [`level_losses`] leaves them.
+    scratch: Vec<f32>,
+}
+
+impl Mixture {
+    fn new(levels: usize) -> Self {
+        let numbers = || vec![0.0; levels];
+        Self { logs: vec![0.0; levels], shares: numbers(), slopes: numbers(), scratch: vec![0.0; 3 * levels] }
     }
-    for share in &mut shares {
-        *share /= sum;
+
+    /// The loss of a pixel that measured `y` and its derivatives; those by the outputs take the place of these. A value
+    /// that no level explains to single precision has no gradient.
+    fn loss(&mut self, levels: &Levels, y: f64, guess: (f32, f32), outputs: &mut [f32]) -> PixelLoss {
+        let count = levels.count();
+        let largest = levels.smooth_likelihoods(y, &mut self.logs, &mut self.shares, &mut self.slopes);
+        let scale = f64::from(1.0 + outputs[count]);
+        let mut nats = [0.0];
+        let (guesses, shares) = ([guess], &self.shares);
+        level_losses(&levels.photons, &guesses, shares, &[0.0], 1.0, outputs, &mut nats, &mut self.scratch);
+        if !nats[0].is_finite() {
+            outputs.fill(0.0);
+            return PixelLoss { nats: f64::from(-SMALLEST.ln()) - largest, by_y: 0.0, by_guess: (0.0, 0.0) };
+        }
+        let (pulls, posteriors) = (&self.scratch[..count], &self.scratch[2 * count..]);
+        let (mut sum, mut slope) = (0.0_f32, 0.0_f32);
+        for (posterior, by) in posteriors.iter().zip(&self.slopes) {
+            sum += posterior;
+            slope += posterior * by;
+        }
+        let (mut by_mean, mut by_half) = (0.0_f64, 0.0_f64);
+        for ((&by_logit, &pull), &x) in outputs.iter().zip(pulls).zip(&levels.photons) {
+            if pull > FARTHEST {
+                let distance = f64::from(x - guess.0);
+                by_mean += f64::from(by_logit) * distance;
+                by_half += f64::from(by_logit) * distance * distance;
+            }
+        }
+        PixelLoss {
+            nats: f64::from(nats[0]) - largest,
+            by_y: -f64::from(slope / sum),
+            by_guess: (-2.0 * scale * f64::from(guess.1) * by_mean, scale * by_half),
+        }
     }
-    (most + sum.ln(), shares)
 }
 
 /// Noise as a function of the image and of standard normal numbers.

@@ -102,6 +102,8 @@ pub(super) struct Levels {
     noise: Noise,
     /// Photons.
     pub photons: Vec<f32>,
+    /// Their logarithms.
+    logs: Vec<f64>,
     kernel: Kernel,
 }
 
@@ -124,7 +126,9 @@ impl Levels {
             .map(|x| if noise.has_shot_noise() { x.max(DARKEST) } else { x })
             .collect();
         let kernel = Self::kernel(noise, scale, &photons, step, counts);
-        Self { noise, photons: photons.iter().map(|&x| x as f32).collect(), kernel }
+        let photons: Vec<f32> = photons.iter().map(|&x| x as f32).collect();
+        let logs = photons.iter().map(|&x| f64::from(x).ln()).collect();
+        Self { noise, photons, logs, kernel }
     }
 
     fn kernel(noise: Noise, scale: Scale, photons: &[f64], step: f64, counts: bool) -> Kernel {
@@ -220,23 +224,39 @@ impl Levels {
         matches!(self.kernel, Kernel::Counts(_))
     }
 
-    /// `ln P(y | x_l)` as a smooth function of y, nats, and its slope per photon. Of counts without the part that depends
-    /// on y alone; of shot and read noise together as a Gaussian of their variance.
-    pub fn smooth_log_likelihood(&self, y: f64, level: usize) -> [f64; 2] {
-        let x = f64::from(self.photons[level]);
+    /// `P(y | x_l)` of all levels as smooth functions of y, relative to the largest, whose logarithm is returned (nats), and
+    /// the slopes of their logarithms per photon. Of counts without the part that depends on y alone; of shot and read
+    /// noise together as a Gaussian of their variance.
+    pub fn smooth_likelihoods(&self, y: f64, logs: &mut [f64], shares: &mut [f32], slopes: &mut [f32]) -> f64 {
+        let levels = self.photons.iter().zip(logs.iter_mut()).zip(slopes.iter_mut());
         match &self.kernel {
-            Kernel::Counts(_) => [y * x.ln() - x, x.ln()],
+            Kernel::Counts(_) => {
+                for (((&x, log), slope), &ln) in levels.zip(&self.logs) {
+                    *log = y * ln - f64::from(x);
+                    *slope = ln as f32;
+                }
+            }
             Kernel::Gaussian { inverse, log_norm } => {
-                let inverse = f64::from(inverse[level]);
-                let z = (y - x) * inverse;
-                [f64::from(log_norm[level]) - 0.5 * z * z, -z * inverse]
+                for (((&x, log), slope), (&inverse, &norm)) in levels.zip(inverse.iter().zip(log_norm)) {
+                    let z = (y - f64::from(x)) * f64::from(inverse);
+                    *log = f64::from(norm) - 0.5 * z * z;
+                    *slope = -z as f32 * inverse;
+                }
             }
             Kernel::Grid { .. } => {
-                let deviation = Scale::new(self.noise).variance(x).sqrt();
-                let z = (y - x) / deviation;
-                [ln_normal(y - x, deviation), -z / deviation]
+                for ((&x, log), slope) in levels {
+                    let deviation = Scale::new(self.noise).variance(f64::from(x)).sqrt();
+                    *log = ln_normal(y - f64::from(x), deviation);
+                    *slope = ((f64::from(x) - y) / (deviation * deviation)) as f32;
+                }
             }
         }
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        for (share, log) in shares.iter_mut().zip(logs) {
+            *share = (*log - most) as f32;
+        }
+        relative(0.0, shares);
+        most
     }
 
     fn directly(&self, y: f32, shares: &mut [f32]) -> f32 {

@@ -4,6 +4,7 @@
 mod conditioning;
 mod estimate;
 mod fit;
+mod follow;
 mod gradient;
 mod head;
 mod keep;

@@ -10,7 +10,7 @@ use super::network::Workspace;
 use super::shape::{CausalShape, Layers};
 use super::stream::PatchBatch;
 use crate::information::{InformationError, MAX_PATCH_PIXELS};
-use crate::network::{ParameterLayout, Pool, Write, sum_in_order};
+use crate::network::{ParameterLayout, Pool, sum_in_order};
 use crate::sensor::Noise;
 
 /// Patches that are made ready and scored at a time.
@@ -51,20 +51,26 @@ impl CausalModel {
         if let Some(start) = start {
             conditioning = conditioning.in_units_of(&start.conditioning);
         }
+        let mut model = Self::unfitted(shape, conditioning, sample, seed);
+        if let Some(start) = start {
+            let same_levels = start.conditioning.levels.photons == model.conditioning.levels.photons;
+            for (tensor, from) in model.layout.tensors().iter().zip(start.layout.tensors()) {
+                if tensor.shape == from.shape && (same_levels || !tensor.name.starts_with("head")) {
+                    model.weights[tensor.range.clone()].copy_from_slice(&start.weights[from.range.clone()]);
+                }
+            }
+        }
+        Ok(model)
+    }
+
+    /// First weights; the levels are as frequent as in the sample.
+    pub(super) fn unfitted(shape: CausalShape, conditioning: Conditioning, sample: &PatchBatch, seed: u64) -> Self {
         let (layers, layout) = shape.layers(conditioning.levels.count(), &conditioning.far);
         let mut weights = layout.draw(seed);
         let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
         let bias = &mut weights[layers.head.bias.clone()];
         bias[..conditioning.levels.count()].copy_from_slice(&conditioning.levels.log_frequencies(images.view()));
-        if let Some(start) = start {
-            let same_levels = start.conditioning.levels.photons == conditioning.levels.photons;
-            for (tensor, from) in layout.tensors().iter().zip(start.layout.tensors()) {
-                if tensor.shape == from.shape && (same_levels || !tensor.name.starts_with("head")) {
-                    weights[tensor.range.clone()].copy_from_slice(&start.weights[from.range.clone()]);
-                }
-            }
-        }
-        Ok(Self { shape, conditioning: Arc::new(conditioning), layers, layout, weights })
+        Self { shape, conditioning: Arc::new(conditioning), layers, layout, weights }
     }
 
     /// Rows and columns of the patches.
@@ -167,7 +173,7 @@ impl Gradients {
                 workspace.forward(&model.layers, &model.weights, inputs);
                 workspace.score(&model.conditioning, inputs, weight);
                 *nats = workspace.losses.iter().map(|&loss| f64::from(loss.min(100.0))).sum();
-                workspace.backward(&model.layers, &model.weights, inputs, gradient, Write::Replace);
+                workspace.backward(&model.layers, &model.weights, inputs, Some(gradient));
             });
         });
         let parts: Vec<&[f32]> = self.parts.iter().map(|(gradient, _)| gradient.as_slice()).collect();
@@ -183,13 +189,13 @@ impl Gradients {
 
 /// Memory of the threads, kept from patch to patch.
 #[derive(Debug, Default)]
-struct Workspaces(Pool<Workspace>);
+pub(super) struct Workspaces(Pool<Workspace>);
 
 impl Workspaces {
-    fn with(&self, model: &CausalModel, work: impl FnOnce(&mut Workspace)) {
+    pub fn with<R>(&self, model: &CausalModel, work: impl FnOnce(&mut Workspace) -> R) -> R {
         let patch = model.conditioning.patch;
         let make = || Workspace::new(&model.shape, &model.layers, patch);
-        self.0.with(|workspace| workspace.serves(&model.layers, patch), make, work);
+        self.0.with(|workspace| workspace.serves(&model.layers, patch), make, work)
     }
 }
 

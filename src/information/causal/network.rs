@@ -47,6 +47,7 @@ pub(super) struct Workspace {
     pub losses: Vec<f32>,
     by_stream: Vec<f32>,
     by_gated: Vec<f32>,
+    by_gain: Vec<f32>,
     by_narrow: Vec<f32>,
     scratch: Vec<f32>,
 }
@@ -54,24 +55,14 @@ pub(super) struct Workspace {
 /// The part of [`Inputs`] that belongs to one patch.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PatchInputs<'a> {
-    values: &'a [f32],
+    pub values: &'a [f32],
     window: &'a [f32],
     present: &'a [f32],
-    guess: &'a [(f32, f32)],
+    pub guess: &'a [(f32, f32)],
+    pub predicted: &'a [f32],
 }
 
 impl Inputs {
-    /// Patch `index` of patches of so many pixels, on its own.
-    pub fn of_patch(&self, index: usize, pixels: usize) -> Self {
-        let part = self.patch(index, pixels);
-        Self {
-            values: part.values.to_vec(),
-            window: part.window.to_vec(),
-            present: part.present.to_vec(),
-            guess: part.guess.to_vec(),
-        }
-    }
-
     /// Patch `index` of patches of so many pixels.
     pub fn patch(&self, index: usize, pixels: usize) -> PatchInputs<'_> {
         let of = |count: usize| -> Range<usize> { index * pixels * count..(index + 1) * pixels * count };
@@ -80,6 +71,7 @@ impl Inputs {
             window: &self.window[of(WINDOW_CHANNELS)],
             present: &self.present[of(PRESENT_CHANNELS)],
             guess: &self.guess[of(1)],
+            predicted: &self.predicted[of(1)],
         }
     }
 }
@@ -120,6 +112,7 @@ impl Workspace {
             losses: per_pixel(1),
             by_stream: per_pixel(channels),
             by_gated: per_pixel(channels),
+            by_gain: vec![0.0; channels],
             scratch: vec![0.0; 3 * levels],
         }
     }
@@ -212,26 +205,32 @@ impl Workspace {
         layers.present.by_input(weights, &self.features, by_present, Write::Replace);
     }
 
-    /// Gradient by the weights, written or added to `gradient`; call [`Workspace::score`] first.
+    /// Gradients of the losses by everything inside; call [`Workspace::score`] first. Those by the weights are written to
+    /// `gradient`; without it a third of the products are left out.
     pub fn backward(
         &mut self,
         layers: &Layers,
         weights: &[f32],
         inputs: PatchInputs<'_>,
-        gradient: &mut [f32],
-        write: Write,
+        mut gradient: Option<&mut [f32]>,
     ) {
-        layers.head.by_weights(&self.last, &self.outputs, gradient, write);
+        if let Some(gradient) = gradient.as_deref_mut() {
+            layers.head.by_weights(&self.last, &self.outputs, gradient, Write::Replace);
+        }
         layers.head.by_input(weights, &self.outputs, &mut self.by_gated, Write::Replace);
         silu_backward(&self.before_last, &mut self.by_gated);
-        layers.last.by_weights(&self.stream, &self.by_gated, gradient, write);
+        if let Some(gradient) = gradient.as_deref_mut() {
+            layers.last.by_weights(&self.stream, &self.by_gated, gradient, Write::Replace);
+        }
         layers.last.by_input(weights, &self.by_gated, &mut self.by_stream, Write::Replace);
         for (index, block) in layers.blocks.iter().enumerate().rev() {
-            self.block_backward(layers, block, index, weights, gradient, write);
+            self.block_backward(layers, block, index, weights, gradient.as_deref_mut());
         }
         glu_backward(&self.first_sigmoids, &self.first, self.channels, &self.by_stream, &mut self.features);
-        layers.window.by_weights(&self.window_columns, &self.features, gradient, write);
-        layers.present.by_kernel(inputs.present, &self.features, gradient, write);
+        if let Some(gradient) = gradient {
+            layers.window.by_weights(&self.window_columns, &self.features, gradient, Write::Replace);
+            layers.present.by_kernel(inputs.present, &self.features, gradient, Write::Replace);
+        }
     }
 
     /// Takes `by_stream` from the output of a block to its input.
@@ -241,35 +240,43 @@ impl Workspace {
         block: &Block,
         index: usize,
         weights: &[f32],
-        gradient: &mut [f32],
-        write: Write,
+        mut gradient: Option<&mut [f32]>,
     ) {
         let (grid, channels) = (self.grid, self.channels);
         let kept = &self.kept[index];
-        block.out.by_weights(&kept.gated, &self.by_stream, gradient, write);
+        if let Some(gradient) = gradient.as_deref_mut() {
+            block.out.by_weights(&kept.gated, &self.by_stream, gradient, Write::Replace);
+        }
         block.out.by_input(weights, &self.by_stream, &mut self.by_gated, Write::Replace);
         glu_backward(&kept.sigmoids, &kept.gated, channels, &self.by_gated, &mut self.features);
         let columns = &mut self.columns[..grid.pixels() * block.wide.inputs];
-        block.taps.gather(grid, channels, &kept.normalised, columns);
-        block.wide.by_weights(columns, &self.features, gradient, write);
+        if let Some(gradient) = gradient.as_deref_mut() {
+            block.taps.gather(grid, channels, &kept.normalised, columns);
+            block.wide.by_weights(columns, &self.features, gradient, Write::Replace);
+        }
         block.wide.by_input(weights, &self.features, columns, Write::Replace);
         self.by_gated.fill(0.0);
         block.taps.scatter_add(grid, channels, columns, &mut self.by_gated);
         if let Some(far) = &block.far {
             let columns = &mut self.columns[..grid.pixels() * far.wide.inputs];
-            layers.far_taps.gather(grid, FAR_CHANNELS, &kept.narrow, columns);
-            far.wide.by_kernel(columns, &self.features, gradient, write);
+            if let Some(gradient) = gradient.as_deref_mut() {
+                layers.far_taps.gather(grid, FAR_CHANNELS, &kept.narrow, columns);
+                far.wide.by_kernel(columns, &self.features, gradient, Write::Replace);
+            }
             far.wide.by_input(weights, &self.features, columns, Write::Replace);
             self.by_narrow.fill(0.0);
             layers.far_taps.scatter_add(grid, FAR_CHANNELS, columns, &mut self.by_narrow);
-            far.narrow.by_kernel(&kept.normalised, &self.by_narrow, gradient, write);
+            if let Some(gradient) = gradient.as_deref_mut() {
+                far.narrow.by_kernel(&kept.normalised, &self.by_narrow, gradient, Write::Replace);
+            }
             far.narrow.by_input(weights, &self.by_narrow, &mut self.by_gated, Write::Add);
         }
-        let by_gain = &mut gradient[block.gain.clone()];
-        if write == Write::Replace {
-            by_gain.fill(0.0);
-        }
+        self.by_gain.fill(0.0);
         let gain = &weights[block.gain.clone()];
+        let by_gain = &mut self.by_gain;
         rms_norm_backward(&kept.stream, gain, &kept.inverses, &self.by_gated, &mut self.by_stream, by_gain);
+        if let Some(gradient) = gradient {
+            gradient[block.gain.clone()].copy_from_slice(by_gain);
+        }
     }
 }

@@ -43,11 +43,14 @@ impl Predictor {
         Ok(Self { pixels, mean: mean as f32, coefficients, variances })
     }
 
-    /// Gradient by the pixels of one patch from that by its predictions.
+    /// Gradient by the pixels of patches from that by their predictions, (samples, pixels).
     pub fn transposed(&self, by_predictions: &[f32]) -> Vec<f32> {
-        let mut by_values = vec![0.0; self.pixels];
-        let shape = (1, self.pixels, self.pixels);
-        product(by_predictions, &self.coefficients, shape, &mut by_values, crate::network::Write::Replace);
+        let mut by_values = vec![0.0; by_predictions.len()];
+        let groups = by_predictions.par_chunks(GROUP * self.pixels).zip(by_values.par_chunks_mut(GROUP * self.pixels));
+        groups.for_each(|(by_predictions, out)| {
+            let shape = (out.len() / self.pixels, self.pixels, self.pixels);
+            product(by_predictions, &self.coefficients, shape, out, crate::network::Write::Replace);
+        });
         by_values
     }
 

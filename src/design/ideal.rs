@@ -1,0 +1,433 @@
+//! IDEAL: the mask climbs the information of its measurements under a density model that follows it (Kabuli et al. 2026).
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use ndarray::{Array4, Axis, s};
+use serde::{Deserialize, Serialize};
+
+use super::error::IdealError;
+use super::gradient::GradientDraw;
+use super::imaging::{Imaging, KnownMoments, derived_seed};
+use super::merge::{closest, joined, merged};
+use super::movement::{Momentum, project};
+use super::settings::IdealSettings;
+use crate::information::{
+    CausalFit, CausalModel, CausalShape, FitLength, InformationError, NoiseEntropy, PatchBatch, PatchStream, Protocol,
+    paired_interval, score,
+};
+use crate::objects::Split;
+use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
+use crate::sensor::Patches;
+use crate::sparsity::tamura_of_stack;
+
+/// Patches that levels and units are taken from.
+const SAMPLE: usize = 256;
+/// Held-out objects, one patch of each.
+const HELD_OUT: usize = 192;
+/// Held-out measurements that the Tamura coefficient is taken from.
+const TAMURA_IMAGES: usize = 32;
+/// Factor of the learning rate of fits that start from the model before.
+const WARM_RATE: f64 = 0.5;
+/// Refused steps after which a run is given up.
+const MAX_REFUSED: usize = 30;
+/// Information that a mask may lose against the best one before the run goes back to that, bits per pixel, on top of both
+/// intervals.
+const LOSS: f64 = 0.05;
+/// Share of the steps after which no more than the wished number of lenslets is left.
+const PRUNED_BY: f64 = 0.6;
+
+/// The mask at a refit of the density model, and what it was worth on held-out objects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Steps of the mask so far.
+    pub step: usize,
+    /// The mask; lenslets keep their places in the list.
+    pub array: LensletArray,
+    /// Information of patches of held-out objects under the density model, bits per pixel.
+    pub bits_per_pixel: f64,
+    /// Over these patches.
+    pub interval_95: [f64; 2],
+    /// Mean Tamura coefficient of held-out measurements.
+    pub tamura: f64,
+    /// Lenslets that are neither dark nor coincident.
+    pub distinct_lenslets: usize,
+    /// The participation ratio of their weights.
+    pub effective_lenslets: f64,
+    /// Seconds of computing since the start of the run.
+    pub seconds: f64,
+}
+
+/// Something that a run had to do besides climbing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum IdealEvent {
+    /// A gradient without finite numbers: the mask stayed, the rates were halved.
+    Refused {
+        /// Steps of the mask so far.
+        step: usize,
+    },
+    /// Information was lost: the mask went back to an earlier one, the rates were halved.
+    WentBack {
+        /// Steps of the mask so far.
+        step: usize,
+        /// The step that it went back to.
+        to: usize,
+    },
+}
+
+/// Where a run has come to: with the start and the settings it is all that decides how it goes on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IdealState {
+    /// Steps of the mask so far.
+    pub step: usize,
+    /// The mask now.
+    pub array: LensletArray,
+    /// The masks at all refits so far.
+    pub frames: Vec<Frame>,
+    /// What else happened.
+    pub events: Vec<IdealEvent>,
+    /// Whether the last fit is done.
+    pub finished: bool,
+    momentum: Momentum,
+    /// Lenslets that were taken out; they stay dark.
+    pruned: Vec<usize>,
+    /// Factor of the rates.
+    caution: f64,
+    seconds: f64,
+}
+
+/// What a run is doing.
+#[derive(Clone, Copy, Debug)]
+pub struct IdealProgress<'a> {
+    /// The run so far.
+    pub state: &'a IdealState,
+    /// Share of a fit of the density model that is done; none while the mask moves.
+    pub fitting: Option<f64>,
+    /// Seconds of computing since the start of the run.
+    pub seconds: f64,
+}
+
+/// Hears of every step of mask and model, and answers whether to go on; after `Break` the run ends in
+/// [`InformationError::Cancelled`].
+pub type OnIdeal<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
+
+/// A run that goes on as long as it is told to [`advance`](Ideal::advance).
+pub struct Ideal<'a> {
+    imaging: &'a Imaging<'a>,
+    moments: KnownMoments<'a>,
+    limits: Limits,
+    settings: IdealSettings,
+    patch: (usize, usize),
+    entropy: NoiseEntropy,
+    /// Shape (n, planes, rows, cols).
+    held_out: Array4<f32>,
+    /// Unfitted, before the mask of the start.
+    first: CausalModel,
+    model: CausalModel,
+    state: IdealState,
+}
+
+impl<'a> Ideal<'a> {
+    /// A run from a mask, which is brought within the limits.
+    ///
+    /// # Errors
+    /// Where settings, mask, objects and noise do not allow one.
+    pub fn new(
+        imaging: &'a Imaging<'a>,
+        start: &LensletArray,
+        limits: Limits,
+        settings: IdealSettings,
+    ) -> Result<Self, IdealError> {
+        start.check()?;
+        settings.check(start)?;
+        let mut array = start.clone().with_unit_weight();
+        if settings.anisotropic {
+            for lenslet in &mut array.lenslets {
+                let (xx, xy, yy) = lenslet.spot.covariance();
+                lenslet.spot = Spot::Anisotropic { xx, xy, yy };
+            }
+        }
+        project(&mut array, &settings, &limits);
+        let patch = imaging.patch(settings.patch);
+        let moments = imaging.known_moments((array.rows, array.cols), patch)?;
+        let held_out = imaging.set.objects(Split::Test, HELD_OUT, derived_seed(settings.seed, 1))?;
+        let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
+        let first = first_model(imaging, &moments, &array, &limits, (patch, settings.seed))?;
+        let state = IdealState {
+            step: 0,
+            array,
+            frames: Vec::new(),
+            events: Vec::new(),
+            finished: false,
+            momentum: Momentum::default(),
+            pruned: Vec::new(),
+            caution: 1.0,
+            seconds: 0.0,
+        };
+        let model = first.clone();
+        Ok(Self { imaging, moments, limits, settings, patch, entropy, held_out, first, model, state })
+    }
+
+    /// The same run where [`Ideal::to_bytes`] was called; it goes on bit for bit as it would have then.
+    ///
+    /// # Errors
+    /// For bytes that are no state of this run.
+    pub fn resumed(mut self, bytes: &[u8]) -> Result<Self, IdealError> {
+        let other = |reason: String| IdealError::OtherRun { reason };
+        let key = CausalModel::detail_of_state(bytes, "key").map_err(|error| other(error.to_string()))?;
+        if key != self.key() {
+            return Err(other("it was started from another mask, scene or setting".into()));
+        }
+        let text = CausalModel::detail_of_state(bytes, "run")?;
+        let state: IdealState = serde_json::from_str(&text).map_err(|error| other(error.to_string()))?;
+        if !state.frames.is_empty() {
+            self.model = self.first.clone().with_state(bytes)?;
+        }
+        self.state = state;
+        Ok(self)
+    }
+
+    /// Everything that decides how this run goes on, as the bytes of a safetensors file.
+    ///
+    /// # Errors
+    /// Where the weights fit no file.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, IdealError> {
+        let run =
+            serde_json::to_string(&self.state).map_err(|error| IdealError::OtherRun { reason: error.to_string() })?;
+        Ok(self.model.state(vec![("key", self.key()), ("run", run)])?)
+    }
+
+    /// Tells runs apart that would go another way; their length may change.
+    fn key(&self) -> String {
+        let settings = IdealSettings { steps: 0, ..self.settings.clone() };
+        let start = self.state.frames.first().map_or(&self.state.array, |frame| &frame.array);
+        let imaging = (self.imaging.set.fingerprint(), self.imaging.bias, self.imaging.noise, self.patch);
+        let version = env!("CARGO_PKG_VERSION");
+        blake3::hash(format!("{version} {settings:?} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
+            .to_hex()
+            .to_string()
+    }
+
+    /// Where the run has come to.
+    pub fn state(&self) -> &IdealState {
+        &self.state
+    }
+
+    /// What it does.
+    pub fn settings(&self) -> &IdealSettings {
+        &self.settings
+    }
+
+    /// The density model as it was fitted last.
+    pub fn model(&self) -> &CausalModel {
+        &self.model
+    }
+
+    /// Whether there is nothing left to do.
+    pub fn is_finished(&self) -> bool {
+        self.state.finished
+    }
+
+    /// Lets the run go on to `steps` steps of the mask.
+    pub fn extend_to(&mut self, steps: usize) {
+        if steps > self.state.step {
+            self.settings.steps = steps.min(IdealSettings::MAX_STEPS);
+            self.state.finished = false;
+        }
+    }
+
+    /// Fits the density model to the mask as it is, values the mask on held-out objects, and takes the steps up to the
+    /// next fit. States for [`Ideal::to_bytes`] lie between two calls.
+    ///
+    /// # Errors
+    /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
+    /// the steps so far have brought it.
+    pub fn advance(&mut self, watch: OnIdeal<'_>) -> Result<(), IdealError> {
+        let started = Instant::now();
+        let before = self.state.seconds;
+        let seconds = || before + started.elapsed().as_secs_f64();
+        self.prune();
+        self.refit(&seconds, watch)?;
+        let frame = self.frame(seconds())?;
+        self.state.frames.push(frame);
+        self.go_back_from_loss();
+        if self.state.step >= self.settings.steps {
+            self.state.finished = true;
+        }
+        for _ in 0..self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step)) {
+            self.climb()?;
+            self.state.seconds = seconds();
+            let progress = IdealProgress { state: &self.state, fitting: None, seconds: seconds() };
+            if watch(&progress).is_break() {
+                return Err(InformationError::Cancelled.into());
+            }
+        }
+        self.state.seconds = seconds();
+        Ok(())
+    }
+
+    /// Fits the density model to measurements through the mask as it is.
+    fn refit(&mut self, seconds: &dyn Fn() -> f64, watch: OnIdeal<'_>) -> Result<(), IdealError> {
+        let round = self.state.frames.len() as u64;
+        let psf = render_psf(&self.state.array, self.imaging.set.planes())?;
+        let convolver = self.imaging.convolver(psf.view())?;
+        let stream = self.imaging.stream(convolver, Split::Train, self.patch);
+        let is_warm = self.settings.warm && round > 0;
+        let sample = stream.draw(SAMPLE, derived_seed(self.settings.seed, 2))?;
+        let moments = self.moments.of(psf.slice(s![..self.imaging.set.planes(), .., ..]))?;
+        let from = if is_warm { &self.model } else { &self.first };
+        let mut model = from.following(&sample, &moments)?;
+        let is_last = self.state.step >= self.settings.steps;
+        let steps = if is_warm && !is_last { self.settings.refit } else { self.settings.first_fit };
+        let mut fit = CausalFit::new(FitLength::Steps(steps), derived_seed(self.settings.seed, FIT_SEEDS | round));
+        if is_warm {
+            fit.rate *= WARM_RATE;
+        }
+        let state = &self.state;
+        fit.fit(&mut model, &stream, &mut |progress| {
+            let share = progress.step as f64 / steps as f64;
+            watch(&IdealProgress { state, fitting: Some(share), seconds: seconds() })
+        })?;
+        self.model = model;
+        Ok(())
+    }
+
+    /// One step of the mask on fresh training objects.
+    fn climb(&mut self) -> Result<(), IdealError> {
+        let draw = GradientDraw {
+            split: Split::Train,
+            objects: self.settings.objects,
+            patches: self.settings.patches,
+            seed: derived_seed(self.settings.seed, STEP_SEEDS | self.state.step as u64),
+        };
+        let gradient = self.imaging.gradient(&self.state.array, &draw, &self.model)?;
+        self.state.step += 1;
+        let finite = gradient
+            .lenslets
+            .iter()
+            .all(|by| [by.x, by.y, by.sigma, by.weight].iter().chain(&by.covariance).all(|slope| slope.is_finite()));
+        let state = &mut self.state;
+        if !finite {
+            state.events.push(IdealEvent::Refused { step: state.step });
+            state.caution *= 0.5;
+            let refused = state.events.iter().filter(|event| matches!(event, IdealEvent::Refused { .. })).count();
+            return if refused < MAX_REFUSED { Ok(()) } else { Err(IdealError::Diverged { refused }) };
+        }
+        let rate = state.caution * self.settings.rate(state.step);
+        let how = (&self.settings, &self.limits);
+        state.momentum.climb(&mut state.array, &gradient.lenslets, how, &state.pruned, rate);
+        Ok(())
+    }
+
+    /// What the mask is worth on objects that neither model nor mask has seen; the same ones every time.
+    fn frame(&self, seconds: f64) -> Result<Frame, IdealError> {
+        let array = &self.state.array;
+        let psf = render_psf(array, self.imaging.set.planes())?;
+        let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
+        let clean =
+            Patches::one_each(encoded.dim(), self.patch, derived_seed(self.settings.seed, 3))?.cut(encoded.view());
+        let noisy = self.imaging.noise.draw(clean.view(), derived_seed(self.settings.seed, 4));
+        let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
+        let images = encoded.slice(s![..TAMURA_IMAGES.min(encoded.len_of(Axis(0))), .., ..]);
+        let measured = self.imaging.noise.draw(images, derived_seed(self.settings.seed, 5));
+        let distinct = merged(array);
+        Ok(Frame {
+            step: self.state.step,
+            array: array.clone(),
+            bits_per_pixel: information.iter().sum::<f64>() / information.len() as f64,
+            interval_95: paired_interval(&information, self.settings.seed)?,
+            tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
+            distinct_lenslets: distinct.lenslets.len(),
+            effective_lenslets: distinct.effective_count(),
+            seconds,
+        })
+    }
+
+    /// Returns to the best mask, at half the rates, where the newest has lost more than chance can explain.
+    fn go_back_from_loss(&mut self) {
+        let state = &mut self.state;
+        let best = state.frames.iter().max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel));
+        let (Some(best), Some(now)) = (best, state.frames.last()) else { return };
+        let lost = best.interval_95[0] - now.interval_95[1];
+        // A mask that has lost lenslets on purpose is not compared with one that had them.
+        if lost > LOSS
+            && best.distinct_lenslets <= now.distinct_lenslets.max(1) + state.pruned.len()
+            && state.pruned.is_empty()
+        {
+            state.events.push(IdealEvent::WentBack { step: state.step, to: best.step });
+            state.array = best.array.clone();
+            state.momentum = Momentum::default();
+            state.caution *= 0.5;
+        }
+    }
+
+    /// Takes out lenslets until no more are left than are wished for by now: the closer of two where they all but
+    /// coincide, the darkest otherwise.
+    fn prune(&mut self) {
+        let Some(wished) = self.settings.lenslets else { return };
+        let state = &mut self.state;
+        let all = state.array.lenslets.len();
+        let share = (state.step as f64 / self.settings.steps as f64 / PRUNED_BY).min(1.0);
+        let allowed = all - ((all.saturating_sub(wished)) as f64 * share).floor() as usize;
+        while all - state.pruned.len() > allowed.max(1) {
+            let kept: Vec<usize> = (0..all).filter(|index| !state.pruned.contains(index)).collect();
+            let lenslets: Vec<Lenslet> = kept.iter().map(|&index| state.array.lenslets[index]).collect();
+            let locked = |at: usize| self.settings.locked.contains(&kept[at]);
+            let pair =
+                closest(&lenslets).filter(|&(one, other, distance)| distance < 1.0 && !locked(one) && !locked(other));
+            let out = if let Some((one, other, _)) = pair {
+                state.array.lenslets[kept[one]] = joined(lenslets[one], lenslets[other]);
+                kept[other]
+            } else {
+                let free = (0..kept.len()).filter(|&at| !locked(at));
+                let darkest = free.min_by(|&a, &b| lenslets[a].weight.total_cmp(&lenslets[b].weight));
+                let Some(darkest) = darkest else { return };
+                kept[darkest]
+            };
+            state.array.lenslets[out].weight = 0.0;
+            state.pruned.push(out);
+        }
+        project(&mut state.array, &self.settings, &self.limits);
+    }
+}
+
+/// Streams of seeds, so that no fit and no step repeats the draws of another.
+const FIT_SEEDS: u64 = 1 << 32;
+const STEP_SEEDS: u64 = 1 << 33;
+
+/// The model of the start, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet.
+fn first_model(
+    imaging: &Imaging<'_>,
+    moments: &KnownMoments<'_>,
+    start: &LensletArray,
+    limits: &Limits,
+    (patch, seed): ((usize, usize), u64),
+) -> Result<CausalModel, IdealError> {
+    let planes = imaging.set.planes();
+    let drawn = |array: &LensletArray| -> Result<_, IdealError> {
+        let psf = render_psf(array, planes)?;
+        let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch);
+        Ok((stream.draw(SAMPLE, derived_seed(seed, 2))?, psf))
+    };
+    let (sample, psf) = drawn(start)?;
+    let (x, y) = ((start.cols / 2) as f64, (start.rows / 2) as f64);
+    let planes_in_use = start.planes().min(planes);
+    let sharp = |plane| Lenslet { plane, ..Lenslet::round(x, y, limits.min_sigma_px, 1.0) };
+    let sharpest = LensletArray { lenslets: (0..planes_in_use).map(sharp).collect(), ..start.clone() };
+    let (extremes, _) = drawn(&sharpest)?;
+    let extremes = extremes.clean.unwrap_or(extremes.noisy);
+    let moments = moments.of(psf.slice(s![..planes, .., ..]))?;
+    Ok(CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &moments, &extremes, seed)?)
+}
+
+/// Time that is left of a run, from how long its steps have taken so far.
+pub fn time_left(state: &IdealState, settings: &IdealSettings, seconds: f64) -> Option<Duration> {
+    let first = state.frames.first()?;
+    let (done, all) = (state.step, settings.steps);
+    if done < 2 * settings.refit_every.min(all) || state.finished {
+        return None;
+    }
+    let per_step = (seconds - first.seconds).max(0.0) / done as f64;
+    Duration::try_from_secs_f64(per_step * (all - done.min(all)) as f64).ok()
+}

@@ -1,0 +1,75 @@
+//! Lenslets that have become one, or dark: how many there really are, and the mask without the others.
+
+use crate::optics::{Lenslet, LensletArray, Spot};
+
+/// Distance of centres below which two lenslets make one spot, px.
+const COINCIDENT_PX: f64 = 0.25;
+/// Share of the light below which a lenslet is dark.
+const DARK: f64 = 1e-3;
+
+/// The array with dark lenslets left out and coincident ones made one: the same light, its centre of mass and mean
+/// covariance.
+pub fn merged(array: &LensletArray) -> LensletArray {
+    let total: f64 = array.lenslets.iter().map(|lenslet| lenslet.weight).sum();
+    let mut lenslets: Vec<Lenslet> =
+        array.lenslets.iter().filter(|lenslet| lenslet.weight >= DARK * total).copied().collect();
+    while let Some((one, other)) =
+        closest(&lenslets).filter(|&(_, _, distance)| distance < COINCIDENT_PX).map(|p| (p.0, p.1))
+    {
+        lenslets[one] = joined(lenslets[one], lenslets[other]);
+        lenslets.remove(other);
+    }
+    if lenslets.is_empty() {
+        return array.clone();
+    }
+    LensletArray { lenslets, ..array.clone() }.with_unit_weight()
+}
+
+/// The two lenslets of one plane whose centres are closest, and their distance in px.
+pub(super) fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
+    let mut found: Option<(usize, usize, f64)> = None;
+    for (one, a) in lenslets.iter().enumerate() {
+        for (other, b) in lenslets.iter().enumerate().skip(one + 1).filter(|(_, b)| b.plane == a.plane) {
+            let distance = (a.x - b.x).hypot(a.y - b.y);
+            if found.is_none_or(|(_, _, least)| distance < least) {
+                found = Some((one, other, distance));
+            }
+        }
+    }
+    found
+}
+
+/// One lenslet with the light of two.
+pub(super) fn joined(one: Lenslet, other: Lenslet) -> Lenslet {
+    let weight = one.weight + other.weight;
+    let share = if weight > 0.0 { one.weight / weight } else { 0.5 };
+    let mean = |a: f64, b: f64| share * a + (1.0 - share) * b;
+    let spot = match (one.spot, other.spot) {
+        (Spot::Isotropic(a), Spot::Isotropic(b)) => Spot::Isotropic(mean(a * a, b * b).sqrt()),
+        (a, b) => {
+            let ((axx, axy, ayy), (bxx, bxy, byy)) = (a.covariance(), b.covariance());
+            Spot::Anisotropic { xx: mean(axx, bxx), xy: mean(axy, bxy), yy: mean(ayy, byy) }
+        }
+    };
+    Lenslet { x: mean(one.x, other.x), y: mean(one.y, other.y), spot, weight, plane: one.plane }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{heuristic_layout, render_psf};
+
+    #[test]
+    fn coincident_and_dark_lenslets_leave_the_psf_as_it_was() {
+        let mut array = heuristic_layout(4);
+        array.lenslets.push(Lenslet { weight: 1e-9, x: 20.0, ..array.lenslets[0] });
+        array.lenslets.push(Lenslet { x: array.lenslets[2].x + 0.02, weight: 0.1, ..array.lenslets[2] });
+        let merged = merged(&array);
+        assert_eq!(merged.lenslets.len(), 4);
+        let (one, other) = (render_psf(&array, 1).unwrap(), render_psf(&merged, 1).unwrap());
+        assert!((one - other).iter().all(|difference| difference.abs() < 1e-4));
+        assert!((merged.effective_count() - 4.0).abs() < 0.3);
+        array.lenslets[5].plane = 1;
+        assert_eq!(super::merged(&array).lenslets.len(), 5, "planes are kept apart");
+    }
+}

@@ -1,0 +1,247 @@
+//! One step of a mask: Adam for every parameter of every lenslet, and the way back to what can be made.
+
+use serde::{Deserialize, Serialize};
+
+use super::settings::IdealSettings;
+use crate::optics::{LensletArray, LensletGradient, Limits, Spot};
+
+/// Parameters of a lenslet: x, y, xx, xy, yy, weight. The variance of a round spot stands in xx.
+const PARAMETERS: usize = 6;
+/// Decays of Adam (Kingma and Ba 2015).
+const DECAYS: (f64, f64) = (0.9, 0.999);
+const EPSILON: f64 = 1e-12;
+/// Sweeps over all pairs that are too close.
+const SWEEPS: usize = 20;
+
+/// Means of gradients and of their squares over past steps.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Momentum {
+    first: Vec<[f64; PARAMETERS]>,
+    second: Vec<[f64; PARAMETERS]>,
+    steps: i32,
+}
+
+impl Momentum {
+    /// Takes one step up the gradient, at `rate` times the rates of the settings, and projects the mask back. Dark
+    /// lenslets that were `pruned` stay so.
+    pub fn climb(
+        &mut self,
+        array: &mut LensletArray,
+        gradient: &[LensletGradient],
+        (settings, limits): (&IdealSettings, &Limits),
+        pruned: &[usize],
+        rate: f64,
+    ) {
+        let count = array.lenslets.len();
+        self.first.resize(count, [0.0; PARAMETERS]);
+        self.second.resize(count, [0.0; PARAMETERS]);
+        self.steps = self.steps.saturating_add(1);
+        let moving = |index: &usize| !settings.locked.contains(index) && !pruned.contains(index);
+        for index in (0..count).filter(moving) {
+            let lenslet = &mut array.lenslets[index];
+            let by = &gradient[index];
+            let [xx, xy, yy] = match lenslet.spot {
+                Spot::Isotropic(sigma) => [by.sigma / (2.0 * sigma), 0.0, 0.0],
+                Spot::Anisotropic { .. } => by.covariance,
+            };
+            let moves = self.moves(index, [by.x, by.y, xx, xy, yy, by.weight]);
+            if settings.free.positions {
+                lenslet.x += rate * settings.rates.position * moves[0];
+                lenslet.y += rate * settings.rates.position * moves[1];
+            }
+            if settings.free.widths {
+                let step = rate * settings.rates.variance;
+                lenslet.spot = match lenslet.spot {
+                    Spot::Isotropic(sigma) => {
+                        let least = limits.min_sigma_px.powi(2).min(sigma * sigma);
+                        Spot::Isotropic((sigma * sigma + step * moves[2]).max(least).sqrt())
+                    }
+                    Spot::Anisotropic { xx, xy, yy } => Spot::Anisotropic {
+                        xx: xx + step * moves[2],
+                        xy: xy + step * moves[3],
+                        yy: yy + step * moves[4],
+                    },
+                };
+            }
+            if settings.free.weights {
+                lenslet.weight += rate * settings.rates.weight * moves[5];
+            }
+        }
+        project(array, settings, limits);
+    }
+
+    /// The step of each parameter of one lenslet, of order one.
+    fn moves(&mut self, index: usize, gradient: [f64; PARAMETERS]) -> [f64; PARAMETERS] {
+        let (first_decay, second_decay) = DECAYS;
+        let bias = (1.0 - first_decay.powi(self.steps), 1.0 - second_decay.powi(self.steps));
+        let mut moves = [0.0; PARAMETERS];
+        for (parameter, &slope) in gradient.iter().enumerate() {
+            let first = &mut self.first[index][parameter];
+            let second = &mut self.second[index][parameter];
+            *first += (1.0 - first_decay) * (slope - *first);
+            *second += (1.0 - second_decay) * (slope * slope - *second);
+            moves[parameter] = *first / bias.0 / ((*second / bias.1).sqrt() + EPSILON);
+        }
+        moves
+    }
+}
+
+/// The nearest mask that can be made: limits of the editor, least distance, weights that sum to 1. Locked lenslets stay.
+pub(super) fn project(array: &mut LensletArray, settings: &IdealSettings, limits: &Limits) {
+    let locked = |index: usize| settings.locked.contains(&index);
+    let (rows, cols) = (array.rows, array.cols);
+    for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
+        if !locked(index) {
+            *lenslet = limits.project(*lenslet, rows, cols);
+        }
+    }
+    if settings.min_separation_px > 0.0 && settings.free.positions {
+        separate(array, settings, limits);
+    }
+    if settings.free.weights {
+        let sum = |array: &LensletArray, of: bool| {
+            let lenslets = array.lenslets.iter().enumerate().filter(|(index, _)| locked(*index) == of);
+            lenslets.map(|(_, lenslet)| lenslet.weight).sum::<f64>()
+        };
+        let (kept, free) = (sum(array, true), sum(array, false));
+        if free > 0.0 && kept < 1.0 {
+            let scale = (1.0 - kept) / free;
+            for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
+                if !locked(index) {
+                    lenslet.weight *= scale;
+                }
+            }
+        }
+    }
+}
+
+/// Pushes bright lenslets apart until none is closer to another than it may be, as far as the limits leave room.
+fn separate(array: &mut LensletArray, settings: &IdealSettings, limits: &Limits) {
+    let least = settings.min_separation_px;
+    let count = array.lenslets.len();
+    for _ in 0..SWEEPS {
+        let mut moved = false;
+        for one in 0..count {
+            for other in one + 1..count {
+                let (a, b) = (array.lenslets[one], array.lenslets[other]);
+                let distance = (b.x - a.x).hypot(b.y - a.y);
+                if a.weight == 0.0 || b.weight == 0.0 || distance >= least * (1.0 - 1e-9) {
+                    continue;
+                }
+                // Lenslets on one point part along a direction of their own.
+                let angle = (one * count + other) as f64;
+                let (dx, dy) = if distance > 1e-9 {
+                    ((b.x - a.x) / distance, (b.y - a.y) / distance)
+                } else {
+                    (angle.cos(), angle.sin())
+                };
+                let free = [one, other].map(|index| !settings.locked.contains(&index));
+                let shares = match free {
+                    [true, true] => [0.5, 0.5],
+                    [true, false] => [1.0, 0.0],
+                    [false, true] => [0.0, 1.0],
+                    [false, false] => continue,
+                };
+                moved = true;
+                let push = least - distance;
+                for (index, signed) in [(one, -shares[0]), (other, shares[1])] {
+                    if signed != 0.0 {
+                        let lenslet = &mut array.lenslets[index];
+                        lenslet.x += signed * push * dx;
+                        lenslet.y += signed * push * dy;
+                        *lenslet = limits.project(*lenslet, array.rows, array.cols);
+                    }
+                }
+            }
+        }
+        if !moved {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::{Free, Preset};
+    use super::*;
+    use crate::optics::{heuristic_layout, random_layout};
+
+    fn settings() -> IdealSettings {
+        IdealSettings::new(Preset::Default, 1)
+    }
+
+    #[test]
+    fn a_projected_mask_is_projected_onto_itself() {
+        let mut array = random_layout(12, 3);
+        array.lenslets[2].x = -7.0;
+        array.lenslets[3].spot = Spot::Isotropic(0.2);
+        array.lenslets[4].weight = -0.5;
+        let (x, y) = (array.lenslets[5].x, array.lenslets[5].y);
+        (array.lenslets[6].x, array.lenslets[6].y) = (x, y);
+        let settings = IdealSettings { min_separation_px: 3.0, locked: vec![5], ..settings() };
+        let limits = Limits::default();
+        let before = array.lenslets[5];
+        project(&mut array, &settings, &limits);
+        assert_eq!(array.lenslets[5], before);
+        assert!((array.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() - 1.0).abs() < 1e-12);
+        for (index, one) in array.lenslets.iter().enumerate() {
+            assert_eq!(limits.project(*one, 32, 32), *one);
+            for other in &array.lenslets[index + 1..] {
+                let dark = one.weight == 0.0 || other.weight == 0.0;
+                assert!(dark || (one.x - other.x).hypot(one.y - other.y) > 2.99, "{one:?} {other:?}");
+            }
+        }
+        let once = array.clone();
+        project(&mut array, &settings, &limits);
+        for (one, other) in once.lenslets.iter().zip(&array.lenslets) {
+            assert!((one.x - other.x).abs() + (one.y - other.y).abs() + (one.weight - other.weight).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_is_not_free_stays_to_the_bit() {
+        let start = random_layout(6, 2);
+        let gradient: Vec<LensletGradient> = (0..6)
+            .map(|i| {
+                let slope = f64::from(i) - 2.7;
+                LensletGradient { x: slope, y: -slope, sigma: slope, covariance: [0.0; 3], weight: slope }
+            })
+            .collect();
+        let limits = Limits::default();
+        let climbed = |settings: &IdealSettings, pruned: &[usize]| {
+            let (mut array, mut momentum) = (start.clone(), Momentum::default());
+            for _ in 0..3 {
+                momentum.climb(&mut array, &gradient, (settings, &limits), pruned, 1.0);
+            }
+            array
+        };
+        let all = climbed(&settings(), &[]);
+        assert!(all.lenslets.iter().zip(&start.lenslets).all(|(after, before)| after.x != before.x));
+        // Adam's steps have the size of the rate, whatever the gradient.
+        let moved = all.lenslets[3].x - start.lenslets[3].x;
+        assert!((moved - 3.0 * settings().rates.position).abs() < 1e-9, "{moved}");
+        let free = Free { positions: true, widths: false, weights: false };
+        let fixed = climbed(&IdealSettings { free, ..settings() }, &[]);
+        for (after, before) in fixed.lenslets.iter().zip(&start.lenslets) {
+            assert_eq!((after.spot, after.weight), (before.spot, before.weight));
+        }
+        let locked = climbed(&IdealSettings { locked: vec![1], ..settings() }, &[4]);
+        assert_eq!(locked.lenslets[1], start.lenslets[1]);
+        assert_eq!((locked.lenslets[4].x, locked.lenslets[4].y), (start.lenslets[4].x, start.lenslets[4].y));
+    }
+
+    #[test]
+    fn a_width_below_the_floor_is_not_pulled_down_further() {
+        let mut array = heuristic_layout(2);
+        array.lenslets[0].spot = Spot::Anisotropic { xx: 1.0, xy: 0.0, yy: 0.7 };
+        let by = LensletGradient { x: 0.0, y: 0.0, sigma: -1.0, covariance: [-1.0, 0.3, -1.0], weight: 0.0 };
+        let (mut momentum, limits) = (Momentum::default(), Limits::default());
+        for _ in 0..400 {
+            momentum.climb(&mut array, &[by, by], (&settings(), &limits), &[], 1.0);
+        }
+        for lenslet in &array.lenslets {
+            assert!((lenslet.spot.principal_sigmas().0 - limits.min_sigma_px).abs() < 1e-6, "{lenslet:?}");
+        }
+        array.check().unwrap();
+    }
+}

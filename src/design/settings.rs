@@ -1,0 +1,256 @@
+//! What a run of IDEAL does, by presets and in detail.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::IdealError;
+use crate::optics::LensletArray;
+
+/// Named settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Warm refits of the density model every few steps, patches of 32 x 32 px.
+    #[default]
+    Default,
+    /// The steps, batches, rates and refits of Kabuli et al. 2026, patches of 16 x 16 px.
+    Paper,
+}
+
+impl fmt::Display for Preset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Default => "default",
+            Self::Paper => "paper",
+        })
+    }
+}
+
+impl FromStr for Preset {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "default" => Ok(Self::Default),
+            "paper" => Ok(Self::Paper),
+            _ => Err(format!("preset {text:?}: expected default or paper")),
+        }
+    }
+}
+
+/// Learning rates of the parameters of a lenslet: about how far each moves in one step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rates {
+    /// Of centres, px.
+    pub position: f64,
+    /// Of variances and covariances, square px.
+    pub variance: f64,
+    /// Of weights, which sum to 1.
+    pub weight: f64,
+}
+
+/// Parameters that may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Free {
+    /// Centres.
+    pub positions: bool,
+    /// Widths and shapes.
+    pub widths: bool,
+    /// Weights.
+    pub weights: bool,
+}
+
+impl Default for Free {
+    fn default() -> Self {
+        Self { positions: true, widths: true, weights: true }
+    }
+}
+
+/// All that decides the steps of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IdealSettings {
+    /// Where the settings come from.
+    pub preset: Preset,
+    /// Steps of the mask.
+    pub steps: usize,
+    /// Training objects that are measured in one step.
+    pub objects: usize,
+    /// Patches of these measurements.
+    pub patches: usize,
+    /// Rows and columns of a patch in pixels; the whole measurement where it is none.
+    pub patch: Option<(usize, usize)>,
+    /// Steps of the mask between two fits of the density model.
+    pub refit_every: usize,
+    /// Steps of the first fit, of the last one, and of all where they are not warm.
+    pub first_fit: usize,
+    /// Steps of the fits in between.
+    pub refit: usize,
+    /// Whether a fit starts from the model before it.
+    pub warm: bool,
+    /// Learning rates.
+    pub rates: Rates,
+    /// Share of the steps, at the end, over which the rates fall.
+    pub settle: f64,
+    /// What may change.
+    pub free: Free,
+    /// Lenslets that stay as they are, by index.
+    pub locked: Vec<usize>,
+    /// Least distance between the centres of two lenslets, px.
+    pub min_separation_px: f64,
+    /// Lenslets that are to be left in the end; as many as there are where it is none.
+    pub lenslets: Option<usize>,
+    /// Whether spots may become elliptic.
+    pub anisotropic: bool,
+    /// Seed of objects, patches, noise and fits.
+    pub seed: u64,
+}
+
+impl IdealSettings {
+    /// Most steps of the mask.
+    pub const MAX_STEPS: usize = 1_000_000;
+
+    /// The settings of a preset.
+    pub fn new(preset: Preset, seed: u64) -> Self {
+        let paper = Self {
+            preset,
+            steps: 2000,
+            objects: 50,
+            patches: 4096,
+            patch: Some((16, 16)),
+            refit_every: 20,
+            first_fit: 2000,
+            refit: 2000,
+            warm: false,
+            // Grid units of the published code are 31/32 px.
+            rates: Rates { position: 3e-2 * GRID_UNIT, variance: 1e-3 * GRID_UNIT * GRID_UNIT, weight: 1e-4 },
+            settle: 0.0,
+            free: Free::default(),
+            locked: Vec::new(),
+            min_separation_px: 0.0,
+            lenslets: None,
+            anisotropic: false,
+            seed,
+        };
+        match preset {
+            Preset::Paper => paper,
+            Preset::Default => Self {
+                steps: 1000,
+                objects: 12,
+                patches: 24,
+                patch: Some((32, 32)),
+                refit_every: 5,
+                first_fit: 600,
+                refit: 32,
+                warm: true,
+                rates: Rates { position: 0.06, variance: 8e-3, weight: 4e-4 },
+                settle: 0.4,
+                ..paper
+            },
+        }
+    }
+
+    /// Whether these settings can be followed from a mask.
+    ///
+    /// # Errors
+    /// [`IdealError::Setting`] names the first one that cannot.
+    pub fn check(&self, start: &LensletArray) -> Result<(), IdealError> {
+        let wrong = |name, found: String, expected| Err(IdealError::Setting { name, found, expected });
+        for (name, count, most) in [
+            ("steps", self.steps, Self::MAX_STEPS),
+            ("objects", self.objects, 100_000),
+            ("patches", self.patches, 1_000_000),
+            ("refit_every", self.refit_every, Self::MAX_STEPS),
+            ("first_fit", self.first_fit, Self::MAX_STEPS),
+            ("refit", self.refit, Self::MAX_STEPS),
+        ] {
+            if !(1..=most).contains(&count) {
+                return wrong(name, count.to_string(), "1 to a million");
+            }
+        }
+        let Rates { position, variance, weight } = self.rates;
+        for (name, rate) in [("rates.position", position), ("rates.variance", variance), ("rates.weight", weight)] {
+            if !(0.0..=10.0).contains(&rate) {
+                return wrong(name, rate.to_string(), "0 to 10");
+            }
+        }
+        if !(0.0..=1.0).contains(&self.settle) {
+            return wrong("settle", self.settle.to_string(), "0 to 1");
+        }
+        let apart = start.rows.min(start.cols) as f64 / 2.0;
+        if !(self.min_separation_px >= 0.0 && self.min_separation_px <= apart) {
+            return wrong("min_separation_px", self.min_separation_px.to_string(), "0 to half the PSF grid");
+        }
+        let count = start.lenslets.len();
+        if let Some(index) = self.locked.iter().find(|&&index| index >= count) {
+            return wrong("locked", (index + 1).to_string(), "numbers of lenslets that the mask has");
+        }
+        if self.lenslets.is_some_and(|kept| kept == 0 || kept < self.locked.len()) {
+            return wrong("lenslets", format!("{:?}", self.lenslets), "at least 1, and at least those that are locked");
+        }
+        let Free { positions, widths, weights } = self.free;
+        if !(positions || widths || weights) || self.locked.len() == count {
+            return wrong("free", "nothing".into(), "something that may change");
+        }
+        Ok(())
+    }
+
+    /// Factor of the rates at a step.
+    pub(super) fn rate(&self, step: usize) -> f64 {
+        let left = 1.0 - step as f64 / self.steps.max(1) as f64;
+        if left >= self.settle {
+            return 1.0;
+        }
+        let share = (left / self.settle).clamp(0.0, 1.0);
+        LAST_RATE + (1.0 - LAST_RATE) * 0.5 * (1.0 - (std::f64::consts::PI * share).cos())
+    }
+}
+
+/// One unit of the published grid, px: 32 samples span -16 to 16.
+const GRID_UNIT: f64 = 31.0 / 32.0;
+/// Factor of the rates at the last step.
+const LAST_RATE: f64 = 0.05;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::heuristic_layout;
+
+    #[test]
+    fn presets_can_be_followed_and_what_cannot_is_named() {
+        let start = heuristic_layout(3);
+        for preset in [Preset::Default, Preset::Paper] {
+            IdealSettings::new(preset, 1).check(&start).unwrap();
+            assert_eq!(preset.to_string().parse(), Ok(preset));
+        }
+        let told = |change: &dyn Fn(&mut IdealSettings)| {
+            let mut settings = IdealSettings::new(Preset::Default, 1);
+            change(&mut settings);
+            settings.check(&start).unwrap_err().to_string()
+        };
+        for (told, part) in [
+            (told(&|settings| settings.steps = 0), "steps is 0"),
+            (told(&|settings| settings.rates.position = f64::NAN), "rates.position is NaN"),
+            (told(&|settings| settings.locked = vec![3]), "locked is 4"),
+            (told(&|settings| settings.locked = vec![0, 1, 2]), "may change"),
+            (told(&|settings| settings.min_separation_px = 40.0), "min_separation_px is 40"),
+            (told(&|settings| settings.lenslets = Some(0)), "at least 1"),
+            (
+                told(&|settings| settings.free = Free { positions: false, widths: false, weights: false }),
+                "free is nothing",
+            ),
+        ] {
+            assert!(told.contains(part), "{part} in {told}");
+        }
+    }
+
+    #[test]
+    fn rates_fall_at_the_end() {
+        let settings = IdealSettings { steps: 100, settle: 0.4, ..IdealSettings::new(Preset::Default, 1) };
+        assert_eq!([settings.rate(0), settings.rate(60)], [1.0, 1.0]);
+        assert!(settings.rate(80) < settings.rate(70) && (settings.rate(80) - 0.525).abs() < 1e-9);
+        assert!((settings.rate(100) - LAST_RATE).abs() < 1e-12);
+        assert_eq!(IdealSettings::new(Preset::Paper, 1).rate(1999), 1.0);
+    }
+}

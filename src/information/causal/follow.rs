@@ -1,0 +1,139 @@
+//! Models that follow a mask while it changes: the same levels and weights, everything else of the measurements as they are
+//! now.
+
+use ndarray::{Array3, Axis};
+
+use super::conditioning::{Conditioning, Moments};
+use super::levels::Levels;
+use super::model::{CausalModel, check};
+use super::shape::CausalShape;
+use super::stream::PatchBatch;
+use crate::information::{InformationError, NoiseEntropy, Protocol};
+use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
+use crate::sensor::Noise;
+
+/// Whose weights they are.
+const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/causal-model", version: 1 };
+
+impl CausalModel {
+    /// An unfitted model for patches like those of `sample` whose levels cover the photons of `extremes` as well, so that it
+    /// can [follow](CausalModel::following) a mask until its measurements look like those.
+    ///
+    /// # Errors
+    /// As [`CausalModel::new`].
+    pub fn covering(
+        shape: CausalShape,
+        noise: Noise,
+        sample: &PatchBatch,
+        moments: &Moments,
+        extremes: &Array3<f32>,
+        seed: u64,
+    ) -> Result<Self, InformationError> {
+        NoiseEntropy::new(noise, Protocol::Default)?;
+        check(sample.noisy.view())?;
+        let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
+        let both = ndarray::concatenate(Axis(0), &[images.view(), extremes.view()])
+            .map_err(|error| InformationError::Stream { reason: error.to_string() })?;
+        let counts = sample.noisy.iter().all(|y| y.fract() == 0.0);
+        let levels = Levels::new(noise, both.view(), counts);
+        let conditioning = Conditioning::with_levels(noise, sample, moments, levels)?;
+        Ok(Self::unfitted(shape, conditioning, sample, seed))
+    }
+
+    /// This model for the measurements of a mask that differs little: levels and weights stay; units, linear prediction
+    /// and far places are those of the new measurements.
+    ///
+    /// # Errors
+    /// As [`CausalModel::new`].
+    pub fn following(&self, sample: &PatchBatch, moments: &Moments) -> Result<Self, InformationError> {
+        check(sample.noisy.view())?;
+        let known = &self.conditioning;
+        let conditioning = Conditioning::with_levels(known.noise, sample, moments, known.levels.clone())?;
+        let conditioning = conditioning.in_order_of(&known.far);
+        let mut model = Self::unfitted(self.shape.clone(), conditioning, sample, 0);
+        model.weights.copy_from_slice(&self.weights);
+        Ok(model)
+    }
+
+    /// What [`CausalModel::following`] takes from this model besides its levels, as the bytes of a safetensors file.
+    ///
+    /// # Errors
+    /// Where the weights fit no file.
+    pub fn state(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
+        let far: Vec<String> = self.conditioning.far.iter().map(|(rows, cols)| format!("{rows},{cols}")).collect();
+        let details = details.into_iter().chain([("far", far.join(" "))]).collect();
+        Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
+    }
+
+    /// One of the details that [`CausalModel::state`] was given.
+    ///
+    /// # Errors
+    /// For other files, and where the detail is missing.
+    pub fn detail_of_state(bytes: &[u8], name: &str) -> Result<String, InformationError> {
+        let mut details = read_details(bytes, &HEADER)?;
+        details.remove(name).ok_or_else(|| missing(name).into())
+    }
+
+    /// This model with the state of another one of the same levels.
+    ///
+    /// # Errors
+    /// For other files, and states of another shape.
+    pub fn with_state(mut self, bytes: &[u8]) -> Result<Self, InformationError> {
+        let text = Self::detail_of_state(bytes, "far")?;
+        let place = |text: &str| {
+            let (rows, cols) = text.split_once(',')?;
+            Some((rows.parse().ok()?, cols.parse().ok()?))
+        };
+        let far: Option<Vec<(isize, isize)>> = text.split(' ').map(place).collect();
+        let far = far.filter(|far| far.len() == self.conditioning.far.len()).ok_or_else(|| missing("far"))?;
+        self.weights = read_weights(&self.layout, bytes)?;
+        let mut conditioning = Conditioning::clone(&self.conditioning);
+        conditioning.far = far;
+        self.conditioning = std::sync::Arc::new(conditioning);
+        Ok(self)
+    }
+}
+
+fn missing(name: &str) -> NetworkError {
+    NetworkError::Weights { expected: format!("an entry {name:?}"), found: "none that can be read".into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn batch(peak: f32, count: usize) -> PatchBatch {
+        let clean = Array3::from_shape_fn((count, 6, 7), |(n, r, c)| {
+            let distance = (r as f32 - (n * 5 % 6) as f32).hypot(c as f32 - (n * 3 % 7) as f32);
+            15.0 + peak * (-0.3 * distance * distance).exp()
+        });
+        PatchBatch { noisy: Noise::Shot.draw(clean.view(), 5), clean: Some(clean) }
+    }
+
+    fn moments(batch: &PatchBatch) -> Moments {
+        Moments::of_patches(batch.noisy.view()).unwrap()
+    }
+
+    #[test]
+    fn a_model_follows_brighter_measurements_and_comes_back_from_its_state() {
+        let (dim, bright) = (batch(20.0, 40), batch(400.0, 40));
+        let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
+        let extremes = bright.clean.clone().unwrap();
+        let first = CausalModel::covering(shape, Noise::Shot, &dim, &moments(&dim), &extremes, 3).unwrap();
+        assert!(first.conditioning.levels.range().1 > 400.0);
+        let then = first.following(&bright, &moments(&bright)).unwrap();
+        assert_eq!(then.weights, first.weights);
+        assert!(then.cross_entropy_map(bright.noisy.view()).unwrap().iter().all(|bits| bits.is_finite()));
+        let bytes = then.state(vec![("step", "7".into())]).unwrap();
+        assert_eq!(CausalModel::detail_of_state(&bytes, "step").unwrap(), "7");
+        // The mask moves on from a state exactly as from the model.
+        let restored = first.clone().with_state(&bytes).unwrap();
+        let (one, other) =
+            (then.following(&dim, &moments(&dim)).unwrap(), restored.following(&dim, &moments(&dim)).unwrap());
+        assert_eq!(
+            one.cross_entropy_map(dim.noisy.view()).unwrap(),
+            other.cross_entropy_map(dim.noisy.view()).unwrap()
+        );
+        assert!(first.with_state(&bytes[..bytes.len() - 4]).is_err());
+    }
+}
