@@ -60,14 +60,21 @@ impl DesignArgs {
             design.encoder = choice.encoder(design.seed)?;
         }
         if let Some(scene) = scene {
-            if let Some(objects) = &scene.objects {
-                design.objects = objects.clone();
-            }
-            design.mean_photons = scene.mean_photons.unwrap_or(design.mean_photons);
-            design.bias_photons = scene.bias.unwrap_or(design.bias_photons);
-            design.noise = scene.noise.unwrap_or(design.noise);
+            scene.replace_in(&mut design);
         }
         design.check()?;
         Ok(design)
+    }
+}
+
+impl SceneArgs {
+    /// Puts what was given in place of what a design says.
+    pub fn replace_in(&self, design: &mut Design) {
+        if let Some(objects) = &self.objects {
+            design.objects = objects.clone();
+        }
+        design.mean_photons = self.mean_photons.unwrap_or(design.mean_photons);
+        design.bias_photons = self.bias.unwrap_or(design.bias_photons);
+        design.noise = self.noise.unwrap_or(design.noise);
     }
 }

@@ -4,6 +4,7 @@
 //! 1 anything else.
 
 mod choices;
+mod design;
 mod design_args;
 mod estimate;
 mod export;
@@ -46,6 +47,8 @@ enum Command {
     Tamura(tamura::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
+    /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
+    Design(design::Arguments),
     /// Estimate a whole table of objects, designs and patches, resumable, into files.
     Study(study::Arguments),
     /// Print a completion script for a shell.
@@ -112,6 +115,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Measure(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
+        Some(Command::Design(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();

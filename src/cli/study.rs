@@ -2,7 +2,6 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -302,21 +301,21 @@ fn announcement(study: &Study) -> String {
         there => format!(", {there} of them there already"),
     };
     let each = match settings.budget_seconds {
-        Some(_) => format!("{} each", spoken(settings.budget())),
+        Some(_) => format!("{} each", output::spoken(settings.budget())),
         None => "seconds each".to_owned(),
     };
     let left = study.time_left();
     let time = match missing {
         0 => "nothing is left to compute".to_owned(),
         _ if left.is_zero() => format!("{missing} left to compute"),
-        _ => format!("about {} to go", spoken(left)),
+        _ => format!("about {} to go", output::spoken(left)),
     };
     format!("{cells} cells, {each}{there}: {time}")
 }
 
 fn working(step: &StudyStep<'_>) -> String {
     let StudyStep { number, cells, name, progress, left } = step;
-    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", spoken(*left)) };
+    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", output::spoken(*left)) };
     format!("Cell {number} of {cells}{left}: {name}: {}", progress.step)
 }
 
@@ -334,19 +333,6 @@ fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
         (None, None) => "failed".to_owned(),
     };
     format!("Cell {number} of {cells}: {name}: {result}")
-}
-
-/// A time for people, in its two largest units.
-fn spoken(time: Duration) -> String {
-    let seconds = time.as_secs_f64();
-    let minutes = (seconds / 60.0).round() as u64;
-    match minutes {
-        _ if seconds < 9.95 => format!("{} s", (seconds * 10.0).round() / 10.0),
-        _ if seconds < 99.5 => format!("{seconds:.0} s"),
-        ..120 => format!("{minutes} min"),
-        _ if minutes.is_multiple_of(60) => format!("{} h", minutes / 60),
-        _ => format!("{} h {} min", minutes / 60, minutes % 60),
-    }
 }
 
 /// Time for a cell where none is given, seconds.
@@ -370,24 +356,4 @@ fn layout(text: &str) -> Result<usize, String> {
 /// Beads by their density.
 fn beads(text: &str) -> Result<ObjectSource, String> {
     format!("beads:{text}").parse::<ObjectSource>().map_err(|error| error.to_string())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_are_told_in_their_two_largest_units() {
-        for (seconds, text) in [
-            (0.25, "0.3 s"),
-            (9.0, "9 s"),
-            (60.0, "60 s"),
-            (300.0, "5 min"),
-            (1200.0, "20 min"),
-            (7200.0, "2 h"),
-            (16_200.0, "4 h 30 min"),
-        ] {
-            assert_eq!(spoken(Duration::from_secs_f64(seconds)), text);
-        }
-    }
 }

@@ -219,6 +219,11 @@ impl<'a> Ideal<'a> {
         &self.settings
     }
 
+    /// Fingerprint of the objects.
+    pub fn objects_fingerprint(&self) -> String {
+        self.imaging.set.fingerprint()
+    }
+
     /// The density model as it was fitted last.
     pub fn model(&self) -> &CausalModel {
         &self.model

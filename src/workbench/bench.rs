@@ -2,25 +2,38 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimation::EstimateRequest;
 use super::estimator::{EstimateOrder, Estimates};
+use super::history::{Gesture, History, Version};
+use super::ideal::{DesignRun, Designer, Start};
 use super::jobs::{Job, Outcome};
-use super::worker::{Live, Worker};
+use super::worker::{Live, Wake, Worker};
+use crate::design::IdealSettings;
 use crate::objects::ObjectSource;
+use crate::optics::{Encoder, LensletArray};
 
-/// The open design, its revision, its file, and the worker that computes it.
+/// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
 ///
-/// Every change goes through [`Workbench::apply`]; every change makes a new revision and asks the worker for its
-/// numbers. Revisions never repeat, so equal revisions mean equal designs.
+/// Every change goes through [`Workbench::apply`], undo and redo, or the masks of a run; every change makes a new revision
+/// and asks the worker for its numbers. Revisions never repeat, so equal revisions mean equal designs.
 pub struct Workbench {
     design: Arc<Design>,
     revision: u64,
-    saved_revision: u64,
+    /// Number of the design's contents: unlike its revision, it comes back with an undo.
+    contents: u64,
+    saved_contents: u64,
+    history: History,
     path: Option<PathBuf>,
     worker: Worker,
+    designer: Designer,
+    /// Runs so far.
+    runs: u64,
+    /// Whether the design shows the masks of the run as they come.
+    following: bool,
 }
 
 impl Workbench {
@@ -34,10 +47,22 @@ impl Workbench {
         path: Option<PathBuf>,
         wake: impl Fn() + Send + Sync + 'static,
     ) -> std::io::Result<Self> {
-        let worker = Worker::start(wake)?;
+        let wake: Wake = Arc::new(wake);
+        let worker = Worker::start(Arc::clone(&wake))?;
         let design = Arc::new(design);
         worker.evaluate(1, Arc::clone(&design));
-        Ok(Self { design, revision: 1, saved_revision: 1, path, worker })
+        Ok(Self {
+            design,
+            revision: 1,
+            contents: 1,
+            saved_contents: 1,
+            history: History::default(),
+            path,
+            worker,
+            designer: Designer::new(wake),
+            runs: 0,
+            following: false,
+        })
     }
 
     /// The open design.
@@ -52,7 +77,7 @@ impl Workbench {
 
     /// Whether the design differs from its file (or, without one, from how it was opened).
     pub fn is_dirty(&self) -> bool {
-        self.revision != self.saved_revision
+        self.contents != self.saved_contents
     }
 
     /// The design's file.
@@ -109,29 +134,149 @@ impl Workbench {
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
         let changed = command.applied_to(&self.design)?;
         if changed != *self.design {
-            self.show(changed);
+            // Whoever edits has taken over from the run.
+            self.following = false;
+            self.change(changed, command.label(), Gesture::Hand(command.kind()));
         }
         Ok(())
     }
 
+    /// Notes whether the pointer is held down: what happens meanwhile is one gesture.
+    pub fn note_pointer(&mut self, down: bool) {
+        self.history.note_pointer(down);
+    }
+
+    /// What [`Workbench::undo`] would undo.
+    pub fn undoes(&self) -> Option<&str> {
+        self.history.undoes()
+    }
+
+    /// What [`Workbench::redo`] would redo.
+    pub fn redoes(&self) -> Option<&str> {
+        self.history.redoes()
+    }
+
+    /// Goes one step back.
+    pub fn undo(&mut self) {
+        if let Some(version) = self.history.undo(self.version()) {
+            self.go_to(version);
+        }
+    }
+
+    /// Goes one step forth again.
+    pub fn redo(&mut self) {
+        if let Some(version) = self.history.redo(self.version()) {
+            self.go_to(version);
+        }
+    }
+
+    fn go_to(&mut self, version: Version) {
+        self.following = false;
+        self.contents = version.number;
+        self.show(version.design);
+    }
+
+    fn version(&self) -> Version {
+        Version { design: Arc::clone(&self.design), number: self.contents }
+    }
+
     /// Takes up a design that was read from `path`.
     pub fn open(&mut self, design: Design, path: PathBuf) {
-        self.show(design);
-        self.saved_revision = self.revision;
-        self.path = Some(path);
+        self.take_up(design, Some(path));
     }
 
     /// Starts anew from the embedded default design.
     pub fn open_default(&mut self) {
-        self.show(Design::default());
-        self.saved_revision = self.revision;
-        self.path = None;
+        self.take_up(Design::default(), None);
     }
 
-    fn show(&mut self, design: Design) {
+    /// Another document: what was done to the last one is forgotten.
+    fn take_up(&mut self, design: Design, path: Option<PathBuf>) {
+        self.following = false;
+        self.history.clear();
+        self.show(Arc::new(design));
+        self.contents = self.revision;
+        self.saved_contents = self.contents;
+        self.path = path;
+    }
+
+    /// A change that can be undone.
+    fn change(&mut self, design: Design, label: String, gesture: Gesture) {
+        self.history.note(self.version(), label, gesture);
+        self.show(Arc::new(design));
+        self.contents = self.revision;
+    }
+
+    fn show(&mut self, design: Arc<Design>) {
         self.revision += 1;
-        self.design = Arc::new(design);
+        self.design = design;
         self.worker.evaluate(self.revision, Arc::clone(&self.design));
+    }
+
+    /// The run that goes on or went on last.
+    pub fn run(&self) -> Option<DesignRun> {
+        self.designer.run()
+    }
+
+    /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored for so long.
+    ///
+    /// # Errors
+    /// One sentence where another run goes on, or the mask allows none.
+    pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
+        self.designer.start(starts, settings, score)?;
+        self.runs += 1;
+        self.following = true;
+        Ok(())
+    }
+
+    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
+    ///
+    /// # Errors
+    /// One sentence where there is none.
+    pub fn extend_run(&mut self, steps: usize, score: Duration) -> Result<(), String> {
+        self.designer.extend(steps, score)?;
+        self.following = true;
+        Ok(())
+    }
+
+    /// Lets the run wait, or go on.
+    pub fn pause_run(&self, pause: bool) {
+        self.designer.pause(pause);
+    }
+
+    /// Ends the run; its mask stays, and it can go on later.
+    pub fn stop_run(&self) {
+        self.designer.stop();
+    }
+
+    /// Whether the design shows the masks of the run as they come.
+    pub fn is_following(&self) -> bool {
+        self.following
+    }
+
+    /// Shows the masks of the run as they come, or leaves the design as it is.
+    pub fn follow_run(&mut self, follow: bool) {
+        self.following = follow;
+    }
+
+    /// Takes up what has become of the run: its mask where it is followed. To be called for every frame of the window.
+    pub fn take_up_run(&mut self) {
+        self.worker.estimator().hold(self.designer.is_computing());
+        if self.following
+            && let Some(run) = self.designer.run()
+        {
+            self.show_mask(&run.array, &run.start);
+            self.following = run.is_active();
+        }
+    }
+
+    /// Puts a mask of the run in place, before the scene that it was designed for. All masks of one run are one step of
+    /// the past.
+    pub fn show_mask(&mut self, array: &LensletArray, start: &Design) {
+        let changed = Design { encoder: Encoder::Lenslets(array.clone()), ..start.clone() };
+        if changed != *self.design {
+            self.change(changed, "Optimize the mask".into(), Gesture::Run(self.runs));
+        }
     }
 
     /// Stops reading objects, if that is going on.
@@ -146,7 +291,7 @@ impl Workbench {
 
     /// Saves the design as it is now.
     pub fn save_to(&self, path: PathBuf) {
-        self.submit(Job::SaveDesign { design: Arc::clone(&self.design), revision: self.revision, path });
+        self.submit(Job::SaveDesign { design: Arc::clone(&self.design), contents: self.contents, path });
     }
 
     /// Reads objects; the design images them once they are known to be good.
@@ -170,8 +315,8 @@ impl Workbench {
                     self.open(Design::clone(design), path.clone());
                     None
                 }
-                Ok(Outcome::Saved { revision, path }) => {
-                    self.saved_revision = *revision;
+                Ok(Outcome::Saved { contents, path }) => {
+                    self.saved_contents = *contents;
                     self.path = Some(path.clone());
                     None
                 }

@@ -100,6 +100,25 @@ impl Command {
         }
     }
 
+    /// What it changes: commands of one kind that follow each other make one step of a gesture.
+    pub fn kind(&self) -> String {
+        match self {
+            Self::ChangeLenslets { what, lenslets } => {
+                let indices: Vec<usize> = lenslets.iter().map(|(index, _)| *index).collect();
+                format!("{what:?} {indices:?}")
+            }
+            // Each of these is a step of its own.
+            Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ReplaceEncoder { .. } | Self::SetObjects(_) => {
+                format!("{self:?}")
+            }
+            Self::SetMeanPhotons(_) => "mean photons".into(),
+            Self::SetBias(_) => "background".into(),
+            Self::SetNoise(_) => "noise".into(),
+            Self::SetSeed(_) => "seed".into(),
+            Self::SetLimits(_) => "limits".into(),
+        }
+    }
+
     /// The design after this command.
     ///
     /// # Errors

@@ -101,6 +101,16 @@ impl Design {
         Ok(())
     }
 
+    /// Memory that this design takes, bytes, roughly.
+    pub fn size_in_memory(&self) -> usize {
+        let mask = match &self.encoder {
+            Encoder::Lenslets(array) => std::mem::size_of_val(array.lenslets.as_slice()),
+            Encoder::Diffuser(_) => 0,
+            Encoder::Image(image) => 4 * image.psf.len(),
+        };
+        size_of::<Self>() + mask
+    }
+
     /// Reads a design file.
     ///
     /// # Errors

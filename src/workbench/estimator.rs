@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest, estimate};
-use super::evaluation::{EvaluationError, Scene};
+use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
 use super::worker::{Stamped, Wake, lock, panic_text};
-use crate::information::{Estimate, InformationError};
+use crate::information::Estimate;
 
 /// Points of the curve of a fit that are kept; beyond, every second one is dropped.
 const CURVE_POINTS: usize = 600;
@@ -82,6 +82,8 @@ struct Shared {
     cancelled: AtomicBool,
     /// Live estimates are wanted; changed while the mailbox is locked, so that no change is missed before a wait.
     live: AtomicBool,
+    /// Live estimates give way to something else; changed as `live` is.
+    held: AtomicBool,
     /// The thread is to end; changed as `live` is.
     quit: AtomicBool,
     wake: Wake,
@@ -115,6 +117,7 @@ impl Estimator {
             newest: AtomicU64::new(0),
             cancelled: AtomicBool::new(false),
             live: AtomicBool::new(true),
+            held: AtomicBool::new(false),
             quit: AtomicBool::new(false),
             wake,
         });
@@ -143,6 +146,13 @@ impl Estimator {
     /// Switches live estimates on or off.
     pub fn set_live(&self, live: bool) {
         self.shared.set(&self.shared.live, live);
+    }
+
+    /// Lets live estimates wait while something more important computes.
+    pub fn hold(&self, hold: bool) {
+        if self.shared.held.load(Ordering::Relaxed) != hold {
+            self.shared.set(&self.shared.held, hold);
+        }
     }
 
     /// Asks for an estimate; refused while another one waits or is computed.
@@ -239,7 +249,7 @@ fn next_task(shared: &Shared) -> Option<Task> {
         if let Some(order) = mailbox.order.take() {
             return Some(Task::Order(order));
         }
-        if shared.live.load(Ordering::Relaxed)
+        if shared.wants_live()
             && let Some(refine) = mailbox.refine.take()
         {
             return Some(Task::Refine(refine));
@@ -255,6 +265,10 @@ impl Shared {
         flag.store(value, Ordering::Relaxed);
         drop(mailbox);
         self.arrived.notify_one();
+    }
+
+    fn wants_live(&self) -> bool {
+        self.live.load(Ordering::Relaxed) && !self.held.load(Ordering::Relaxed)
     }
 
     fn compute(&self, order: &EstimateOrder) {
@@ -281,7 +295,7 @@ impl Shared {
                 let value = Arc::new(FinishedEstimate { estimate, curve });
                 estimates.finished.push(Stamped { revision: order.revision, value });
             }
-            Err(EvaluationError::Information(InformationError::Cancelled)) => {
+            Err(error) if error.is_cancelled() => {
                 lock(&self.estimates).running = None;
             }
             Err(error) => self.fail(error.to_string()),
@@ -310,12 +324,12 @@ impl Shared {
         // While edits follow each other quickly, each one that was begun still brings its first number.
         let stop = || {
             let superseded = revision < self.newest.load(Ordering::Relaxed) && published.get();
-            let unwanted = self.quit.load(Ordering::Relaxed) || !self.live.load(Ordering::Relaxed);
+            let unwanted = self.quit.load(Ordering::Relaxed) || !self.wants_live();
             superseded || unwanted || lock(&self.mailbox).order.is_some()
         };
         match refiner.refine(&wanted.design, &wanted.scene, &mut publish, &stop) {
             Ok(()) => {}
-            Err(EvaluationError::Information(InformationError::Cancelled)) => {
+            Err(error) if error.is_cancelled() => {
                 // An order or the switch interrupted: it goes on afterwards, unless there is a newer design by then.
                 let mut mailbox = lock(&self.mailbox);
                 if revision >= self.newest.load(Ordering::Relaxed) && mailbox.refine.is_none() {

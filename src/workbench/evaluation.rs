@@ -9,7 +9,8 @@ use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use thiserror::Error;
 
 use super::design::{Design, DesignError};
-use crate::design::mean_measurement;
+use crate::design::{IdealError, mean_measurement};
+use crate::formats::FormatError;
 use crate::information::{
     AnalyticGaussian, BeadCeiling, BeadChannel, Ceiling, GaussianBound, InformationError, NoiseEntropy,
     bootstrap_interval,
@@ -43,6 +44,26 @@ pub enum EvaluationError {
     /// The estimate.
     #[error(transparent)]
     Information(#[from] InformationError),
+    /// A run of IDEAL.
+    #[error(transparent)]
+    Ideal(#[from] IdealError),
+    /// A file that keeps what was computed.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// Only lenslets can be moved.
+    #[error("{mask} has no lenslets to move; choose a lenslet preset first")]
+    NoLenslets {
+        /// The mask.
+        mask: String,
+    },
+}
+
+impl EvaluationError {
+    /// Whether somebody asked to stop.
+    pub fn is_cancelled(&self) -> bool {
+        let (Self::Information(error) | Self::Ideal(IdealError::Information(error))) = self else { return false };
+        *error == InformationError::Cancelled
+    }
 }
 
 /// A PSF and its transfer function.

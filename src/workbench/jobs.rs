@@ -21,8 +21,8 @@ pub enum Job {
     SaveDesign {
         /// The design as it was when it was asked for.
         design: Arc<Design>,
-        /// Its revision.
-        revision: u64,
+        /// Number of its contents.
+        contents: u64,
         /// The file.
         path: PathBuf,
     },
@@ -90,8 +90,8 @@ pub enum Outcome {
     },
     /// A design file was written.
     Saved {
-        /// Revision of the design that was written.
-        revision: u64,
+        /// Number of the contents that were written.
+        contents: u64,
         /// The file.
         path: PathBuf,
     },
@@ -125,9 +125,9 @@ impl Job {
                 let design = Box::new(Design::open(path).map_err(|error| error.to_string())?);
                 Ok(Outcome::Opened { design, path: path.clone() })
             }
-            Self::SaveDesign { design, revision, path } => {
+            Self::SaveDesign { design, contents, path } => {
                 design.save(path).map_err(|error| error.to_string())?;
-                Ok(Outcome::Saved { revision: *revision, path: path.clone() })
+                Ok(Outcome::Saved { contents: *contents, path: path.clone() })
             }
             Self::OpenObjects { design } => {
                 let scene = super::Scene::open(design, &|_| std::ops::ControlFlow::Continue(()))

@@ -9,6 +9,8 @@ mod estimation;
 mod estimator;
 mod evaluation;
 mod export;
+mod history;
+mod ideal;
 mod jobs;
 mod kept_fit;
 mod measured;
@@ -29,6 +31,7 @@ pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
 pub use export::{Curve, ExportError, export_design};
+pub use ideal::{DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, run_ideal};
 pub use jobs::{Job, Outcome};
 pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch};

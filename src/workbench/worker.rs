@@ -99,8 +99,7 @@ impl Worker {
     ///
     /// # Errors
     /// Where the operating system gives no thread.
-    pub fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Self> {
-        let wake: Wake = Arc::new(wake);
+    pub(super) fn start(wake: Wake) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),

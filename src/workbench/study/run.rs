@@ -12,7 +12,7 @@ use super::record::{StudyCell, StudyRecord};
 use super::settings::{PlannedCell, StudyKind, StudySettings};
 use super::tables::{CSV_HEADER, csv_row, markdown};
 use crate::formats::{FormatError, create_folder, write_csv_text, write_safely};
-use crate::information::{Estimate, InformationError};
+use crate::information::Estimate;
 use crate::workbench::progress::Watch;
 use crate::workbench::simulation::open_set;
 use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError, estimate};
@@ -175,7 +175,7 @@ impl Study {
         );
         match result {
             Ok(estimate) => Ok(Ok(estimate)),
-            Err(EvaluationError::Information(InformationError::Cancelled)) => Err(StudyError::Cancelled),
+            Err(error) if error.is_cancelled() => Err(StudyError::Cancelled),
             Err(error) => Ok(Err(error.to_string())),
         }
     }

@@ -1,0 +1,253 @@
+//! `design`: a mask that climbs the information of its measurements.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::choices::{EncoderChoice, PatchChoice, about_objects, check_folder};
+use super::design_args::SceneArgs;
+use super::{Failure, output};
+use crate::design::{Frame, Free, IdealProgress, IdealSettings, Preset, time_left};
+use crate::optics::Encoder;
+use crate::workbench::{Design, IdealRecord, KeptRun, curve_of, export_design, run_ideal};
+
+/// Arguments of `design`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Design file to start from; flags replace its entries.
+    design: Option<PathBuf>,
+
+    /// The mask to start from: random:COUNT, heuristic:1 to 9, depth:1 to 5, or design:FILE [default: random:25, or the
+    /// mask of DESIGN].
+    #[arg(long, value_name = "MASK")]
+    start: Option<EncoderChoice>,
+
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// Seed of the random start, of objects, noise, patches and fits [default: that of DESIGN, or 1].
+    #[arg(long)]
+    seed: Option<u64>,
+
+    /// default: warm refits of the live density model; paper: steps, batches, rates and refits as published.
+    #[arg(long, default_value_t)]
+    preset: Preset,
+
+    /// Folder of the run. One that holds a part of the same run is continued.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// Steps of the mask.
+    #[arg(long)]
+    steps: Option<usize>,
+
+    /// Patch of the objective in pixels: 16, 32, 16x24 (rows x cols), or sensor for whole measurements.
+    #[arg(long)]
+    patch: Option<PatchChoice>,
+
+    /// What may change: positions, widths and weights, separated by commas.
+    #[arg(long, value_name = "PARAMETERS")]
+    free: Option<FreeChoice>,
+
+    /// Lenslets that stay as they are, by number from 1, separated by commas.
+    #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
+    lock: Vec<usize>,
+
+    /// Least distance between the centres of two lenslets, px.
+    #[arg(long, value_name = "PX")]
+    min_separation: Option<f64>,
+
+    /// Lenslets that are to be left in the end.
+    #[arg(long, value_name = "COUNT")]
+    lenslets: Option<usize>,
+
+    /// Lets spots become elliptic.
+    #[arg(long)]
+    anisotropic: bool,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Parameters that may change, by the names of the command line.
+#[derive(Clone, Copy, Debug)]
+struct FreeChoice(Free);
+
+impl FromStr for FreeChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut free = Free { positions: false, widths: false, weights: false };
+        for name in text.split(',') {
+            match name.trim() {
+                "positions" => free.positions = true,
+                "widths" => free.widths = true,
+                "weights" => free.weights = true,
+                _ => return Err(format!("{name:?}: expected positions, widths and weights, separated by commas")),
+            }
+        }
+        Ok(Self(free))
+    }
+}
+
+/// What is told at the end.
+#[derive(Debug, Serialize)]
+struct Outcome<'a> {
+    folder: String,
+    files: Vec<String>,
+    start: &'a Frame,
+    end: &'a Frame,
+    record: &'a IdealRecord,
+}
+
+impl Arguments {
+    /// Does it.
+    pub fn run(self) -> Result<(), Failure> {
+        let design = self.start()?;
+        let settings = self.settings(&design)?;
+        check_folder(&self.out)?;
+        let kept = KeptRun::in_folder(&self.out)?;
+        let from = kept.load()?;
+        if from.is_some() {
+            output::tell(format_args!("{}: going on with the run that is there", self.out.display()));
+        }
+        let bar = bar(settings.steps);
+        let mut fingerprint = String::new();
+        let mut keep = |ideal: &crate::design::Ideal<'_>| {
+            fingerprint = ideal.objects_fingerprint();
+            kept.store(ideal)
+        };
+        let mut watch = |progress: &IdealProgress<'_>| {
+            bar.set_position(progress.state.step as u64);
+            bar.set_message(message(progress, &settings));
+            ControlFlow::Continue(())
+        };
+        let state = run_ideal(&design, &settings, from.as_deref(), &mut keep, &mut watch)
+            .map_err(|error| about_objects(&design, error))
+            .with_context(|| format!("{}: the run ended", self.out.display()))?;
+        bar.finish_and_clear();
+        let record = IdealRecord::new(&design, &settings, &state, fingerprint);
+        self.finish(&record)
+    }
+
+    /// The design that the run starts from.
+    fn start(&self) -> anyhow::Result<Design> {
+        let mut design = match &self.design {
+            Some(path) => Design::open(path)?,
+            None => Design::default(),
+        };
+        design.seed = self.seed.unwrap_or(design.seed);
+        self.scene.replace_in(&mut design);
+        let usual = EncoderChoice::Random(25);
+        match (&self.start, &self.design) {
+            (Some(choice), _) => design.encoder = choice.encoder(design.seed)?,
+            (None, None) => design.encoder = usual.encoder(design.seed)?,
+            (None, Some(_)) => {}
+        }
+        design.check()?;
+        if !matches!(design.encoder, Encoder::Lenslets(_)) {
+            bail!("{} has no lenslets to move; give --start random:25 or another array", design.encoder.describe());
+        }
+        Ok(design)
+    }
+
+    fn settings(&self, design: &Design) -> anyhow::Result<IdealSettings> {
+        let preset = IdealSettings::new(self.preset, design.seed);
+        let settings = IdealSettings {
+            steps: self.steps.unwrap_or(preset.steps),
+            patch: self.patch.map_or(preset.patch, PatchChoice::shape),
+            free: self.free.map_or(preset.free, |choice| choice.0),
+            locked: self.lock.iter().map(|number| number.wrapping_sub(1)).collect(),
+            min_separation_px: self.min_separation.unwrap_or(preset.min_separation_px),
+            lenslets: self.lenslets,
+            anisotropic: self.anisotropic,
+            ..preset
+        };
+        if let Encoder::Lenslets(array) = &design.encoder {
+            settings.check(array)?;
+        }
+        Ok(settings)
+    }
+
+    /// Writes design, PSF, curve and record, and tells what came of it.
+    fn finish(&self, record: &IdealRecord) -> Result<(), Failure> {
+        let mut files = export_design(&record.design(), &self.out)?;
+        let curve = self.out.join("curve.csv");
+        curve_of(&record.frames).write(&curve)?;
+        let path = self.out.join("run.json");
+        record.save(&path)?;
+        files.extend([curve, path]);
+        let (Some(start), Some(end)) = (record.frames.first(), record.frames.last()) else {
+            return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
+        };
+        if self.json {
+            let files = files.iter().map(|file| file.display().to_string()).collect();
+            return output::print_json(&Outcome { folder: self.out.display().to_string(), files, start, end, record });
+        }
+        output::print(&lines_of(record, start, end, &self.out).join("\n"))
+    }
+}
+
+/// The run for people, line by line.
+fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame, folder: &Path) -> Vec<String> {
+    let bits = |frame: &Frame| {
+        let [low, high] = frame.interval_95;
+        format!("{:.4} [{low:.4}, {high:.4}]", frame.bits_per_pixel)
+    };
+    let patch =
+        record.settings.patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"));
+    let mut lines = vec![
+        format!("{} before {}, {patch}, {} preset", record.start.encoder.describe(), record.start.objects, record.settings.preset),
+        format!("information from {} to {} bits per pixel on held-out objects", bits(start), bits(end)),
+        format!(
+            "{} lenslets, {:.1} effective; Tamura {:.3} to {:.3}; {} steps in {:.0} s",
+            end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
+        ),
+        "These are upper bounds by the run's own density model; `estimate --estimator bracket` bounds the design from both \
+         sides."
+            .into(),
+    ];
+    if !record.events.is_empty() {
+        lines.push(format!("note: {} steps were refused or taken back; see run.json", record.events.len()));
+    }
+    lines.push(format!("Written to {}", folder.display()));
+    lines
+}
+
+fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
+    let state = progress.state;
+    let value = state.frames.last().map_or(String::new(), |frame| {
+        format!("{:.4} bits per pixel, {} lenslets", frame.bits_per_pixel, frame.distinct_lenslets)
+    });
+    let left = time_left(state, settings, progress.seconds)
+        .map_or(String::new(), |left| format!(", about {} to go", output::spoken(left)));
+    match progress.fitting {
+        Some(_) if state.frames.is_empty() => "First fit of the density model".into(),
+        _ => format!("{value}{left}"),
+    }
+}
+
+fn bar(steps: usize) -> ProgressBar {
+    // The template is fixed and valid; a default bar is as good.
+    let style = ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(steps as u64).with_style(style)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_are_read_from_their_names() {
+        let free: FreeChoice = "positions, weights".parse().unwrap();
+        assert_eq!(free.0, Free { positions: true, widths: false, weights: true });
+        assert!("all".parse::<FreeChoice>().is_err() && "".parse::<FreeChoice>().is_err());
+    }
+}

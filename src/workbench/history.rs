@@ -1,0 +1,176 @@
+//! Undo and redo: the designs before and after the present one, one for every gesture.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::design::Design;
+
+/// Most steps that are kept.
+const STEPS: usize = 1000;
+/// Most memory that they take, bytes, roughly.
+const BYTES: usize = 256 << 20;
+/// Changes of one kind that follow each other sooner make one step: typed digits, keys held down, turns of a wheel.
+const ONE_STEP: Duration = Duration::from_millis(600);
+
+/// A design and the number of its contents; equal numbers mean equal designs.
+#[derive(Clone, Debug)]
+pub struct Version {
+    /// The design.
+    pub design: Arc<Design>,
+    /// Number of its contents.
+    pub number: u64,
+}
+
+/// One step back or forth.
+#[derive(Clone, Debug)]
+struct Step {
+    /// What was done, for the menu.
+    label: String,
+    /// The design on the other side of it.
+    version: Version,
+}
+
+/// What makes changes one step.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Gesture {
+    /// Changes of this kind while the pointer is held down, or shortly after each other where it is not.
+    Hand(String),
+    /// All masks of a run of this number.
+    Run(u64),
+}
+
+/// Steps back and forth.
+#[derive(Debug, Default)]
+pub struct History {
+    past: Vec<Step>,
+    future: Vec<Step>,
+    /// The last change: its gesture, when it was made, and during which press of the pointer.
+    last: Option<(Gesture, Instant, Option<u64>)>,
+    /// The press that goes on.
+    press: Option<u64>,
+    presses: u64,
+}
+
+impl History {
+    /// Notes whether the pointer is held down.
+    pub fn note_pointer(&mut self, down: bool) {
+        match (down, self.press) {
+            (true, None) => {
+                self.presses += 1;
+                self.press = Some(self.presses);
+            }
+            (false, Some(_)) => self.press = None,
+            _ => {}
+        }
+    }
+
+    /// Notes that the design `before` is about to change; the changes of one gesture are one step.
+    pub fn note(&mut self, before: Version, label: String, gesture: Gesture) {
+        let now = Instant::now();
+        let same = self.last.as_ref().is_some_and(|(last, at, press)| {
+            let goes_on = match gesture {
+                Gesture::Run(_) => true,
+                Gesture::Hand(_) => *press == self.press && (press.is_some() || now.duration_since(*at) < ONE_STEP),
+            };
+            *last == gesture && goes_on
+        });
+        self.future.clear();
+        if !same || self.past.is_empty() {
+            self.past.push(Step { label, version: before });
+            self.forget();
+        }
+        self.last = Some((gesture, now, self.press));
+    }
+
+    /// Nothing can be undone or redone any more: another document is open.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// What an undo would undo.
+    pub fn undoes(&self) -> Option<&str> {
+        self.past.last().map(|step| step.label.as_str())
+    }
+
+    /// What a redo would redo.
+    pub fn redoes(&self) -> Option<&str> {
+        self.future.last().map(|step| step.label.as_str())
+    }
+
+    /// The design one step back; `present` can be had again by [`History::redo`].
+    pub fn undo(&mut self, present: Version) -> Option<Version> {
+        let Step { label, version } = self.past.pop()?;
+        self.future.push(Step { label, version: present });
+        self.last = None;
+        Some(version)
+    }
+
+    /// The design one step forth.
+    pub fn redo(&mut self, present: Version) -> Option<Version> {
+        let Step { label, version } = self.future.pop()?;
+        self.past.push(Step { label, version: present });
+        self.last = None;
+        Some(version)
+    }
+
+    /// Drops the oldest steps beyond what may be kept.
+    fn forget(&mut self) {
+        let mut bytes = 0;
+        let fits = |step: &&Step| {
+            bytes += step.version.design.size_in_memory();
+            bytes <= BYTES
+        };
+        let kept = self.past.iter().rev().take(STEPS).take_while(fits).count().max(1);
+        self.past.drain(..self.past.len() - kept);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn version(number: u64) -> Version {
+        let design = Arc::new(Design { seed: number, ..Design::default() });
+        Version { design, number }
+    }
+
+    fn hand(kind: &str) -> Gesture {
+        Gesture::Hand(kind.into())
+    }
+
+    #[test]
+    fn a_gesture_is_one_step_and_steps_go_both_ways() {
+        let mut history = History::default();
+        for press in 0..2 {
+            history.note_pointer(true);
+            for number in 0..5 {
+                history.note(version(5 * press + number), "Move lenslet".into(), hand("move 1"));
+            }
+            history.note_pointer(false);
+        }
+        history.note(version(10), "Add lenslet".into(), hand("add"));
+        for number in 11..14 {
+            history.note(version(number), "Optimize".into(), Gesture::Run(1));
+        }
+        assert_eq!((history.undoes(), history.redoes()), (Some("Optimize"), None));
+        assert_eq!(history.undo(version(14)).unwrap().number, 11);
+        assert_eq!(history.undo(version(11)).unwrap().number, 10);
+        assert_eq!(history.undo(version(10)).unwrap().number, 5);
+        assert_eq!(history.undo(version(5)).unwrap().number, 0);
+        assert!(history.undo(version(0)).is_none());
+        assert_eq!(history.redoes(), Some("Move lenslet"));
+        assert_eq!(history.redo(version(0)).unwrap().number, 5);
+        history.note(version(5), "Set seed".into(), hand("seed"));
+        assert_eq!(history.redoes(), None, "a change after an undo leaves nothing to redo");
+    }
+
+    #[test]
+    fn the_oldest_steps_are_forgotten() {
+        let mut history = History::default();
+        for number in 0..STEPS as u64 + 50 {
+            history.note(version(number), "Set seed".into(), Gesture::Run(number));
+        }
+        assert_eq!(history.past.len(), STEPS);
+        assert_eq!(history.past[0].version.number, 50);
+    }
+}

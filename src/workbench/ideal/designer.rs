@@ -1,0 +1,346 @@
+//! Runs for the window: on a thread of their own, where they can be watched, paused and stopped.
+
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::run::{run_ideal, start_of};
+use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, merged, time_left};
+use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::optics::{Encoder, LensletArray};
+use crate::workbench::worker::{Wake, lock, panic_text};
+use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
+
+/// Time between two tellings of a fit's progress; steps of the mask are all told.
+const TELL_EVERY: Duration = Duration::from_millis(100);
+
+/// What a run is doing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RunStatus {
+    /// It computes.
+    Running,
+    /// It waits to be told to go on.
+    Paused,
+    /// It was stopped; it can go on.
+    Stopped,
+    /// It came to its end.
+    Finished,
+    /// It could not go on, and why.
+    Failed(String),
+}
+
+/// A run and what came of it, as the window sees it.
+#[derive(Clone, Debug)]
+pub struct DesignRun {
+    /// The design that it started from.
+    pub start: Arc<Design>,
+    /// What it does.
+    pub settings: IdealSettings,
+    /// Whether it goes on.
+    pub status: RunStatus,
+    /// The mask now.
+    pub array: Arc<LensletArray>,
+    /// Steps of the mask so far.
+    pub step: usize,
+    /// The masks at all refits so far.
+    pub frames: Arc<Vec<Frame>>,
+    /// What else happened.
+    pub events: Vec<IdealEvent>,
+    /// What it is doing besides moving the mask, and how much of that is done.
+    pub doing: Option<(String, f64)>,
+    /// Seconds of computing so far.
+    pub seconds: f64,
+    /// Time that is left, once it can be told.
+    pub left: Option<Duration>,
+    /// Which of how many starts is being run, from 1.
+    pub start_number: (usize, usize),
+    /// Results of the starts that came to their end, the best first.
+    pub ranked: Vec<RankedStart>,
+}
+
+/// The result of one start.
+#[derive(Clone, Debug)]
+pub struct RankedStart {
+    /// What it started from.
+    pub name: String,
+    /// The design in the end.
+    pub design: Arc<Design>,
+    /// What it is worth, by an estimate with a model of its own on held-out objects.
+    pub estimate: Estimate,
+}
+
+impl DesignRun {
+    /// Whether it computes, or waits to.
+    pub fn is_active(&self) -> bool {
+        matches!(self.status, RunStatus::Running | RunStatus::Paused)
+    }
+}
+
+/// A mask to start from.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// What it is called.
+    pub name: String,
+    /// The design.
+    pub design: Arc<Design>,
+}
+
+/// The thread of runs; dropping it lets the run end at its next step.
+pub(in crate::workbench) struct Designer {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    run: Mutex<Option<DesignRun>>,
+    /// The last state that a run can go on from.
+    kept: Mutex<Option<Vec<u8>>>,
+    paused: Mutex<bool>,
+    resumed: Condvar,
+    stopped: AtomicBool,
+    wake: Wake,
+}
+
+impl Designer {
+    pub fn new(wake: Wake) -> Self {
+        Self {
+            shared: Arc::new(Shared {
+                run: Mutex::default(),
+                kept: Mutex::default(),
+                paused: Mutex::default(),
+                resumed: Condvar::new(),
+                stopped: AtomicBool::new(false),
+                wake,
+            }),
+        }
+    }
+
+    /// Whether a run computes.
+    pub fn is_computing(&self) -> bool {
+        lock(&self.shared.run).as_ref().is_some_and(|run| run.status == RunStatus::Running)
+    }
+
+    /// The run, if there was one.
+    pub fn run(&self) -> Option<DesignRun> {
+        lock(&self.shared.run).clone()
+    }
+
+    /// Starts a run from each of `starts`, one after the other; each is scored for `score` in the end.
+    ///
+    /// # Errors
+    /// One sentence where another run goes on or the first start allows none.
+    pub fn start(&self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
+        let Some(first) = starts.first() else { return Err("there is no mask to start from".into()) };
+        let array = start_of(&first.design).map_err(|error| error.to_string())?;
+        settings.check(array).map_err(|error| error.to_string())?;
+        let run = DesignRun {
+            start: Arc::clone(&first.design),
+            array: Arc::new(array.clone()),
+            settings,
+            status: RunStatus::Running,
+            step: 0,
+            frames: Arc::default(),
+            events: Vec::new(),
+            doing: Some(("Opening objects".into(), 0.0)),
+            seconds: 0.0,
+            left: None,
+            start_number: (1, starts.len()),
+            ranked: Vec::new(),
+        };
+        *lock(&self.shared.kept) = None;
+        self.spawn(run, starts, score)
+    }
+
+    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
+    ///
+    /// # Errors
+    /// One sentence where there is none, or it still goes on.
+    pub fn extend(&self, steps: usize, score: Duration) -> Result<(), String> {
+        let Some(mut run) = self.run() else { return Err("there is no run to go on with".into()) };
+        // One that was stopped first takes the steps that it was to take.
+        if run.step >= run.settings.steps {
+            run.settings.steps += steps;
+        }
+        run.status = RunStatus::Running;
+        run.start_number = (1, 1);
+        let start = Start { name: run.start.encoder.describe(), design: Arc::clone(&run.start) };
+        self.spawn(run, vec![start], score)
+    }
+
+    fn spawn(&self, run: DesignRun, starts: Vec<Start>, score: Duration) -> Result<(), String> {
+        let settings = run.settings.clone();
+        {
+            let mut current = lock(&self.shared.run);
+            if current.as_ref().is_some_and(DesignRun::is_active) {
+                return Err("one run goes on at a time; stop it first".into());
+            }
+            *current = Some(run);
+        }
+        self.shared.stopped.store(false, Ordering::Relaxed);
+        *lock(&self.shared.paused) = false;
+        let shared = Arc::clone(&self.shared);
+        let spawned = std::thread::Builder::new()
+            .name("lenslet-designer".into())
+            .spawn(move || shared.compute(&starts, &settings, score));
+        spawned.map(|_| ()).map_err(|error| {
+            let sentence = format!("no thread for the run: {error}");
+            self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
+            sentence
+        })
+    }
+
+    /// Lets the run wait, or go on.
+    pub fn pause(&self, pause: bool) {
+        *lock(&self.shared.paused) = pause;
+        self.shared.resumed.notify_all();
+        let status = if pause { RunStatus::Paused } else { RunStatus::Running };
+        self.shared.change(|run| {
+            if run.is_active() {
+                run.status = status;
+            }
+        });
+    }
+
+    /// Ends the run at its next step; it can go on later.
+    pub fn stop(&self) {
+        self.shared.stopped.store(true, Ordering::Relaxed);
+        *lock(&self.shared.paused) = false;
+        self.shared.resumed.notify_all();
+    }
+}
+
+impl Drop for Designer {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+impl Shared {
+    fn change(&self, change: impl FnOnce(&mut DesignRun)) {
+        if let Some(run) = lock(&self.run).as_mut() {
+            change(run);
+        }
+        (self.wake)();
+    }
+
+    fn compute(&self, starts: &[Start], settings: &IdealSettings, score: Duration) {
+        // One core is left to the window.
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(cores.saturating_sub(1).max(1))
+            .thread_name(|index| format!("lenslet-design-{index}"))
+            .build();
+        let work = || self.run_all(starts, settings, score);
+        let done = catch_unwind(AssertUnwindSafe(|| match &pool {
+            Ok(pool) => pool.install(work),
+            Err(_) => work(),
+        }));
+        let status = match done {
+            Ok(Ok(())) => RunStatus::Finished,
+            Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,
+            Ok(Err(error)) => RunStatus::Failed(error.to_string()),
+            Err(panic) => {
+                RunStatus::Failed(format!("an internal error stopped this run: {}", panic_text(panic.as_ref())))
+            }
+        };
+        self.change(|run| {
+            run.status = status;
+            run.doing = None;
+            run.left = None;
+        });
+    }
+
+    fn run_all(&self, starts: &[Start], settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
+        for (index, start) in starts.iter().enumerate() {
+            if index > 0 {
+                let array = Arc::new(start_of(&start.design)?.clone());
+                *lock(&self.kept) = None;
+                self.change(|run| {
+                    run.start = Arc::clone(&start.design);
+                    run.array = array;
+                    run.frames = Arc::default();
+                    run.events.clear();
+                    run.step = 0;
+                    run.start_number.0 = index + 1;
+                });
+            }
+            self.run_one(start, settings, score)?;
+        }
+        Ok(())
+    }
+
+    fn run_one(&self, start: &Start, settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
+        let from = lock(&self.kept).clone();
+        let mut told = Instant::now();
+        let mut watch = |progress: &IdealProgress<'_>| {
+            if progress.fitting.is_none() || told.elapsed() >= TELL_EVERY {
+                told = Instant::now();
+                self.publish(progress, settings);
+            }
+            self.go_on()
+        };
+        let mut keep = |ideal: &Ideal<'_>| {
+            *lock(&self.kept) = Some(ideal.to_bytes()?);
+            Ok(())
+        };
+        let state = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
+        let design =
+            Arc::new(Design { encoder: Encoder::Lenslets(merged(&state.array)), ..Design::clone(&start.design) });
+        self.change(|run| {
+            run.frames = Arc::new(state.frames.clone());
+            run.left = None;
+        });
+        let estimate = self.score(&design, score)?;
+        self.change(|run| {
+            let name = start.name.clone();
+            run.ranked.push(RankedStart { name, design, estimate });
+            run.ranked.sort_by(|one, other| other.estimate.bits_per_pixel.total_cmp(&one.estimate.bits_per_pixel));
+        });
+        Ok(())
+    }
+
+    /// What a design is worth, by a model of its own: a bracket takes the place of the estimate where it can.
+    fn score(&self, design: &Design, budget: Duration) -> Result<Estimate, EvaluationError> {
+        let request = EstimateRequest {
+            model: DensityModel::new(Estimator::Live, Some(budget), EngineChoice::default()),
+            protocol: Protocol::Default,
+            patch: Some((32, 32)),
+            patches_train: 0,
+            patches_test: 1_000,
+            trials: 1,
+            keep: None,
+        };
+        estimate(design, &request, &mut |progress| {
+            let share = progress.done as f64 / progress.total.max(1) as f64;
+            self.change(|run| run.doing = Some((format!("Scoring the result: {}", progress.step), share)));
+            self.go_on()
+        })
+    }
+
+    /// Waits while the run is paused; breaks off where it is to stop.
+    fn go_on(&self) -> ControlFlow<()> {
+        let mut paused = lock(&self.paused);
+        while *paused && !self.stopped.load(Ordering::Relaxed) {
+            paused = self.resumed.wait(paused).unwrap_or_else(PoisonError::into_inner);
+        }
+        if self.stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
+        let state = progress.state;
+        self.change(|run| {
+            if run.step != state.step || run.frames.is_empty() {
+                run.array = Arc::new(state.array.clone());
+                run.step = state.step;
+            }
+            if run.frames.len() != state.frames.len() {
+                run.frames = Arc::new(state.frames.clone());
+                run.events.clone_from(&state.events);
+            }
+            run.doing = progress.fitting.map(|share| ("Fitting the density model".into(), share));
+            run.seconds = progress.seconds;
+            run.left = time_left(state, settings, progress.seconds);
+        });
+    }
+}

@@ -1,0 +1,10 @@
+//! Runs of IDEAL on a design: computed, kept in files, and on a thread of their own for the window.
+
+mod designer;
+mod record;
+mod run;
+
+pub(super) use designer::Designer;
+pub use designer::{DesignRun, RankedStart, RunStatus, Start};
+pub use record::{IdealRecord, curve_of};
+pub use run::{KeptRun, run_ideal};

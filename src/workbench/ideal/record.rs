@@ -1,0 +1,101 @@
+//! What a run leaves behind: all that is needed to repeat it, and its curve.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, merged};
+use crate::formats::{FormatError, write_json};
+use crate::optics::Encoder;
+use crate::workbench::study::Machine;
+use crate::workbench::{Curve, Design};
+
+const FORMAT: &str = "lenslet-studio/ideal";
+const FORMAT_VERSION: u64 = 1;
+
+/// A run as it stands in its file. Information is in bits per pixel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IdealRecord {
+    /// Always "lenslet-studio/ideal".
+    pub format: String,
+    /// Version of the fields.
+    pub format_version: u64,
+    /// Version of the program that computed it.
+    pub program_version: String,
+    /// What computed it.
+    pub machine: Machine,
+    /// The design that it started from: mask, objects, light and noise.
+    pub start: Design,
+    /// Fingerprint of the objects.
+    pub objects_fingerprint: String,
+    /// What was done.
+    pub settings: IdealSettings,
+    /// Whether it came to its end.
+    pub finished: bool,
+    /// The masks at all refits, with what they were worth on held-out objects.
+    pub frames: Vec<Frame>,
+    /// What else happened.
+    pub events: Vec<IdealEvent>,
+    /// The mask in the end, dark lenslets left out and coincident ones made one.
+    pub result: Encoder,
+}
+
+impl IdealRecord {
+    /// Of a run that came to `state`.
+    pub fn new(start: &Design, settings: &IdealSettings, state: &IdealState, objects_fingerprint: String) -> Self {
+        Self {
+            format: FORMAT.into(),
+            format_version: FORMAT_VERSION,
+            program_version: env!("CARGO_PKG_VERSION").into(),
+            machine: Machine::here(),
+            start: start.clone(),
+            objects_fingerprint,
+            settings: settings.clone(),
+            finished: state.finished,
+            frames: state.frames.clone(),
+            events: state.events.clone(),
+            result: Encoder::Lenslets(merged(&state.array)),
+        }
+    }
+
+    /// The design with the mask of the end in place.
+    pub fn design(&self) -> Design {
+        Design { encoder: self.result.clone(), ..self.start.clone() }
+    }
+
+    /// Writes the record, safely.
+    ///
+    /// # Errors
+    /// [`FormatError`] where the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), FormatError> {
+        write_json(path, self)
+    }
+}
+
+/// How a run went, as columns.
+pub fn curve_of(frames: &[Frame]) -> Curve {
+    let row = |frame: &Frame| {
+        let [low, high] = frame.interval_95;
+        vec![
+            frame.step as f64,
+            frame.bits_per_pixel,
+            low,
+            high,
+            frame.tamura,
+            frame.distinct_lenslets as f64,
+            frame.effective_lenslets,
+            frame.seconds,
+        ]
+    };
+    let header = [
+        "step",
+        "bits_per_pixel",
+        "low_95_bits_per_pixel",
+        "high_95_bits_per_pixel",
+        "tamura",
+        "distinct_lenslets",
+        "effective_lenslets",
+        "seconds",
+    ];
+    Curve { header: header.map(String::from).to_vec(), rows: frames.iter().map(row).collect() }
+}

@@ -1,0 +1,81 @@
+//! A run from a design, in the hands of whoever keeps its states.
+
+use std::path::{Path, PathBuf};
+
+use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
+use crate::formats::{create_folder, write_safely};
+use crate::optics::LensletArray;
+use crate::workbench::simulation::{imaging, open_set};
+use crate::workbench::{Design, EvaluationError};
+
+/// Takes a state of a run, which lies between two of its rounds.
+pub(super) type Keep<'a> = &'a mut dyn FnMut(&Ideal<'_>) -> Result<(), EvaluationError>;
+
+/// Lets the mask of a design climb the information of its measurements, from the start or from a state (`from`) of the same
+/// run; `keep` gets the run after every round. Returns where it ended.
+///
+/// # Errors
+/// Where design, objects, noise and settings allow no run, a state is of another one, or `watch` breaks off.
+pub fn run_ideal(
+    design: &Design,
+    settings: &IdealSettings,
+    from: Option<&[u8]>,
+    keep: Keep<'_>,
+    watch: OnIdeal<'_>,
+) -> Result<IdealState, EvaluationError> {
+    let set = open_set(design)?;
+    let imaging = imaging(design, &set)?;
+    let mut ideal = Ideal::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
+    if let Some(bytes) = from {
+        ideal = ideal.resumed(bytes)?;
+        ideal.extend_to(settings.steps);
+    }
+    while !ideal.is_finished() {
+        ideal.advance(watch)?;
+        keep(&ideal)?;
+    }
+    Ok(ideal.state().clone())
+}
+
+/// The lenslets of a design.
+pub(super) fn start_of(design: &Design) -> Result<&LensletArray, EvaluationError> {
+    design.encoder.lenslets().ok_or_else(|| EvaluationError::NoLenslets { mask: design.encoder.describe() })
+}
+
+/// A file that holds the last state of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeptRun {
+    path: PathBuf,
+}
+
+impl KeptRun {
+    /// The file of a run in `folder`, which is made if need be.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    pub fn in_folder(folder: &Path) -> Result<Self, EvaluationError> {
+        create_folder(folder)?;
+        Ok(Self { path: folder.join("run.safetensors") })
+    }
+
+    /// The state that was kept last, if any.
+    ///
+    /// # Errors
+    /// Where the file cannot be read.
+    pub fn load(&self) -> Result<Option<Vec<u8>>, EvaluationError> {
+        match std::fs::read(&self.path) {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(crate::formats::FormatError::from_read(&self.path, error).into()),
+        }
+    }
+
+    /// Puts the state of a run in place of the last one, safely.
+    ///
+    /// # Errors
+    /// Where the file cannot be written; the last state is then still there.
+    pub fn store(&self, ideal: &Ideal<'_>) -> Result<(), EvaluationError> {
+        let bytes = ideal.to_bytes()?;
+        Ok(write_safely(&self.path, |out| out.write_all(&bytes))?)
+    }
+}
