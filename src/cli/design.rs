@@ -56,7 +56,7 @@ pub struct Arguments {
 
     /// Lenslets that stay as they are, by number from 1, separated by commas.
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
-    lock: Vec<usize>,
+    lock: Vec<std::num::NonZeroUsize>,
 
     /// Least distance between the centres of two lenslets, px.
     #[arg(long, value_name = "PX")]
@@ -114,25 +114,23 @@ impl Arguments {
         check_folder(&self.out)?;
         let kept = KeptRun::in_folder(&self.out)?;
         let from = kept.load()?;
-        if from.is_some() {
-            output::tell(format_args!("{}: going on with the run that is there", self.out.display()));
-        }
         let bar = bar(settings.steps);
-        let mut fingerprint = String::new();
-        let mut keep = |ideal: &crate::design::Ideal<'_>| {
-            fingerprint = ideal.objects_fingerprint();
-            kept.store(ideal)
-        };
+        let mut going_on = from.is_some();
         let mut watch = |progress: &IdealProgress<'_>| {
+            if std::mem::take(&mut going_on) {
+                let (folder, step) = (self.out.display(), progress.state.step);
+                bar.suspend(|| {
+                    output::tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
+                });
+            }
             bar.set_position(progress.state.step as u64);
             bar.set_message(message(progress, &settings));
             ControlFlow::Continue(())
         };
-        let state = run_ideal(&design, &settings, from.as_deref(), &mut keep, &mut watch)
+        let record = run_ideal(&design, &settings, from.as_deref(), &mut |ideal| kept.store(ideal), &mut watch)
             .map_err(|error| about_objects(&design, error))
             .with_context(|| format!("{}: the run ended", self.out.display()))?;
         bar.finish_and_clear();
-        let record = IdealRecord::new(&design, &settings, &state, fingerprint);
         self.finish(&record)
     }
 
@@ -163,7 +161,7 @@ impl Arguments {
             steps: self.steps.unwrap_or(preset.steps),
             patch: self.patch.map_or(preset.patch, PatchChoice::shape),
             free: self.free.map_or(preset.free, |choice| choice.0),
-            locked: self.lock.iter().map(|number| number.wrapping_sub(1)).collect(),
+            locked: self.lock.iter().map(|number| number.get() - 1).collect(),
             min_separation_px: self.min_separation.unwrap_or(preset.min_separation_px),
             lenslets: self.lenslets,
             anisotropic: self.anisotropic,

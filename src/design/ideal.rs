@@ -284,7 +284,11 @@ impl<'a> Ideal<'a> {
         let from = if is_warm { &self.model } else { &self.first };
         let mut model = from.following(&sample, &moments)?;
         let is_last = self.state.step >= self.settings.steps;
-        let steps = if is_warm && !is_last { self.settings.refit } else { self.settings.first_fit };
+        let steps = match (is_last, is_warm) {
+            (true, _) => self.settings.last_fit,
+            (false, true) => self.settings.refit,
+            (false, false) => self.settings.first_fit,
+        };
         let mut fit = CausalFit::new(FitLength::Steps(steps), derived_seed(self.settings.seed, FIT_SEEDS | round));
         if is_warm {
             fit.rate *= WARM_RATE;
@@ -356,10 +360,7 @@ impl<'a> Ideal<'a> {
         let (Some(best), Some(now)) = (best, state.frames.last()) else { return };
         let lost = best.interval_95[0] - now.interval_95[1];
         // A mask that has lost lenslets on purpose is not compared with one that had them.
-        if lost > LOSS
-            && best.distinct_lenslets <= now.distinct_lenslets.max(1) + state.pruned.len()
-            && state.pruned.is_empty()
-        {
+        if lost > LOSS && state.pruned.is_empty() {
             state.events.push(IdealEvent::WentBack { step: state.step, to: best.step });
             state.array = best.array.clone();
             state.momentum = Momentum::default();
@@ -435,4 +436,41 @@ pub fn time_left(state: &IdealState, settings: &IdealSettings, seconds: f64) -> 
     }
     let per_step = (seconds - first.seconds).max(0.0) / done as f64;
     Duration::try_from_secs_f64(per_step * (all - done.min(all)) as f64).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::Preset;
+    use super::*;
+    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::sensor::Noise;
+
+    #[test]
+    fn a_run_that_loses_goes_back_and_slows_down() {
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
+        let settings = IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, 1) };
+        let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
+        let frame = |step: usize, x: f64, bits_per_pixel: f64| Frame {
+            step,
+            array: LensletArray { lenslets: vec![Lenslet::round(x, 5.0, 1.0, 1.0)], ..start.clone() },
+            bits_per_pixel,
+            interval_95: [bits_per_pixel - 0.01, bits_per_pixel + 0.01],
+            tamura: 0.8,
+            distinct_lenslets: 1,
+            effective_lenslets: 1.0,
+            seconds: 0.0,
+        };
+        ideal.state.frames = vec![frame(0, 5.0, 0.5), frame(5, 6.0, 0.6), frame(10, 7.0, 0.54)];
+        ideal.state.array = ideal.state.frames[2].array.clone();
+        ideal.go_back_from_loss();
+        assert_eq!((ideal.state.events.len(), ideal.state.caution), (0, 1.0), "chance and looseness explain this");
+        ideal.state.frames.push(frame(15, 8.0, 0.5));
+        ideal.state.step = 15;
+        ideal.go_back_from_loss();
+        assert_eq!(ideal.state.events, [IdealEvent::WentBack { step: 15, to: 5 }]);
+        assert_eq!((ideal.state.array.lenslets[0].x, ideal.state.caution), (6.0, 0.5));
+    }
 }

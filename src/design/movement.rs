@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn what_is_not_free_stays_to_the_bit() {
-        let start = random_layout(6, 2);
+        let start = heuristic_layout(6);
         let gradient: Vec<LensletGradient> = (0..6)
             .map(|i| {
                 let slope = f64::from(i) - 2.7;

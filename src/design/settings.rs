@@ -83,10 +83,12 @@ pub struct IdealSettings {
     pub patch: Option<(usize, usize)>,
     /// Steps of the mask between two fits of the density model.
     pub refit_every: usize,
-    /// Steps of the first fit, of the last one, and of all where they are not warm.
+    /// Steps of the first fit, and of all where they are not warm.
     pub first_fit: usize,
     /// Steps of the fits in between.
     pub refit: usize,
+    /// Steps of the fit to the mask in the end.
+    pub last_fit: usize,
     /// Whether a fit starts from the model before it.
     pub warm: bool,
     /// Learning rates.
@@ -122,6 +124,7 @@ impl IdealSettings {
             refit_every: 20,
             first_fit: 2000,
             refit: 2000,
+            last_fit: 2000,
             warm: false,
             // Grid units of the published code are 31/32 px.
             rates: Rates { position: 3e-2 * GRID_UNIT, variance: 1e-3 * GRID_UNIT * GRID_UNIT, weight: 1e-4 },
@@ -136,15 +139,18 @@ impl IdealSettings {
         match preset {
             Preset::Paper => paper,
             Preset::Default => Self {
-                steps: 1000,
+                steps: 800,
                 objects: 12,
                 patches: 24,
                 patch: Some((32, 32)),
                 refit_every: 5,
-                first_fit: 600,
-                refit: 32,
+                first_fit: 400,
+                // The mask must not outrun the model: with a fifth of these steps it climbs into designs that the model
+                // merely does not know yet.
+                refit: 150,
+                last_fit: 1500,
                 warm: true,
-                rates: Rates { position: 0.06, variance: 8e-3, weight: 4e-4 },
+                rates: Rates { position: 0.015, variance: 5e-3, weight: 1.2e-4 },
                 settle: 0.4,
                 ..paper
             },
@@ -164,6 +170,7 @@ impl IdealSettings {
             ("refit_every", self.refit_every, Self::MAX_STEPS),
             ("first_fit", self.first_fit, Self::MAX_STEPS),
             ("refit", self.refit, Self::MAX_STEPS),
+            ("last_fit", self.last_fit, Self::MAX_STEPS),
         ] {
             if !(1..=most).contains(&count) {
                 return wrong(name, count.to_string(), "1 to a million");

@@ -27,6 +27,10 @@ pub enum Action {
     ExportDesign,
     /// Exports objects and measurements.
     ExportMeasurements,
+    /// Goes one step back.
+    Undo,
+    /// Goes one step forth again.
+    Redo,
     /// Selects every lenslet.
     SelectAll,
     /// Deletes the selection.
@@ -37,8 +41,17 @@ pub enum Action {
 
 impl Action {
     /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
-    const WITH_SHORTCUT: [Self; 7] =
-        [Self::SaveAs, Self::New, Self::Open, Self::Save, Self::OpenObjects, Self::ExportDesign, Self::Quit];
+    const WITH_SHORTCUT: [Self; 9] = [
+        Self::SaveAs,
+        Self::New,
+        Self::Open,
+        Self::Save,
+        Self::OpenObjects,
+        Self::ExportDesign,
+        Self::Quit,
+        Self::Redo,
+        Self::Undo,
+    ];
 
     /// Text of the menu entry.
     pub fn label(self) -> &'static str {
@@ -51,6 +64,8 @@ impl Action {
             Self::ImportPsf => "Import PSF...",
             Self::ExportDesign => "Export design...",
             Self::ExportMeasurements => "Export measurements...",
+            Self::Undo => "Undo",
+            Self::Redo => "Redo",
             Self::SelectAll => "Select all lenslets",
             Self::Delete => "Delete selected lenslets",
             Self::Quit => "Quit",
@@ -70,6 +85,8 @@ impl Action {
             // The canvas reads these keys itself, since text fields have uses of their own for them.
             Self::SelectAll => (command, Key::A),
             Self::Delete => (Modifiers::NONE, Key::Delete),
+            Self::Undo => (command, Key::Z),
+            Self::Redo => (command | Modifiers::SHIFT, Key::Z),
             Self::Quit => (command, Key::Q),
             Self::ImportPsf | Self::ExportMeasurements => return None,
         };
@@ -78,10 +95,18 @@ impl Action {
 
     /// The action whose shortcut was pressed.
     pub fn pressed(ctx: &egui::Context) -> Option<Self> {
-        Self::WITH_SHORTCUT.into_iter().find(|action| {
+        // Text fields undo what was typed into them.
+        let focused = ctx.memory(egui::Memory::focused);
+        let typing = focused.is_some_and(|id| egui::TextEdit::load_state(ctx, id).is_some());
+        Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text()).find(|action| {
             let shortcut = action.shortcut();
             shortcut.is_some_and(|shortcut| ctx.input_mut(|input| input.consume_shortcut(&shortcut)))
         })
+    }
+
+    /// Whether a text field does this for its own text.
+    fn is_for_text(self) -> bool {
+        matches!(self, Self::Undo | Self::Redo)
     }
 
     /// Does it.
@@ -100,6 +125,8 @@ impl Action {
             Self::ImportPsf => ask(Purpose::ImportPsf),
             Self::ExportDesign => ask(Purpose::ExportDesign),
             Self::ExportMeasurements => ask(Purpose::ExportMeasurements),
+            Self::Undo => state.bench.undo(),
+            Self::Redo => state.bench.redo(),
             Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
             Self::Delete => state.delete_selection(),
             Self::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
@@ -160,6 +187,13 @@ fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
 
 /// The Edit menu.
 pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
+    let undoes = state.bench.undoes().map(str::to_lowercase);
+    let redoes = state.bench.redoes().map(str::to_lowercase);
+    for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
+        let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
+        entry_called(ui, state, action, step.is_some(), text.trim_end());
+    }
+    ui.separator();
     let editable = state.lenslet_count() > 0;
     entry(ui, state, Action::SelectAll, editable);
     let deletable = !state.selection.is_empty();
@@ -204,7 +238,11 @@ pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
 }
 
 fn entry(ui: &mut egui::Ui, state: &mut State, action: Action, enabled: bool) {
-    let mut button = egui::Button::new(action.label());
+    entry_called(ui, state, action, enabled, action.label());
+}
+
+fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, enabled: bool, text: &str) {
+    let mut button = egui::Button::new(text);
     if let Some(shortcut) = action.shortcut() {
         button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
     }

@@ -5,7 +5,7 @@ use egui_tiles::{Behavior, Container, Linear, LinearDir, SimplificationOptions, 
 use super::state::State;
 use super::{
     estimates_panel, history_panel, information_map_panel, information_panel, lenslet_table, mask_canvas, mtf_panel,
-    sample_panels, scene_panel,
+    optimize_panel, sample_panels, scene_panel,
 };
 
 /// A room.
@@ -31,6 +31,8 @@ pub enum Pane {
     Estimates,
     /// Where in a patch the information comes from.
     InformationMap,
+    /// Runs that optimize the mask.
+    Optimize,
 }
 
 impl Pane {
@@ -40,12 +42,13 @@ impl Pane {
             Self::Lenslets => "Lenslets",
             Self::Object => "Object",
             Self::Measurement => "Measurement",
-            Self::Scene => "Scene and sensor",
+            Self::Scene => "Scene",
             Self::Information => "Information",
             Self::Mtf => "MTF",
             Self::History => "History",
             Self::Estimates => "Estimates",
             Self::InformationMap => "Map",
+            Self::Optimize => "Optimize",
         }
     }
 }
@@ -73,7 +76,8 @@ pub fn default_layout() -> Tree<Pane> {
         let history = tiles.insert_pane(Pane::History);
         let estimates = tiles.insert_pane(Pane::Estimates);
         let map = tiles.insert_pane(Pane::InformationMap);
-        let below = tiles.insert_tab_tile(vec![scene, estimates, map, mtf, history]);
+        let optimize = tiles.insert_pane(Pane::Optimize);
+        let below = tiles.insert_tab_tile(vec![scene, optimize, estimates, map, mtf, history]);
         let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
         linear.children = vec![information, below];
         linear.shares.set_share(information, 1.15);
@@ -108,6 +112,7 @@ impl Behavior<Pane> for Rooms<'_> {
                 Pane::History => history_panel::show(ui, self.0),
                 Pane::Estimates => estimates_panel::show(ui, self.0),
                 Pane::InformationMap => information_map_panel::show(ui, self.0),
+                Pane::Optimize => optimize_panel::show(ui, self.0),
             }
         });
         UiResponse::None

@@ -23,6 +23,8 @@ const POINTS_PER_NOTCH: f32 = 40.0;
 const LONGEST_ARROW_PX: f64 = 3.0;
 /// Colour of gradient arrows, which is in no colour map.
 const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
+/// Colour of the ways of lenslets in a run.
+const TRAIL: Color32 = Color32::from_rgb(120, 230, 255);
 /// Handles are never smaller than this, in points.
 const MIN_HANDLE: f32 = 7.0;
 
@@ -64,6 +66,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     draw_limits(ui, placement, array, &design.limits);
+    draw_trails(ui, state, placement, array);
     canvas_gestures(ui, state, placement, &response, array);
     for (index, lenslet) in array.lenslets.iter().enumerate() {
         handle(ui, state, placement, array, index, lenslet);
@@ -90,6 +93,26 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
             ui.painter().arrow(from, to - from, Stroke::new(3.5, Color32::from_black_alpha(160)));
             ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));
         }
+    }
+}
+
+/// The ways that lenslets took in the run whose mask is shown, the bright ones more clearly.
+fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
+    let Some(run) = state.run.as_ref().filter(|_| state.optimize_form.trails) else { return };
+    let frames: Vec<&LensletArray> = run.frames.iter().map(|frame| &frame.array).collect();
+    let shown = frames.iter().position(|frame| **frame == *array);
+    let is_newest = *run.array == *array;
+    if (shown.is_none() && !is_newest) || frames.iter().any(|frame| frame.lenslets.len() != array.lenslets.len()) {
+        return;
+    }
+    let frames = &frames[..shown.map_or(frames.len(), |shown| shown + 1)];
+    let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
+    for (index, lenslet) in array.lenslets.iter().enumerate() {
+        let way = frames.iter().map(|frame| frame.lenslets[index]).chain([*lenslet]);
+        let points: Vec<_> = way.map(|lenslet| placement.to_screen(lenslet.x, lenslet.y)).collect();
+        let share = (lenslet.weight / brightest.max(1e-12)) as f32;
+        let stroke = Stroke::new(1.5, TRAIL.gamma_multiply(0.25 + 0.75 * share));
+        ui.painter().add(egui::Shape::line(points, stroke));
     }
 }
 

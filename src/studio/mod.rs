@@ -13,6 +13,7 @@ mod lenslet_table;
 mod mask_canvas;
 mod messages;
 mod mtf_panel;
+mod optimize_panel;
 mod sample_panels;
 mod scene_panel;
 mod state;

@@ -4,12 +4,13 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use crate::optics::Lenslet;
-use crate::workbench::{Colormap, Command, Curve, Design, Estimates, Job, Live, LiveInformation, Workbench};
+use crate::workbench::{Colormap, Command, Curve, Design, DesignRun, Estimates, Job, Live, LiveInformation, Workbench};
 
 use super::dialogs::{Dialogs, Purpose};
 use super::estimates_panel::EstimateForm;
 use super::image_view::{ImageView, Palettes};
 use super::messages::{Messages, Severity};
+use super::optimize_panel::OptimizeForm;
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
 pub struct State {
@@ -19,6 +20,10 @@ pub struct State {
     pub live: Live,
     /// Longer estimates as of this frame.
     pub estimates: Estimates,
+    /// The run that optimizes the mask, as of this frame.
+    pub run: Option<DesignRun>,
+    /// What the Optimize room asks for.
+    pub optimize_form: OptimizeForm,
     /// What the Estimates room asks for.
     pub estimate_form: EstimateForm,
     /// Whether the mask shows where the gradient would move lenslets.
@@ -202,6 +207,8 @@ impl State {
             bench,
             live,
             estimates,
+            run: None,
+            optimize_form: OptimizeForm::default(),
             estimate_form: EstimateForm::default(),
             arrows: true,
             map_sample: None,

@@ -256,10 +256,7 @@ impl Evaluator {
         let outcome = self.steps(revision, design, shared);
         let mut results = lock(&shared.results);
         match outcome {
-            Ok(()) => {
-                results.live.failure = None;
-                results.live.seconds = start.elapsed().as_secs_f64();
-            }
+            Ok(()) => results.live.seconds = start.elapsed().as_secs_f64(),
             // A newer design, which waits in the mailbox, looks at other objects.
             Err(EvaluationError::Objects(ObjectError::Cancelled)) if !shared.cancelled.load(Ordering::Relaxed) => {}
             Err(error) => results.live.failure = Some((revision, error.to_string())),
@@ -299,7 +296,10 @@ impl Evaluator {
             }
         };
         let information = Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
-        publish(&|live| live.information = Some(Stamped { revision, value: Arc::clone(&information) }));
+        publish(&|live| {
+            live.information = Some(Stamped { revision, value: Arc::clone(&information) });
+            live.failure = None;
+        });
         shared.estimator.refine(revision, Arc::clone(design), scene);
         Ok(())
     }

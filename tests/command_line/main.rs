@@ -1,5 +1,6 @@
 //! The program as its users meet it: the built binary, its files, its sentences and its exit codes.
 
+mod design;
 mod failures;
 mod measured;
 mod options;
@@ -29,6 +30,7 @@ impl Bench {
     }
 
     fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        std::fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
         std::fs::write(self.path(name), bytes).unwrap();
     }
 

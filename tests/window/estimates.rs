@@ -3,7 +3,7 @@
 use super::*;
 
 /// Steps frames until `done`, for at most so many seconds.
-fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
+pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
     for _ in 0..6000 {
         window.step();
         if done(window) {

@@ -2,6 +2,7 @@
 #![cfg(feature = "studio")]
 
 mod estimates;
+mod runs;
 
 use std::path::Path;
 

@@ -7,9 +7,10 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::run::{run_ideal, start_of};
-use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, merged, time_left};
+use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
-use crate::optics::{Encoder, LensletArray};
+use crate::optics::LensletArray;
+use crate::workbench::simulation::open_set;
 use crate::workbench::worker::{Wake, lock, panic_text};
 use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
 
@@ -69,6 +70,15 @@ pub struct RankedStart {
     pub design: Arc<Design>,
     /// What it is worth, by an estimate with a model of its own on held-out objects.
     pub estimate: Estimate,
+}
+
+impl RankedStart {
+    /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being
+    /// looked at loosely, and the estimate otherwise.
+    pub fn worth(&self) -> f64 {
+        let bracket = self.estimate.bracket.as_ref();
+        bracket.and_then(|bracket| bracket.lower).unwrap_or(self.estimate.bits_per_pixel)
+    }
 }
 
 impl DesignRun {
@@ -142,7 +152,7 @@ impl Designer {
             step: 0,
             frames: Arc::default(),
             events: Vec::new(),
-            doing: Some(("Opening objects".into(), 0.0)),
+            doing: Some(("opening objects".into(), 0.0)),
             seconds: 0.0,
             left: None,
             start_number: (1, starts.len()),
@@ -284,26 +294,27 @@ impl Shared {
             *lock(&self.kept) = Some(ideal.to_bytes()?);
             Ok(())
         };
-        let state = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
-        let design =
-            Arc::new(Design { encoder: Encoder::Lenslets(merged(&state.array)), ..Design::clone(&start.design) });
+        let record = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
+        let design = Arc::new(record.design());
         self.change(|run| {
-            run.frames = Arc::new(state.frames.clone());
+            run.frames = Arc::new(record.frames);
             run.left = None;
         });
         let estimate = self.score(&design, score)?;
         self.change(|run| {
             let name = start.name.clone();
             run.ranked.push(RankedStart { name, design, estimate });
-            run.ranked.sort_by(|one, other| other.estimate.bits_per_pixel.total_cmp(&one.estimate.bits_per_pixel));
+            run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
         });
         Ok(())
     }
 
-    /// What a design is worth, by a model of its own: a bracket takes the place of the estimate where it can.
+    /// What a design is worth, by models of its own: a bracket where the prior of the objects is known.
     fn score(&self, design: &Design, budget: Duration) -> Result<Estimate, EvaluationError> {
+        let known = open_set(design)?.bead_prior().is_some();
+        let estimator = if known { Estimator::Bracket } else { Estimator::Live };
         let request = EstimateRequest {
-            model: DensityModel::new(Estimator::Live, Some(budget), EngineChoice::default()),
+            model: DensityModel::new(estimator, Some(budget), EngineChoice::default()),
             protocol: Protocol::Default,
             patch: Some((32, 32)),
             patches_train: 0,
@@ -313,7 +324,7 @@ impl Shared {
         };
         estimate(design, &request, &mut |progress| {
             let share = progress.done as f64 / progress.total.max(1) as f64;
-            self.change(|run| run.doing = Some((format!("Scoring the result: {}", progress.step), share)));
+            self.change(|run| run.doing = Some((format!("scoring the result: {}", progress.step), share)));
             self.go_on()
         })
     }
@@ -330,15 +341,16 @@ impl Shared {
     fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
         let state = progress.state;
         self.change(|run| {
-            if run.step != state.step || run.frames.is_empty() {
+            let more_frames = run.frames.len() != state.frames.len();
+            if run.step != state.step || more_frames {
                 run.array = Arc::new(state.array.clone());
                 run.step = state.step;
             }
-            if run.frames.len() != state.frames.len() {
+            if more_frames {
                 run.frames = Arc::new(state.frames.clone());
                 run.events.clone_from(&state.events);
             }
-            run.doing = progress.fitting.map(|share| ("Fitting the density model".into(), share));
+            run.doing = progress.fitting.map(|share| ("fitting".into(), share));
             run.seconds = progress.seconds;
             run.left = time_left(state, settings, progress.seconds);
         });

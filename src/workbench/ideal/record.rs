@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, merged};
+use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, merged};
 use crate::formats::{FormatError, write_json};
 use crate::optics::Encoder;
 use crate::workbench::study::Machine;
@@ -41,16 +41,17 @@ pub struct IdealRecord {
 }
 
 impl IdealRecord {
-    /// Of a run that came to `state`.
-    pub fn new(start: &Design, settings: &IdealSettings, state: &IdealState, objects_fingerprint: String) -> Self {
+    /// Of a run from `start` as it is now.
+    pub fn new(start: &Design, ideal: &Ideal<'_>) -> Self {
+        let state = ideal.state();
         Self {
             format: FORMAT.into(),
             format_version: FORMAT_VERSION,
             program_version: env!("CARGO_PKG_VERSION").into(),
             machine: Machine::here(),
             start: start.clone(),
-            objects_fingerprint,
-            settings: settings.clone(),
+            objects_fingerprint: ideal.objects_fingerprint(),
+            settings: ideal.settings().clone(),
             finished: state.finished,
             frames: state.frames.clone(),
             events: state.events.clone(),

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
+use super::record::IdealRecord;
+use crate::design::{Ideal, IdealSettings, OnIdeal};
 use crate::formats::{create_folder, write_safely};
 use crate::optics::LensletArray;
 use crate::workbench::simulation::{imaging, open_set};
@@ -12,7 +13,7 @@ use crate::workbench::{Design, EvaluationError};
 pub(super) type Keep<'a> = &'a mut dyn FnMut(&Ideal<'_>) -> Result<(), EvaluationError>;
 
 /// Lets the mask of a design climb the information of its measurements, from the start or from a state (`from`) of the same
-/// run; `keep` gets the run after every round. Returns where it ended.
+/// run; `keep` gets the run after every round.
 ///
 /// # Errors
 /// Where design, objects, noise and settings allow no run, a state is of another one, or `watch` breaks off.
@@ -22,7 +23,7 @@ pub fn run_ideal(
     from: Option<&[u8]>,
     keep: Keep<'_>,
     watch: OnIdeal<'_>,
-) -> Result<IdealState, EvaluationError> {
+) -> Result<IdealRecord, EvaluationError> {
     let set = open_set(design)?;
     let imaging = imaging(design, &set)?;
     let mut ideal = Ideal::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
@@ -34,7 +35,7 @@ pub fn run_ideal(
         ideal.advance(watch)?;
         keep(&ideal)?;
     }
-    Ok(ideal.state().clone())
+    Ok(IdealRecord::new(design, &ideal))
 }
 
 /// The lenslets of a design.

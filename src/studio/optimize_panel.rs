@@ -1,0 +1,393 @@
+//! Runs that optimize the mask: what to start, how it goes, and every mask on the way.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use egui::{Checkbox, Color32, ComboBox, DragValue, ProgressBar, Slider, Ui};
+use egui_plot::{Line, Plot, PlotPoints, Points, Polygon};
+
+use super::dialogs::Purpose;
+use super::image_view::name_widget;
+use super::information_panel::{DENSITY, interval, rounded};
+use super::messages::Severity;
+use super::state::State;
+use crate::design::{Frame, Free, IdealSettings, Preset};
+use crate::optics::{Encoder, random_layout};
+use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of};
+
+/// Time that the result of a run is scored for.
+const SCORE: Duration = Duration::from_mins(1);
+/// Random starts of one order.
+const STARTS: u64 = 8;
+/// Colour of the Tamura coefficient in plots.
+const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
+/// Colour of the number of lenslets in plots.
+const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
+
+/// What a run starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum From {
+    Design,
+    Random,
+    RandomStarts,
+}
+
+impl From {
+    const ALL: [Self; 3] = [Self::Design, Self::Random, Self::RandomStarts];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Design => "This design",
+            Self::Random => "Random lenslets",
+            Self::RandomStarts => "8 random starts",
+        }
+    }
+}
+
+/// What the form asks for.
+pub struct OptimizeForm {
+    from: From,
+    /// Lenslets of random starts.
+    count: usize,
+    settings: IdealSettings,
+    /// Whether selected lenslets stay as they are.
+    lock_selected: bool,
+    /// The frame that is looked at; the newest one where none was chosen.
+    frame: Option<usize>,
+    /// Whether the mask shows the ways of the lenslets.
+    pub trails: bool,
+}
+
+impl Default for OptimizeForm {
+    fn default() -> Self {
+        let settings = IdealSettings::new(Preset::Default, 1);
+        Self { from: From::Design, count: 25, settings, lock_selected: false, frame: None, trails: true }
+    }
+}
+
+/// Shows the panel.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let run = state.run.clone();
+    match &run {
+        Some(run) if run.is_active() => progress(ui, state, run),
+        _ => order(ui, state, run.as_ref()),
+    }
+    ui.separator();
+    let Some(run) = run else {
+        ui.weak(
+            "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask follows \
+             the run; an edit takes over from it, and Undo brings back what was there.",
+        );
+        return;
+    };
+    if let RunStatus::Failed(sentence) = &run.status {
+        ui.colored_label(ui.visuals().error_fg_color, sentence);
+    }
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        ranking(ui, state, &run);
+        if run.frames.is_empty() {
+            ui.weak("The first fit of the density model takes some seconds.");
+            return;
+        }
+        rewind(ui, state, &run);
+        plots(ui, &run);
+        notes(ui, state, &run);
+    });
+}
+
+/// What to start.
+fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
+    let form = &mut state.optimize_form;
+    ui.horizontal_wrapped(|ui| {
+        let response = ComboBox::from_id_salt("start from")
+            .selected_text(form.from.name())
+            .width(112.0)
+            .show_ui(ui, |ui| {
+                for from in From::ALL {
+                    ui.selectable_value(&mut form.from, from, from.name());
+                }
+            })
+            .response;
+        name_widget(&response, "Start from");
+        if form.from != From::Design {
+            let count = ui.add(DragValue::new(&mut form.count).range(1..=64).suffix(" lenslets"));
+            name_widget(&count, "Random lenslets");
+        }
+        let response = ComboBox::from_id_salt("preset")
+            .selected_text(form.settings.preset.to_string())
+            .width(72.0)
+            .show_ui(ui, |ui| {
+                for (preset, hint) in [
+                    (Preset::Default, "Small warm refits of the density model, patches of 32 x 32 px"),
+                    (
+                        Preset::Paper,
+                        "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",
+                    ),
+                ] {
+                    let chosen = form.settings.preset == preset;
+                    if ui.selectable_label(chosen, preset.to_string()).on_hover_text(hint).clicked() {
+                        form.settings = IdealSettings::new(preset, 1);
+                    }
+                }
+            })
+            .response;
+        name_widget(&response, "Preset");
+        let steps = DragValue::new(&mut form.settings.steps).range(1..=100_000).suffix(" steps");
+        name_widget(&ui.add(steps), "Steps");
+    });
+    details(ui, state);
+    ui.horizontal_wrapped(|ui| {
+        if ui.button("Start run").clicked() {
+            start(state);
+        }
+        let resumable = last.is_some_and(|run| run.status == RunStatus::Stopped || run.status == RunStatus::Finished);
+        if resumable && ui.button("Go on").on_hover_text("Takes the run further, from where it was left").clicked() {
+            let steps = state.optimize_form.settings.steps;
+            state.optimize_form.frame = None;
+            if let Err(refusal) = state.bench.extend_run(steps, SCORE) {
+                state.messages.push(Severity::Failure, refusal);
+            }
+        }
+    });
+}
+
+/// What may change, and how.
+fn details(ui: &mut Ui, state: &mut State) {
+    let selected = state.selection.len();
+    let form = &mut state.optimize_form;
+    ui.collapsing("Details", |ui| {
+        let settings = &mut form.settings;
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Move");
+            let Free { positions, widths, weights } = &mut settings.free;
+            ui.checkbox(positions, "positions");
+            ui.checkbox(widths, "widths");
+            ui.checkbox(weights, "weights");
+            ui.checkbox(&mut settings.anisotropic, "ellipses").on_hover_text("Lets spots become elliptic");
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Patch");
+            for (text, patch) in [("16 px", Some((16, 16))), ("32 px", Some((32, 32))), ("sensor", None)] {
+                let chosen = ui.selectable_label(settings.patch == patch, text);
+                if chosen.clicked() {
+                    settings.patch = patch;
+                }
+            }
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Least distance");
+            let apart = DragValue::new(&mut settings.min_separation_px).range(0.0..=8.0).speed(0.05).suffix(" px");
+            name_widget(&ui.add(apart), "Least distance");
+            let mut limited = settings.lenslets.is_some();
+            if ui.checkbox(&mut limited, "End with").clicked() {
+                settings.lenslets = limited.then_some(6);
+            }
+            if let Some(count) = &mut settings.lenslets {
+                name_widget(&ui.add(DragValue::new(count).range(1..=64).suffix(" lenslets")), "Lenslets in the end");
+            }
+        });
+        let text = format!("Lock the {selected} selected lenslets");
+        ui.add_enabled(selected > 0, Checkbox::new(&mut form.lock_selected, text))
+            .on_hover_text("They stay as they are; only where the run starts from this design");
+    });
+}
+
+/// Orders what the form says.
+fn start(state: &mut State) {
+    let design = Arc::clone(state.bench.design());
+    let form = &mut state.optimize_form;
+    form.frame = None;
+    let mut settings = IdealSettings { seed: design.seed, ..form.settings.clone() };
+    let random = |seed: u64| {
+        let encoder = Encoder::Lenslets(random_layout(form.count, seed));
+        let name = format!("{} random, seed {seed}", form.count);
+        Start { name, design: Arc::new(Design { encoder, ..Design::clone(&design) }) }
+    };
+    let starts = match form.from {
+        From::Design => {
+            if form.lock_selected {
+                settings.locked = state.selection.iter().copied().collect();
+            }
+            vec![Start { name: design.encoder.describe(), design: Arc::clone(&design) }]
+        }
+        From::Random => vec![random(design.seed)],
+        From::RandomStarts => (0..STARTS).map(|number| random(design.seed.wrapping_add(number))).collect(),
+    };
+    if let Err(refusal) = state.bench.start_run(starts, settings, SCORE) {
+        state.messages.push(Severity::Failure, refusal);
+    }
+}
+
+/// The run that goes on.
+fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let steps = run.settings.steps;
+    ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
+    let (number, all) = run.start_number;
+    let of_starts = if all > 1 { format!("Start {number} of {all}, ") } else { String::new() };
+    let left = run.left.map_or(String::new(), |left| format!(", {} left", minutes(left)));
+    let doing = match (&run.status, &run.doing) {
+        (RunStatus::Paused, _) => "paused".to_owned(),
+        (_, Some((doing, share))) => format!("{doing}, {:.0} %", 100.0 * share),
+        _ => "moving lenslets".to_owned(),
+    };
+    ui.horizontal_wrapped(|ui| {
+        ui.label(format!("{of_starts}step {} of {steps}{left}", run.step));
+        ui.weak(doing);
+    });
+    ui.horizontal_wrapped(|ui| {
+        if run.status == RunStatus::Paused {
+            if ui.button("Resume run").clicked() {
+                state.bench.pause_run(false);
+            }
+        } else if ui.button("Pause run").clicked() {
+            state.bench.pause_run(true);
+        }
+        if ui.button("Stop run").clicked() {
+            state.bench.stop_run();
+        }
+        let mut follow = state.bench.is_following();
+        let hint = "The mask shows the run as it goes; an edit, or a look at an earlier step, ends that";
+        if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
+            state.optimize_form.frame = None;
+            state.bench.follow_run(follow);
+        }
+        ui.checkbox(&mut state.optimize_form.trails, "Trails");
+    });
+}
+
+/// A slider over all masks so far.
+fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let last = run.frames.len() - 1;
+    let mut shown = state.optimize_form.frame.unwrap_or(last).min(last);
+    let frame = &run.frames[shown];
+    ui.horizontal_wrapped(|ui| {
+        ui.strong(format!("\u{2264} {}", rounded(frame.bits_per_pixel)));
+        ui.label(format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step)).on_hover_text(
+            "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can climb \
+             because it is loose; a bracket (Estimates) tells.",
+        );
+    });
+    let patch = run.settings.patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"));
+    ui.weak(format!(
+        "{patch}, {} lenslets ({:.1} effective), Tamura {:.3}",
+        frame.distinct_lenslets, frame.effective_lenslets, frame.tamura
+    ));
+    ui.horizontal(|ui| {
+        ui.spacing_mut().slider_width = (ui.available_width() - 8.0).max(60.0);
+        let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
+        name_widget(&slider, "Rewind");
+        if slider.changed() && shown <= last {
+            state.optimize_form.frame = Some(shown);
+            state.bench.follow_run(false);
+            state.bench.show_mask(&run.frames[shown].array, &run.start);
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        if ui.button("Show newest").clicked() {
+            state.optimize_form.frame = None;
+            state.bench.show_mask(&run.array, &run.start);
+            state.bench.follow_run(run.is_active());
+        }
+        let back = ui.button("Back to start").on_hover_text("The mask that the run started from");
+        if back.clicked()
+            && let Some(array) = run.start.encoder.lenslets()
+        {
+            state.optimize_form.frame = Some(0);
+            state.bench.follow_run(false);
+            state.bench.show_mask(array, &run.start);
+        }
+        let export = ui.small_button("Curve CSV...");
+        name_widget(&export, "Export curve of run");
+        if export.clicked() {
+            let curve = curve_of(&run.frames);
+            state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+        }
+    });
+}
+
+/// Information with its interval, and beside it what becomes of the mask.
+fn plots(ui: &mut Ui, run: &DesignRun) {
+    let points = |value: &dyn Fn(&Frame) -> f64| -> PlotPoints<'static> {
+        run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
+    };
+    let link = ui.scope_id().with("run");
+    Plot::new("Information of the run")
+        .height(140.0)
+        .link_axis(link, [true, false])
+        .include_x(0.0)
+        .allow_scroll(false)
+        .y_axis_label("bits per pixel")
+        .show(ui, |plot| {
+            let low = run.frames.iter().map(|frame| [frame.step as f64, frame.interval_95[0]]);
+            let high = run.frames.iter().rev().map(|frame| [frame.step as f64, frame.interval_95[1]]);
+            let band: Vec<[f64; 2]> = low.chain(high).collect();
+            let band = Polygon::new("95 % interval", band).stroke(egui::Stroke::NONE);
+            plot.polygon(band.fill_color(DENSITY.gamma_multiply(0.35)));
+            plot.line(Line::new("information", points(&|frame| frame.bits_per_pixel)).color(DENSITY).width(2.0));
+            plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(DENSITY).radius(2.0));
+        });
+    for (name, axis, colour, value) in [
+        (
+            "effective lenslets",
+            "lenslets",
+            LENSLETS,
+            &(|frame: &Frame| frame.effective_lenslets) as &dyn Fn(&Frame) -> f64,
+        ),
+        ("sensor Tamura", "sensor Tamura", TAMURA, &|frame: &Frame| frame.tamura),
+    ] {
+        Plot::new(name)
+            .height(90.0)
+            .link_axis(link, [true, false])
+            .include_x(0.0)
+            .allow_scroll(false)
+            .y_axis_label(axis)
+            .show(ui, |plot| plot.line(Line::new(name, points(value)).color(colour).width(2.0)));
+    }
+}
+
+/// What the run had to do besides climbing.
+fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
+    if !run.events.is_empty() {
+        ui.weak(format!("{} steps were refused or taken back; the rates were halved each time.", run.events.len()));
+    }
+    let ceiling = state.live.information.as_ref().and_then(|information| information.value.ceiling_bits());
+    if let (Some(ceiling), Some(last)) = (ceiling, run.frames.last())
+        && last.interval_95[0] > ceiling
+    {
+        let warning = "The run's estimate lies above what the objects hold at all: judge the design by a bracket.";
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+}
+
+/// Results of finished starts, the best first.
+fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    for (place, result) in run.ranked.iter().enumerate() {
+        let estimate = &result.estimate;
+        ui.horizontal_wrapped(|ui| {
+            let lower = estimate.bracket.as_ref().and_then(|bracket| bracket.lower);
+            let bits = match lower {
+                Some(lower) => format!("{} to {}", rounded(lower), rounded(estimate.bits_per_pixel)),
+                None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
+            };
+            let text = format!("{}. {}: {bits}", place + 1, result.name);
+            let open = ui.button(text).on_hover_text(
+                "Puts this design in place. Its numbers, bits per pixel on held-out objects, come from models of their own: \
+                 a bracket, ranked by its lower bound, or the live estimate where no lower bound is known.",
+            );
+            name_widget(&open, &format!("Result {}", place + 1));
+            if open.clicked()
+                && let Some(array) = result.design.encoder.lenslets()
+            {
+                state.bench.follow_run(false);
+                state.bench.show_mask(array, &result.design);
+            }
+        });
+    }
+}
+
+fn minutes(time: Duration) -> String {
+    match time.as_secs() {
+        seconds @ ..90 => format!("{seconds} s"),
+        seconds => format!("{} min", seconds.div_ceil(60)),
+    }
+}

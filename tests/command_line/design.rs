@@ -1,0 +1,98 @@
+//! Runs of IDEAL from the command line: their files, and what becomes of them when the power is cut.
+
+use serde_json::{Value, json};
+
+use super::{Bench, text};
+
+/// A run of a few seconds.
+const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6";
+
+fn read(bench: &Bench, name: &str) -> Value {
+    serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
+}
+
+#[test]
+fn a_run_leaves_design_pictures_curve_and_record() {
+    let bench = Bench::new();
+    let told = bench.json(&format!("{TINY} --steps 6 --out a"));
+    for name in ["psf.npy", "psf.tiff", "psf.png", "psf16.png", "lenslets.csv", "curve.csv", "run.safetensors"] {
+        assert!(bench.path("a").join(name).exists(), "{name}");
+    }
+    let record = read(&bench, "a/run.json");
+    assert_eq!(told["record"], record);
+    assert_eq!((&record["format"], &record["finished"]), (&json!("lenslet-studio/ideal"), &json!(true)));
+    let frames = record["frames"].as_array().unwrap();
+    let steps: Vec<u64> = frames.iter().map(|frame| frame["step"].as_u64().unwrap()).collect();
+    assert_eq!(steps, [0, 5, 6]);
+    assert_eq!(told["end"], frames[2]);
+    let design = read(&bench, "a/design.json");
+    assert_eq!(design["encoder"], record["result"]);
+    assert_ne!(design["encoder"]["lenslets"], record["start"]["encoder"]["lenslets"]);
+    assert_eq!(std::fs::read_to_string(bench.path("a/curve.csv")).unwrap().lines().count(), 4);
+    // The design is one that every other command takes.
+    bench.done("estimate --estimator gaussian --patch 6 --patches-train 100 --patches-test 20 a/design.json");
+
+    // A run that is done is not done again; a longer one goes on from it.
+    let again = bench.json(&format!("{TINY} --steps 6 --out a"));
+    assert_eq!(again["end"], told["end"]);
+    let longer = bench.json(&format!("{TINY} --steps 12 --out a"));
+    assert_eq!(longer["end"]["step"], json!(12));
+    assert_eq!(longer["record"]["frames"][0], frames[0]);
+    let told = bench.done(&format!("{TINY} --steps 12 --out a"));
+    assert!(told.contains("information from") && told.contains("12 steps"), "{told}");
+
+    // Another run has no place in this folder.
+    let sentence = bench.refused(&format!("{TINY} --steps 12 --free positions --out a"));
+    assert!(sentence.contains("not the state of this run"), "{sentence}");
+}
+
+#[test]
+fn a_run_that_was_killed_ends_as_one_that_was_not() {
+    let bench = Bench::new();
+    let line = format!("{TINY} --steps 40");
+    let whole = bench.json(&format!("{line} --out whole"));
+    let state = bench.path("killed/run.safetensors");
+    let mut program = bench.command().args(format!("{line} --out killed").split_whitespace()).spawn().unwrap();
+    while !state.exists() {
+        assert!(program.try_wait().unwrap().is_none(), "the run ended before it was killed");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    program.kill().unwrap();
+    program.wait().unwrap();
+    assert!(!bench.path("killed/design.json").exists(), "the run was killed before its end");
+    let output = bench.run(format!("{line} --out killed --json").split_whitespace());
+    assert!(text(&output.stderr).contains("going on with the run"), "{}", text(&output.stderr));
+    let killed: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(killed["record"]["result"], whole["record"]["result"]);
+    let bits = |told: &Value| -> Vec<Value> {
+        let frames = told["record"]["frames"].as_array().unwrap();
+        frames.iter().map(|frame| frame["bits_per_pixel"].clone()).collect()
+    };
+    assert_eq!(bits(&killed), bits(&whole));
+}
+
+#[test]
+fn what_allows_no_run_is_refused_in_a_sentence() {
+    let bench = Bench::new();
+    bench.write("taken", "a file");
+    bench.write("other/run.safetensors", "no state");
+    for (line, part) in [
+        ("design --out a --start diffuser:16", "no lenslets to move"),
+        ("design --out a --noise none", "noise"),
+        ("design --out a --steps 0", "steps is 0"),
+        ("design --out a --lock 26", "locked is 26"),
+        ("design --out a --lock 0", "--lock"),
+        ("design --out a --free speed", "expected positions"),
+        ("design --out a --preset best", "expected default or paper"),
+        ("design --out a --min-separation 90", "min_separation_px is 90"),
+        ("design --out a --patch 0", "patch"),
+        ("design --out taken", "taken: expected a folder"),
+        ("design --out a --objects idx:none", "none"),
+        ("design --out other --patch 6 --objects beads:0.05", "not the state of this run"),
+        ("design", "--out"),
+    ] {
+        let sentence = bench.refused(line);
+        assert!(sentence.contains(part), "{line}: {sentence}");
+    }
+}

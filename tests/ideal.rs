@@ -1,0 +1,178 @@
+//! Runs of IDEAL: a case whose optimum is known, equal runs, runs that were interrupted, and what is told of them.
+
+use std::ops::ControlFlow;
+
+use lenslet_studio::design::{Free, Ideal, IdealError, IdealSettings, Imaging, Preset, derived_seed, merged};
+use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, score};
+use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
+use lenslet_studio::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
+use lenslet_studio::sensor::{Noise, Patches};
+
+/// Small scenes of beads before a small sensor.
+fn beads(density: f64) -> ObjectSet {
+    let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+    ObjectSet::open(&format!("beads:{density}").parse().unwrap(), &options).unwrap()
+}
+
+fn mask(lenslets: Vec<Lenslet>) -> LensletArray {
+    LensletArray { rows: 12, cols: 12, lenslets }
+}
+
+/// Two lenslets that nobody would choose.
+fn two() -> LensletArray {
+    mask(vec![Lenslet::round(3.0, 4.0, 1.6, 0.7), Lenslet::round(8.0, 7.5, 1.2, 0.3)])
+}
+
+fn settings() -> IdealSettings {
+    IdealSettings {
+        steps: 12,
+        objects: 6,
+        patches: 8,
+        patch: Some((8, 8)),
+        refit_every: 4,
+        first_fit: 60,
+        refit: 20,
+        last_fit: 60,
+        ..IdealSettings::new(Preset::Default, 3)
+    }
+}
+
+fn imaging(set: &ObjectSet) -> Imaging<'_> {
+    Imaging::new(set, (12, 12), 10.0, Noise::Shot).unwrap()
+}
+
+fn run<'a>(imaging: &'a Imaging<'a>, start: &LensletArray, settings: IdealSettings) -> Ideal<'a> {
+    let mut ideal = Ideal::new(imaging, start, Limits::default(), settings).unwrap();
+    while !ideal.is_finished() {
+        ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+    }
+    ideal
+}
+
+#[test]
+fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
+    let set = beads(0.03);
+    let imaging = imaging(&set);
+    let settings = IdealSettings {
+        steps: 60,
+        refit_every: 10,
+        first_fit: 150,
+        rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.06, weight: 1e-3 },
+        ..settings()
+    };
+    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let state = ideal.state();
+    let (first, last) = (state.frames.first().unwrap(), state.frames.last().unwrap());
+    assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
+    assert!(last.interval_95[0] > first.interval_95[1] + 0.05, "{first:?} {last:?}");
+    assert!((last.array.lenslets[0].weight - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn equal_runs_are_equal_and_interrupted_ones_go_on_bit_for_bit() {
+    let set = beads(0.05);
+    let imaging = imaging(&set);
+    let whole = run(&imaging, &two(), settings());
+    let again = run(&imaging, &two(), settings());
+    assert_eq!(whole.state().array, again.state().array);
+
+    let new = || Ideal::new(&imaging, &two(), Limits::default(), settings()).unwrap();
+    let mut first = new();
+    first.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+    let bytes = first.to_bytes().unwrap();
+    // What comes after the state is lost with the process.
+    let mut steps = 0;
+    let stopped = first.advance(&mut |progress| {
+        steps += usize::from(progress.fitting.is_none());
+        if steps == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert!(matches!(stopped, Err(IdealError::Information(InformationError::Cancelled))));
+    assert_eq!(first.state().step, 4 + 2, "a run stops within a step");
+    let mut resumed = new().resumed(&bytes).unwrap();
+    while !resumed.is_finished() {
+        resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+    }
+    assert_eq!(resumed.state().array, whole.state().array);
+    let bits = |ideal: &Ideal<'_>| -> Vec<u64> {
+        ideal.state().frames.iter().map(|frame| frame.bits_per_pixel.to_bits()).collect()
+    };
+    assert_eq!(bits(&resumed), bits(&whole));
+
+    // A run may be made longer, but a state of another one is refused.
+    resumed.extend_to(16);
+    resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!(resumed.state().step, 16);
+    let other = Ideal::new(&imaging, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();
+    assert!(other.resumed(&bytes).err().unwrap().to_string().contains("another mask, scene or setting"));
+    assert!(new().resumed(&bytes[..40]).is_err());
+}
+
+/// The value of a frame, computed again from objects that neither model nor mask was fitted to.
+#[test]
+fn information_is_told_of_held_out_objects_only() {
+    let set = beads(0.05);
+    let imaging = imaging(&set);
+    let ideal = run(&imaging, &two(), IdealSettings { steps: 4, ..settings() });
+    let frame = ideal.state().frames.last().unwrap();
+    let psf = render_psf(&frame.array, 1).unwrap();
+    let convolver = imaging.convolver(psf.view()).unwrap();
+    let value = |split| {
+        let objects = set.objects(split, 192, derived_seed(3, 1)).unwrap();
+        let encoded = convolver.measure(objects.view(), 10.0).unwrap();
+        let clean = Patches::one_each(encoded.dim(), (8, 8), derived_seed(3, 3)).unwrap().cut(encoded.view());
+        let noisy = Noise::Shot.draw(clean.view(), derived_seed(3, 4));
+        let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
+        let (bits, _) = score(ideal.model(), &entropy, &PatchBatch { noisy, clean: Some(clean) }).unwrap();
+        bits.iter().sum::<f64>() / bits.len() as f64
+    };
+    assert_eq!(frame.bits_per_pixel, value(Split::Test));
+    assert_ne!(frame.bits_per_pixel, value(Split::Train));
+}
+
+#[test]
+fn only_what_is_free_moves_and_the_wished_number_is_left() {
+    let set = beads(0.05);
+    let imaging = imaging(&set);
+    let start =
+        mask((0..5).map(|i| Lenslet::round(2.0 + 1.7 * f64::from(i), 9.0 - 1.3 * f64::from(i), 1.0, 0.2)).collect());
+    let free = Free { positions: true, widths: false, weights: false };
+    let settings = IdealSettings { free, locked: vec![1], min_separation_px: 1.5, ..settings() };
+    let ideal = run(&imaging, &start, settings.clone());
+    let array = &ideal.state().array;
+    assert_eq!(array.lenslets[1], start.lenslets[1]);
+    for (after, before) in array.lenslets.iter().zip(&start.lenslets) {
+        assert_eq!((after.spot, after.weight), (before.spot, before.weight));
+    }
+    assert!(array.lenslets.iter().zip(&start.lenslets).filter(|(after, before)| after.x != before.x).count() == 4);
+
+    let ideal = run(&imaging, &start, IdealSettings { lenslets: Some(2), free: Free::default(), ..settings });
+    let left = merged(&ideal.state().array);
+    assert_eq!(left.lenslets.len(), 2, "{left:?}");
+    assert!(ideal.state().array.lenslets[1].weight > 0.0, "a locked lenslet is not taken out");
+}
+
+#[test]
+fn spots_may_become_elliptic() {
+    let set = beads(0.05);
+    let imaging = imaging(&set);
+    let ideal = run(&imaging, &two(), IdealSettings { anisotropic: true, steps: 8, ..settings() });
+    for lenslet in &ideal.state().array.lenslets {
+        let Spot::Anisotropic { .. } = lenslet.spot else { panic!("{lenslet:?}") };
+        let (minor, major) = lenslet.spot.principal_sigmas();
+        assert!(minor >= 0.775 * (1.0 - 1e-9) && major > minor * (1.0 + 1e-6), "{lenslet:?}");
+    }
+}
+
+#[test]
+fn a_mask_or_setting_that_allows_no_run_is_told() {
+    let set = beads(0.05);
+    let imaging = imaging(&set);
+    let told = |start: &LensletArray, settings: IdealSettings| {
+        Ideal::new(&imaging, start, Limits::default(), settings).err().unwrap().to_string()
+    };
+    assert!(told(&mask(Vec::new()), settings()).contains("no lenslet"));
+    assert!(told(&two(), IdealSettings { patches: 0, ..settings() }).contains("patches is 0"));
+    let silent = Imaging::new(&set, (12, 12), 10.0, Noise::None).unwrap();
+    let error = Ideal::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
+    assert!(error.contains("noise"), "{error}");
+}

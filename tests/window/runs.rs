@@ -1,0 +1,102 @@
+//! Runs in the window: started, watched, rewound, stopped, and undone; and undo of everything else.
+
+use super::estimates::wait_for;
+use super::*;
+use lenslet_studio::workbench::RunStatus;
+
+#[test]
+fn a_run_is_started_watched_rewound_and_undone() {
+    let mut window = open(Design::default());
+    click(&mut window, "Optimize");
+    click(&mut window, "Details");
+    click(&mut window, "16 px");
+    let before = lenslets(&window);
+    click(&mut window, "Start run");
+    let frames = |window: &Window| studio(window).bench().run().map_or(0, |run| run.frames.len());
+    wait_for(&mut window, "the third refit", |window| frames(window) >= 3);
+    // The mask in the window is that of the run, and everything that depends on it follows.
+    assert_ne!(lenslets(&window), before);
+    assert!(studio(&window).bench().is_following());
+    let run = studio(&window).bench().run().unwrap();
+    assert!(run.frames[0].bits_per_pixel > 0.1 && run.frames[2].step == 10);
+    assert!(window.query_by_label("Rewind").is_some());
+
+    click(&mut window, "Pause run");
+    wait_for(&mut window, "the pause", |window| {
+        studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Paused)
+    });
+    let paused = studio(&window).bench().run().unwrap().step;
+    std::thread::sleep(std::time::Duration::from_millis(400));
+    window.run_steps(4);
+    assert!(studio(&window).bench().run().unwrap().step <= paused + 1);
+    click(&mut window, "Resume run");
+    wait_for(&mut window, "more steps", |window| studio(window).bench().run().unwrap().step > paused + 1);
+
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| {
+        studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
+    });
+    let stopped = lenslets(&window);
+    assert_ne!(stopped, before);
+    click(&mut window, "Back to start");
+    assert_eq!(lenslets(&window), before);
+    click(&mut window, "Show newest");
+    assert_eq!(lenslets(&window), stopped);
+
+    // All of it is one step.
+    menu(&mut window, &["Edit", "Undo"]);
+    assert_eq!(lenslets(&window), before);
+    assert!(!studio(&window).bench().is_dirty(), "what was saved is there again");
+    menu(&mut window, &["Edit", "Redo"]);
+    assert_eq!(lenslets(&window), stopped);
+
+    // It goes on from where it was left.
+    click(&mut window, "Go on");
+    wait_for(&mut window, "the next steps", |window| studio(window).bench().run().unwrap().step > paused + 5);
+    click(&mut window, "Stop run");
+}
+
+#[test]
+fn an_edit_takes_over_from_the_run() {
+    let mut window = open(Design::default());
+    click(&mut window, "Optimize");
+    click(&mut window, "Details");
+    click(&mut window, "16 px");
+    click(&mut window, "Start run");
+    wait_for(&mut window, "the first steps", |window| studio(window).bench().run().is_some_and(|run| run.step >= 2));
+    click(&mut window, "Add lenslet");
+    assert!(!studio(&window).bench().is_following());
+    let edited = lenslets(&window);
+    assert_eq!(edited.len(), 10);
+    let step = studio(&window).bench().run().unwrap().step;
+    wait_for(&mut window, "the run to go on", |window| studio(window).bench().run().unwrap().step > step + 1);
+    assert_eq!(lenslets(&window), edited);
+    click(&mut window, "Stop run");
+}
+
+#[test]
+fn gestures_are_undone_one_by_one() {
+    let mut window = open(Design::default());
+    let before = lenslets(&window);
+    let from = window.get_by_label("Lenslet 1").rect().center();
+    window.drag_at(from);
+    for step in 1..6 {
+        window.hover_at(from + Vec2::new(8.0 * step as f32, 3.0 * step as f32));
+        window.step();
+    }
+    window.drop_at(from + Vec2::new(40.0, 15.0));
+    settle(&mut window);
+    let dragged = lenslets(&window);
+    assert_ne!(dragged, before);
+    click(&mut window, "Add lenslet");
+    assert_eq!(lenslets(&window).len(), 10);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(4);
+    assert_eq!(lenslets(&window), dragged);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(4);
+    assert_eq!(lenslets(&window), before, "a drag is one step");
+    window.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+    window.run_steps(4);
+    assert_eq!(lenslets(&window), dragged);
+}
