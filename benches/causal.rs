@@ -11,23 +11,10 @@ use lenslet_studio::information::{
 };
 use lenslet_studio::sensor::Noise;
 use ndarray::Array3;
-use training::{products_alone, training_time};
+use training::{Gradients, causal_shapes, products_alone, training_time};
 
 const SIDE: usize = 32;
 const BATCH: usize = 2;
-
-/// (inputs, outputs) of all products of the forward pass for one pixel.
-fn shapes() -> Vec<(usize, usize)> {
-    let mut shapes = vec![(48, 96), (9, 96)];
-    for block in 0..5 {
-        shapes.extend([(240, 96), (48, 48)]);
-        if block % 2 == 1 {
-            shapes.extend([(48, 8), (128, 96)]);
-        }
-    }
-    shapes.extend([(48, 48), (48, 97)]);
-    shapes
-}
 
 /// The same patches again and again: drawing them is no part of the step.
 struct Same(PatchBatch);
@@ -52,13 +39,15 @@ fn training_step(criterion: &mut Criterion) {
     let batch = PatchBatch { noisy, clean: None };
     let moments = Moments::of_patches(batch.noisy.view()).expect("patches that vary");
     let model = CausalModel::new(CausalShape::default(), Noise::Shot, &batch, &moments, None, 1).expect("a model");
-    let (stream, shapes) = (Same(batch), shapes());
+    let (stream, shapes) = (Same(batch), causal_shapes());
     let mut group = criterion.benchmark_group("causal");
     group.sample_size(10).measurement_time(Duration::from_secs(10));
     group.bench_function("step", |bencher| {
         bencher.iter_custom(|steps| time_of_steps(&model, &stream, steps));
     });
-    group.bench_function("products alone", |bencher| bencher.iter(|| products_alone(&shapes, SIDE * SIDE, BATCH)));
+    group.bench_function("products alone", |bencher| {
+        bencher.iter(|| products_alone(&shapes, SIDE * SIDE, BATCH, Gradients::All));
+    });
     group.finish();
 }
 

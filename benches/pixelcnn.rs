@@ -8,7 +8,7 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use lenslet_studio::information::{PixelCnnFit, PixelCnnShape, TrainingPatches};
 use ndarray::Array3;
-use training::{products_alone, training_time};
+use training::{Gradients, products_alone, training_time};
 
 const BATCH: usize = 64;
 /// Pixels that one thread takes through the network at a time.
@@ -44,7 +44,7 @@ fn training_step(criterion: &mut Criterion) {
             bencher.iter_custom(|steps| time_of_steps(&patches, steps));
         });
         group.bench_with_input(BenchmarkId::new("products alone", side), &side, |bencher, _| {
-            bencher.iter(|| products_alone(&shapes, CHUNK, BATCH * side * side / CHUNK));
+            bencher.iter(|| products_alone(&shapes, CHUNK, BATCH * side * side / CHUNK, Gradients::All));
         });
     }
     group.finish();

@@ -117,7 +117,7 @@ fn information_is_told_of_held_out_objects_only() {
     let psf = render_psf(&frame.array, 1).unwrap();
     let convolver = imaging.convolver(psf.view()).unwrap();
     let value = |split| {
-        let objects = set.objects(split, 192, derived_seed(3, 1)).unwrap();
+        let objects = set.objects(split, 128, derived_seed(3, 1)).unwrap();
         let encoded = convolver.measure(objects.view(), 10.0).unwrap();
         let clean = Patches::one_each(encoded.dim(), (8, 8), derived_seed(3, 3)).unwrap().cut(encoded.view());
         let noisy = Noise::Shot.draw(clean.view(), derived_seed(3, 4));

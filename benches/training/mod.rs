@@ -1,4 +1,5 @@
 //! What the benches of training steps share: the steps of a fit, and the products that no step can do without.
+#![allow(dead_code, reason = "each bench takes what it needs")]
 
 use std::hint::black_box;
 use std::ops::ControlFlow;
@@ -8,9 +9,31 @@ use lenslet_studio::information::{FitProgress, OnProgress};
 use lenslet_studio::network::{Write, product, product_of_transposed, product_with_transposed};
 use rayon::prelude::*;
 
-/// Forward, by input and by kernel: the three products of every layer with (inputs, outputs) in `shapes`, for `chunks` times
+/// (inputs, outputs) of all products of the forward pass of the causal density model for one pixel.
+pub fn causal_shapes() -> Vec<(usize, usize)> {
+    let mut shapes = vec![(48, 96), (9, 96)];
+    for block in 0..5 {
+        shapes.extend([(240, 96), (48, 48)]);
+        if block % 2 == 1 {
+            shapes.extend([(48, 8), (128, 96)]);
+        }
+    }
+    shapes.extend([(48, 48), (48, 97)]);
+    shapes
+}
+
+/// Which gradients a pass takes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Gradients {
+    /// By the inputs of every layer and by its weights.
+    All,
+    /// By the inputs of every layer.
+    Inputs,
+}
+
+/// The products of every layer with (inputs, outputs) in `shapes`, forward and for its gradients, for `chunks` times
 /// `pixels` pixels of which each chunk is taken through the network by one thread.
-pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize) {
+pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize, gradients: Gradients) {
     let largest = |size: &dyn Fn(&(usize, usize)) -> usize| shapes.iter().map(size).max().unwrap_or(0);
     let (inputs, outputs) = (largest(&|shape| shape.0), largest(&|shape| shape.1));
     let kernels = largest(&|shape| shape.0 * shape.1);
@@ -23,8 +46,10 @@ pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize) {
             let (input, kernel) = (&input[..pixels * inputs], &kernel[..inputs * outputs]);
             let output = &mut output[..pixels * outputs];
             product(input, kernel, (pixels, inputs, outputs), output, Write::Add);
-            let by_kernel = &mut by_kernel[..inputs * outputs];
-            product_of_transposed(input, output, (inputs, pixels, outputs), by_kernel, Write::Replace);
+            if gradients == Gradients::All {
+                let by_kernel = &mut by_kernel[..inputs * outputs];
+                product_of_transposed(input, output, (inputs, pixels, outputs), by_kernel, Write::Replace);
+            }
             let by_input = &mut by_input[..pixels * inputs];
             product_with_transposed(output, kernel, (pixels, outputs, inputs), by_input, Write::Replace);
         }

@@ -1,7 +1,7 @@
 //! `design`: a mask that climbs the information of its measurements.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Context, bail};
@@ -9,12 +9,14 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::choices::{EncoderChoice, PatchChoice, about_objects, check_folder};
+use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
 use super::design_args::SceneArgs;
+use super::study::run_with_bar;
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealProgress, IdealSettings, Preset, time_left};
 use crate::optics::Encoder;
-use crate::workbench::{Design, IdealRecord, KeptRun, curve_of, export_design, run_ideal};
+use crate::workbench::study::Study;
+use crate::workbench::{Design, IdealRecord, KeptRun, curve_of, export_design, run_ideal, score_settings, verdict};
 
 /// Arguments of `design`.
 #[derive(Args, Debug)]
@@ -34,7 +36,8 @@ pub struct Arguments {
     #[arg(long)]
     seed: Option<u64>,
 
-    /// default: warm refits of the live density model; paper: steps, batches, rates and refits as published.
+    /// default: warm refits of the live density model every few steps; paper: its fits from the beginning with the steps,
+    /// batches, rates and patches as published (which took a PixelCNN).
     #[arg(long, default_value_t)]
     preset: Preset,
 
@@ -70,6 +73,15 @@ pub struct Arguments {
     #[arg(long)]
     anisotropic: bool,
 
+    /// Compare the result with the start and the heuristic layouts when the run is done, in patches of 32 x 32 px and for
+    /// the whole sensor, with this time for each, such as 60s: a study in DIR/score.
+    #[arg(long, value_name = "TIME")]
+    score: Option<BudgetChoice>,
+
+    /// Heuristic layouts to compare with, by their number of lenslets [default: 1 to 9].
+    #[arg(long, value_name = "COUNTS", value_delimiter = ',', requires = "score", value_parser = super::study::layout)]
+    against: Vec<usize>,
+
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -104,6 +116,8 @@ struct Outcome<'a> {
     start: &'a Frame,
     end: &'a Frame,
     record: &'a IdealRecord,
+    /// What the comparison says, sentence by sentence.
+    verdict: Vec<String>,
 }
 
 impl Arguments {
@@ -184,16 +198,38 @@ impl Arguments {
         let (Some(start), Some(end)) = (record.frames.first(), record.frames.last()) else {
             return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
         };
+        let verdict = self.judge(record)?;
         if self.json {
             let files = files.iter().map(|file| file.display().to_string()).collect();
-            return output::print_json(&Outcome { folder: self.out.display().to_string(), files, start, end, record });
+            return output::print_json(&Outcome {
+                folder: self.out.display().to_string(),
+                files,
+                start,
+                end,
+                record,
+                verdict,
+            });
         }
-        output::print(&lines_of(record, start, end, &self.out).join("\n"))
+        let mut lines = lines_of(record, start, end);
+        lines.extend(verdict);
+        lines.push(format!("Written to {}", self.out.display()));
+        output::print(&lines.join("\n"))
+    }
+
+    /// Compares the result with others, where that was asked for.
+    fn judge(&self, record: &IdealRecord) -> anyhow::Result<Vec<String>> {
+        let Some(budget) = self.score else { return Ok(Vec::new()) };
+        let all: Vec<usize> = (1..=9).collect();
+        let against = if self.against.is_empty() { &all } else { &self.against };
+        let settings = score_settings(record, against, budget.0)?;
+        let mut study = Study::open(settings, &self.out.join("score"))?;
+        run_with_bar(&mut study)?;
+        Ok(verdict(study.record()))
     }
 }
 
 /// The run for people, line by line.
-fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame, folder: &Path) -> Vec<String> {
+fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     let bits = |frame: &Frame| {
         let [low, high] = frame.interval_95;
         format!("{:.4} [{low:.4}, {high:.4}]", frame.bits_per_pixel)
@@ -214,7 +250,6 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame, folder: &Path) -> 
     if !record.events.is_empty() {
         lines.push(format!("note: {} steps were refused or taken back; see run.json", record.events.len()));
     }
-    lines.push(format!("Written to {}", folder.display()));
     lines
 }
 

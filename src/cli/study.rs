@@ -245,26 +245,7 @@ impl Common {
         settings.check()?;
         check_folder(&self.out)?;
         let mut study = Study::open(settings, &self.out)?;
-        output::tell(announcement(&study));
-        let bar = ProgressBar::new(study.record().settings.cells() as u64).with_style(
-            // The template is fixed and valid; a default bar is as good.
-            ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
-                .unwrap_or_else(|_| ProgressStyle::default_bar()),
-        );
-        study.run(&mut |event| {
-            match event {
-                StudyEvent::Step(step) => {
-                    bar.set_position(step.number as u64 - 1);
-                    bar.set_message(working(step));
-                }
-                StudyEvent::Done { number, cells, cell } => {
-                    bar.set_position(*number as u64);
-                    bar.suspend(|| output::tell(finished(*number, *cells, cell)));
-                }
-            }
-            ControlFlow::Continue(())
-        })?;
-        bar.finish_and_clear();
+        run_with_bar(&mut study)?;
         self.print(&study)
     }
 
@@ -278,6 +259,31 @@ impl Common {
         }
         failed(study.record(), &self.out)
     }
+}
+
+/// Computes what is missing, with a bar on standard error and a line for every cell.
+pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
+    output::tell(announcement(study));
+    let bar = ProgressBar::new(study.record().settings.cells() as u64).with_style(
+        // The template is fixed and valid; a default bar is as good.
+        ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
+            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    );
+    study.run(&mut |event| {
+        match event {
+            StudyEvent::Step(step) => {
+                bar.set_position(step.number as u64 - 1);
+                bar.set_message(working(step));
+            }
+            StudyEvent::Done { number, cells, cell } => {
+                bar.set_position(*number as u64);
+                bar.suspend(|| output::tell(finished(*number, *cells, cell)));
+            }
+        }
+        ControlFlow::Continue(())
+    })?;
+    bar.finish_and_clear();
+    Ok(())
 }
 
 /// What failed; the sentences are in the record and were told when they came.
@@ -346,7 +352,7 @@ fn layouts(counts: &[usize], usual: Vec<StudyDesign>) -> Vec<StudyDesign> {
 }
 
 /// A heuristic layout by its number of lenslets.
-fn layout(text: &str) -> Result<usize, String> {
+pub(super) fn layout(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if (1..=9).contains(&count) => Ok(count),
         _ => Err(format!("lenslets {text:?}: expected numbers of lenslets from 1 to 9, such as 1,2,4")),

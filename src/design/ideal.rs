@@ -24,7 +24,7 @@ use crate::sparsity::tamura_of_stack;
 /// Patches that levels and units are taken from.
 const SAMPLE: usize = 256;
 /// Held-out objects, one patch of each.
-const HELD_OUT: usize = 192;
+const HELD_OUT: usize = 128;
 /// Held-out measurements that the Tamura coefficient is taken from.
 const TAMURA_IMAGES: usize = 32;
 /// Factor of the learning rate of fits that start from the model before.

@@ -15,7 +15,8 @@ pub enum Preset {
     /// Warm refits of the density model every few steps, patches of 32 x 32 px.
     #[default]
     Default,
-    /// The steps, batches, rates and refits of Kabuli et al. 2026, patches of 16 x 16 px.
+    /// The steps, batches, rates and refits of Kabuli et al. 2026, patches of 16 x 16 px; the density model is the live one
+    /// here, too, where they fit a PixelCNN.
     Paper,
 }
 

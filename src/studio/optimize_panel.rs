@@ -121,7 +121,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                     (Preset::Default, "Small warm refits of the density model, patches of 32 x 32 px"),
                     (
                         Preset::Paper,
-                        "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",
+                        "Steps, batches, rates and refits as published, patches of 16 x 16 px, the live density model; takes hours",
                     ),
                 ] {
                     let chosen = form.settings.preset == preset;
@@ -179,14 +179,18 @@ fn details(ui: &mut Ui, state: &mut State) {
             let apart = DragValue::new(&mut settings.min_separation_px).range(0.0..=8.0).speed(0.05).suffix(" px");
             name_widget(&ui.add(apart), "Least distance");
             let mut limited = settings.lenslets.is_some();
-            if ui.checkbox(&mut limited, "End with").clicked() {
+            if ui.checkbox(&mut limited, "Limit number").clicked() {
                 settings.lenslets = limited.then_some(6);
             }
             if let Some(count) = &mut settings.lenslets {
                 name_widget(&ui.add(DragValue::new(count).range(1..=64).suffix(" lenslets")), "Lenslets in the end");
             }
         });
-        let text = format!("Lock the {selected} selected lenslets");
+        let text = match selected {
+            0 => "Lock selected lenslets (none is)".to_owned(),
+            1 => "Lock the selected lenslet".to_owned(),
+            _ => format!("Lock the {selected} selected lenslets"),
+        };
         ui.add_enabled(selected > 0, Checkbox::new(&mut form.lock_selected, text))
             .on_hover_text("They stay as they are; only where the run starts from this design");
     });

@@ -31,7 +31,9 @@ pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
 pub use export::{Curve, ExportError, export_design};
-pub use ideal::{DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, run_ideal};
+pub use ideal::{
+    DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, run_ideal, score_settings, verdict,
+};
 pub use jobs::{Job, Outcome};
 pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch};

@@ -3,8 +3,10 @@
 mod designer;
 mod record;
 mod run;
+mod score;
 
 pub(super) use designer::Designer;
 pub use designer::{DesignRun, RankedStart, RunStatus, Start};
 pub use record::{IdealRecord, curve_of};
 pub use run::{KeptRun, run_ideal};
+pub use score::{score_settings, verdict};

@@ -1,0 +1,61 @@
+//! The parts of a run of IDEAL from 25 random lenslets before beads: the gradient of one step of the mask against the matrix
+//! products that it cannot do without, and a whole round (fit, value on held-out objects, five steps) against its products.
+
+mod training;
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Imaging, Preset};
+use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
+use lenslet_studio::optics::{Limits, random_layout};
+use lenslet_studio::sensor::Noise;
+use training::{Gradients, causal_shapes, products_alone};
+
+const PIXELS: usize = 32 * 32;
+/// Patches of one step of a fit.
+const BATCH: usize = 2;
+
+fn parts_of_a_run(criterion: &mut Criterion) {
+    let set = ObjectSet::open(&"beads:0.02".parse().expect("beads"), &ObjectOptions::default()).expect("beads");
+    let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
+    let settings = IdealSettings::new(Preset::Default, 1);
+    let start = random_layout(25, 1);
+    let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
+    ideal.advance(&mut |_| ControlFlow::Continue(())).expect("the first round");
+    let draw = GradientDraw { split: Split::Train, objects: settings.objects, patches: settings.patches, seed: 1 };
+    let shapes = causal_shapes();
+    let mut group = criterion.benchmark_group("ideal");
+    group.sample_size(10).measurement_time(Duration::from_secs(12));
+    group.bench_function("gradient of a step", |bencher| {
+        bencher.iter(|| imaging.gradient(&start, &draw, ideal.model()).expect("a gradient"));
+    });
+    group.bench_function("its products alone", |bencher| {
+        bencher.iter(|| products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs));
+    });
+    group.bench_function("a round", |bencher| {
+        bencher.iter_custom(|rounds| {
+            let started = Instant::now();
+            for _ in 0..rounds {
+                ideal.extend_to(ideal.state().step + 2 * settings.refit_every);
+                ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
+            }
+            started.elapsed()
+        });
+    });
+    group.bench_function("the products of a round alone", |bencher| {
+        bencher.iter(|| {
+            for _ in 0..settings.refit {
+                products_alone(&shapes, PIXELS, BATCH, Gradients::All);
+            }
+            for _ in 0..settings.refit_every {
+                products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs);
+            }
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, parts_of_a_run);
+criterion_main!(benches);

@@ -1,0 +1,160 @@
+//! The worth of a run's result beside its start and the heuristic layouts, by one estimator for all.
+
+use std::time::Duration;
+
+use crate::design::Frame;
+use crate::information::Estimator;
+use crate::optics::Encoder;
+use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
+use crate::workbench::{EvaluationError, IdealRecord};
+
+/// Names of the two masks of a run among those they are compared with.
+const RESULT: &str = "design";
+const START: &str = "start";
+/// Side of the published patch, px.
+const PATCH: usize = 32;
+
+/// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
+/// 32 x 32 px and for the whole sensor, with `budget` for each: brackets where the prior of the objects is known, live
+/// estimates otherwise.
+///
+/// # Errors
+/// Where the objects cannot be read.
+pub fn score_settings(
+    record: &IdealRecord,
+    against: &[usize],
+    budget: Duration,
+) -> Result<StudySettings, EvaluationError> {
+    let start = &record.start;
+    let known = crate::workbench::simulation::open_set(start)?.bead_prior().is_some();
+    let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
+    let begun = record.frames.first().map_or_else(|| start.encoder.clone(), mask_of);
+    let designs = [named(RESULT, &record.result), named(START, &begun)];
+    Ok(StudySettings {
+        kind: StudyKind::Grid,
+        objects: vec![StudyObjects::new(start.objects.clone(), None)],
+        designs: designs.into_iter().chain(against.iter().map(|&count| StudyDesign::heuristic(count))).collect(),
+        patches: vec![Some((PATCH, PATCH)), None],
+        estimator: if known { Estimator::Bracket } else { Estimator::Live },
+        budget_seconds: Some(budget.as_secs_f64()),
+        patches_train: 0,
+        patches_test: 600,
+        noise: start.noise,
+        mean_photons: start.mean_photons,
+        bias_photons: start.bias_photons,
+        seed: start.seed,
+    })
+}
+
+fn mask_of(frame: &Frame) -> Encoder {
+    Encoder::Lenslets(frame.array.clone())
+}
+
+/// What a study of [`score_settings`] says of the result, a sentence for each bound and patch.
+pub fn verdict(study: &StudyRecord) -> Vec<String> {
+    let mut sentences = Vec::new();
+    for &patch in &study.settings.patches {
+        let place = patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"));
+        let cells: Vec<&StudyCell> = study.cells.iter().filter(|cell| cell.patch == patch).collect();
+        let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
+        let rivals = || cells.iter().filter(|cell| cell.design != RESULT && cell.design != START);
+        if let Some(bits) = result.model_bits() {
+            let best = rivals().filter_map(|cell| Some((cell.model_bits()?, cell.design.as_str())));
+            if let Some((other, name)) = best.max_by(|one, other| one.0.total_cmp(&other.0)) {
+                sentences.push(format!(
+                    "{place}, density model: {bits:.3} bits per pixel, best heuristic {other:.3} ({name}), {:+.3}",
+                    bits - other
+                ));
+            }
+            if result.ceiling().is_some_and(|ceiling| bits > ceiling) {
+                sentences
+                    .push(format!("{place}: the density model lies above what the objects hold; it proves nothing"));
+            }
+        }
+        if let Some((lower, [low, _])) = lower_of(result) {
+            let best = rivals().filter_map(|cell| Some((lower_of(cell)?, *cell)));
+            let Some(((other, [_, high]), cell)) = best.max_by(|one, other| one.0.0.total_cmp(&other.0.0)) else {
+                continue;
+            };
+            let name = &cell.design;
+            let highest = rivals().filter_map(|cell| cell.bits_per_pixel()).fold(0.0, f64::max);
+            let judged = if low > highest {
+                "proves the gain: no heuristic mask can tell as much"
+            } else if low > high {
+                "confirms the gain"
+            } else {
+                "does not confirm a gain"
+            };
+            sentences.push(format!(
+                "{place}, lower bound: {lower:.3}, best heuristic {other:.3} ({name}), {:+.3}; it {judged}",
+                lower - other
+            ));
+        }
+    }
+    sentences
+}
+
+fn lower_of(cell: &StudyCell) -> Option<(f64, [f64; 2])> {
+    let bracket = cell.estimate.as_ref()?.bracket.as_ref()?;
+    Some((bracket.lower?, bracket.lower_interval_95?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::{Ideal, IdealSettings, Imaging, Preset};
+    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::optics::heuristic_layout;
+    use crate::sensor::Noise;
+    use crate::workbench::Design;
+    use crate::workbench::study::{Study, StudyEvent};
+    use std::ops::ControlFlow;
+
+    #[test]
+    fn a_result_is_judged_by_density_and_by_lower_bound() {
+        let design = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..Design::default() };
+        let set = ObjectSet::open(&design.objects, &ObjectOptions::default()).unwrap();
+        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let settings = IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, 1) };
+        let ideal = Ideal::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
+        let mut settings =
+            score_settings(&IdealRecord::new(&design, &ideal), &[1, 3], Duration::from_millis(300)).unwrap();
+        assert_eq!((settings.estimator, settings.cells()), (Estimator::Bracket, 8));
+        settings.patches = vec![Some((6, 6))];
+        settings.patches_test = 20;
+        let folder = tempfile::tempdir().unwrap();
+        let mut study = Study::open(settings, folder.path()).unwrap();
+        let mut done = 0;
+        study
+            .run(&mut |event| {
+                done += usize::from(matches!(event, StudyEvent::Done { .. }));
+                ControlFlow::Continue(())
+            })
+            .unwrap();
+        assert_eq!(done, 4);
+        let mut record = study.record().clone();
+        let told = verdict(&record).join("\n");
+        assert!(
+            told.contains("6 x 6 px patches, density model") && told.contains("6 x 6 px patches, lower bound"),
+            "{told}"
+        );
+        // Whatever was computed: bounds that are far apart are told apart.
+        let mut set = |name: &str, bits: f64| {
+            let cell = record.cells.iter_mut().find(|cell| cell.design == name).unwrap();
+            let bracket = cell.estimate.as_mut().unwrap().bracket.as_mut().unwrap();
+            (bracket.lower, bracket.lower_interval_95) = (Some(bits), Some([bits - 0.01, bits + 0.01]));
+        };
+        set("heuristic:1", 0.1);
+        set("heuristic:3", 0.2);
+        set("design", 0.205);
+        let judged = |record: &StudyRecord| verdict(record).last().unwrap().clone();
+        assert!(judged(&record).ends_with("does not confirm a gain"), "{}", judged(&record));
+        let mut set = |name: &str, bits: f64| {
+            let cell = record.cells.iter_mut().find(|cell| cell.design == name).unwrap();
+            let bracket = cell.estimate.as_mut().unwrap().bracket.as_mut().unwrap();
+            (bracket.lower, bracket.lower_interval_95) = (Some(bits), Some([bits - 0.01, bits + 0.01]));
+        };
+        set("design", 50.0);
+        assert!(judged(&record).contains("proves the gain") && judged(&record).contains("(heuristic:3)"));
+    }
+}
