@@ -81,10 +81,8 @@ fn equal_runs_are_equal_and_interrupted_ones_go_on_bit_for_bit() {
     first.advance(&mut |_| ControlFlow::Continue(())).unwrap();
     let bytes = first.to_bytes().unwrap();
     // What comes after the state is lost with the process.
-    let mut steps = 0;
     let stopped = first.advance(&mut |progress| {
-        steps += usize::from(progress.fitting.is_none());
-        if steps == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if progress.state.step == 4 + 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     assert!(matches!(stopped, Err(IdealError::Information(InformationError::Cancelled))));
     assert_eq!(first.state().step, 4 + 2, "a run stops within a step");

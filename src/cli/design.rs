@@ -248,7 +248,10 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             .into(),
     ];
     if !record.events.is_empty() {
-        lines.push(format!("note: {} steps were refused or taken back; see run.json", record.events.len()));
+        lines.push(format!(
+            "note: {} times a step was refused or the model had lost track; see run.json",
+            record.events.len()
+        ));
     }
     lines
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
-use super::imaging::{Imaging, KnownMoments, derived_seed};
+use super::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use super::merge::{closest, joined, merged};
 use super::movement::{Momentum, project};
 use super::settings::IdealSettings;
@@ -31,13 +31,12 @@ const TAMURA_IMAGES: usize = 32;
 const WARM_RATE: f64 = 0.5;
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
-/// Information that a mask may lose against the best one before the run goes back to that, bits per pixel, on top of both
-/// intervals.
-const LOSS: f64 = 0.05;
+/// Information that a mask can gain in one round, bits per pixel; a model that gives it more has lost track of it.
+const MOST_GAIN: f64 = 0.05;
 /// Share of the steps after which no more than the wished number of lenslets is left.
 const PRUNED_BY: f64 = 0.6;
 
-/// The mask at a refit of the density model, and what it was worth on held-out objects.
+/// The mask at the beginning of a round, and what it was worth on held-out objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Steps of the mask so far.
@@ -67,12 +66,10 @@ pub enum IdealEvent {
         /// Steps of the mask so far.
         step: usize,
     },
-    /// Information was lost: the mask went back to an earlier one, the rates were halved.
-    WentBack {
+    /// The density model had lost track of the mask, and was fitted for longer.
+    Refitted {
         /// Steps of the mask so far.
         step: usize,
-        /// The step that it went back to.
-        to: usize,
     },
 }
 
@@ -83,7 +80,7 @@ pub struct IdealState {
     pub step: usize,
     /// The mask now.
     pub array: LensletArray,
-    /// The masks at all refits so far.
+    /// The masks at the beginnings of all rounds so far.
     pub frames: Vec<Frame>,
     /// What else happened.
     pub events: Vec<IdealEvent>,
@@ -95,6 +92,13 @@ pub struct IdealState {
     /// Factor of the rates.
     caution: f64,
     seconds: f64,
+}
+
+impl IdealState {
+    /// Seconds of computing up to this state.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
 }
 
 /// What a run is doing.
@@ -179,13 +183,21 @@ impl<'a> Ideal<'a> {
         if key != self.key() {
             return Err(other("it was started from another mask, scene or setting".into()));
         }
-        let text = CausalModel::detail_of_state(bytes, "run")?;
-        let state: IdealState = serde_json::from_str(&text).map_err(|error| other(error.to_string()))?;
+        let state = Self::state_in(bytes)?;
         if !state.frames.is_empty() {
             self.model = self.first.clone().with_state(bytes)?;
         }
         self.state = state;
         Ok(self)
+    }
+
+    /// Where the run had come to whose state these bytes are.
+    ///
+    /// # Errors
+    /// For bytes that are no state of a run.
+    pub fn state_in(bytes: &[u8]) -> Result<IdealState, IdealError> {
+        let text = CausalModel::detail_of_state(bytes, "run")?;
+        serde_json::from_str(&text).map_err(|error| IdealError::OtherRun { reason: error.to_string() })
     }
 
     /// Everything that decides how this run goes on, as the bytes of a safetensors file.
@@ -242,8 +254,8 @@ impl<'a> Ideal<'a> {
         }
     }
 
-    /// Fits the density model to the mask as it is, values the mask on held-out objects, and takes the steps up to the
-    /// next fit. States for [`Ideal::to_bytes`] lie between two calls.
+    /// One round: makes the density model ready for the mask as it is, values the mask on held-out objects, and takes the steps
+    /// up to the next round. States for [`Ideal::to_bytes`] lie between two rounds.
     ///
     /// # Errors
     /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
@@ -253,13 +265,22 @@ impl<'a> Ideal<'a> {
         let before = self.state.seconds;
         let seconds = || before + started.elapsed().as_secs_f64();
         self.prune();
-        self.refit(&seconds, watch)?;
-        let frame = self.frame(seconds())?;
-        self.state.frames.push(frame);
-        self.go_back_from_loss();
-        if self.state.step >= self.settings.steps {
-            self.state.finished = true;
+        let stream = self.follow()?;
+        let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
+        let steps = match (is_last, is_first || !self.settings.warm) {
+            (true, _) => self.settings.last_fit,
+            (false, true) => self.settings.first_fit,
+            (false, false) => self.settings.refit,
+        };
+        self.fit(&stream, (steps, 0), &seconds, watch)?;
+        let mut frame = self.frame(seconds())?;
+        if self.has_lost_track(&frame) {
+            self.state.events.push(IdealEvent::Refitted { step: self.state.step });
+            self.fit(&stream, (self.settings.first_fit, 1), &seconds, watch)?;
+            frame = self.frame(seconds())?;
         }
+        self.state.frames.push(frame);
+        self.state.finished = is_last;
         for _ in 0..self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step)) {
             self.climb()?;
             self.state.seconds = seconds();
@@ -272,34 +293,44 @@ impl<'a> Ideal<'a> {
         Ok(())
     }
 
-    /// Fits the density model to measurements through the mask as it is.
-    fn refit(&mut self, seconds: &dyn Fn() -> f64, watch: OnIdeal<'_>) -> Result<(), IdealError> {
-        let round = self.state.frames.len() as u64;
+    /// Gives the density model what belongs to the mask as it is; returns measurements through it.
+    fn follow(&mut self) -> Result<MeasurementStream<'a>, IdealError> {
         let psf = render_psf(&self.state.array, self.imaging.set.planes())?;
         let convolver = self.imaging.convolver(psf.view())?;
         let stream = self.imaging.stream(convolver, Split::Train, self.patch);
-        let is_warm = self.settings.warm && round > 0;
         let sample = stream.draw(SAMPLE, derived_seed(self.settings.seed, 2))?;
         let moments = self.moments.of(psf.slice(s![..self.imaging.set.planes(), .., ..]))?;
-        let from = if is_warm { &self.model } else { &self.first };
-        let mut model = from.following(&sample, &moments)?;
-        let is_last = self.state.step >= self.settings.steps;
-        let steps = match (is_last, is_warm) {
-            (true, _) => self.settings.last_fit,
-            (false, true) => self.settings.refit,
-            (false, false) => self.settings.first_fit,
-        };
-        let mut fit = CausalFit::new(FitLength::Steps(steps), derived_seed(self.settings.seed, FIT_SEEDS | round));
-        if is_warm {
+        let from = if self.settings.warm { &self.model } else { &self.first };
+        self.model = from.following(&sample, &moments)?;
+        Ok(stream)
+    }
+
+    /// Fits the density model to the mask as it is: so many steps of fresh patches, the same for each part of a round.
+    fn fit(
+        &mut self,
+        stream: &MeasurementStream<'_>,
+        (steps, part): (usize, u64),
+        seconds: &dyn Fn() -> f64,
+        watch: OnIdeal<'_>,
+    ) -> Result<(), IdealError> {
+        let round = self.state.frames.len() as u64;
+        let seed = derived_seed(self.settings.seed, FIT_SEEDS | part << 31 | round);
+        let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
+        if part > 0 || (self.settings.warm && round > 0) {
             fit.rate *= WARM_RATE;
         }
         let state = &self.state;
-        fit.fit(&mut model, &stream, &mut |progress| {
+        fit.fit(&mut self.model, stream, &mut |progress| {
             let share = progress.step as f64 / steps as f64;
             watch(&IdealProgress { state, fitting: Some(share), seconds: seconds() })
         })?;
-        self.model = model;
         Ok(())
+    }
+
+    /// Whether a value says more of the model than of the mask: no mask gains so much in one round.
+    fn has_lost_track(&self, frame: &Frame) -> bool {
+        let last = self.state.frames.last();
+        last.is_some_and(|last| frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN)
     }
 
     /// One step of the mask on fresh training objects.
@@ -351,21 +382,6 @@ impl<'a> Ideal<'a> {
             effective_lenslets: distinct.effective_count(),
             seconds,
         })
-    }
-
-    /// Returns to the best mask, at half the rates, where the newest has lost more than chance can explain.
-    fn go_back_from_loss(&mut self) {
-        let state = &mut self.state;
-        let best = state.frames.iter().max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel));
-        let (Some(best), Some(now)) = (best, state.frames.last()) else { return };
-        let lost = best.interval_95[0] - now.interval_95[1];
-        // A mask that has lost lenslets on purpose is not compared with one that had them.
-        if lost > LOSS && state.pruned.is_empty() {
-            state.events.push(IdealEvent::WentBack { step: state.step, to: best.step });
-            state.array = best.array.clone();
-            state.momentum = Momentum::default();
-            state.caution *= 0.5;
-        }
     }
 
     /// Takes out lenslets until no more are left than are wished for by now: the closer of two where they all but
@@ -446,31 +462,27 @@ mod tests {
     use crate::sensor::Noise;
 
     #[test]
-    fn a_run_that_loses_goes_back_and_slows_down() {
+    fn a_model_that_lost_track_is_fitted_again() {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
-        let settings = IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, 1) };
-        let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
-        let frame = |step: usize, x: f64, bits_per_pixel: f64| Frame {
-            step,
-            array: LensletArray { lenslets: vec![Lenslet::round(x, 5.0, 1.0, 1.0)], ..start.clone() },
-            bits_per_pixel,
-            interval_95: [bits_per_pixel - 0.01, bits_per_pixel + 0.01],
-            tamura: 0.8,
-            distinct_lenslets: 1,
-            effective_lenslets: 1.0,
-            seconds: 0.0,
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            first_fit: 40,
+            refit: 10,
+            refit_every: 1,
+            steps: 2,
+            ..IdealSettings::new(Preset::Default, 1)
         };
-        ideal.state.frames = vec![frame(0, 5.0, 0.5), frame(5, 6.0, 0.6), frame(10, 7.0, 0.54)];
-        ideal.state.array = ideal.state.frames[2].array.clone();
-        ideal.go_back_from_loss();
-        assert_eq!((ideal.state.events.len(), ideal.state.caution), (0, 1.0), "chance and looseness explain this");
-        ideal.state.frames.push(frame(15, 8.0, 0.5));
-        ideal.state.step = 15;
-        ideal.go_back_from_loss();
-        assert_eq!(ideal.state.events, [IdealEvent::WentBack { step: 15, to: 5 }]);
-        assert_eq!((ideal.state.array.lenslets[0].x, ideal.state.caution), (6.0, 0.5));
+        let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
+        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        advance(&mut ideal);
+        assert_eq!(ideal.state.events, []);
+        // As if the model had been far better a round ago than it can be.
+        ideal.state.frames[0].bits_per_pixel = -1.0;
+        advance(&mut ideal);
+        assert_eq!(ideal.state.events, [IdealEvent::Refitted { step: 1 }]);
+        assert!(ideal.state.frames[1].bits_per_pixel.is_finite() && ideal.state.step == 2);
     }
 }

@@ -82,15 +82,15 @@ pub struct IdealSettings {
     pub patches: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.
     pub patch: Option<(usize, usize)>,
-    /// Steps of the mask between two fits of the density model.
+    /// Steps of the mask in a round, which begins with a fit of the density model.
     pub refit_every: usize,
-    /// Steps of the first fit, and of all where they are not warm.
+    /// Steps of the fit of the first round, and of every round where they are not warm.
     pub first_fit: usize,
-    /// Steps of the fits in between.
+    /// Steps of the fits of the other rounds.
     pub refit: usize,
     /// Steps of the fit to the mask in the end.
     pub last_fit: usize,
-    /// Whether a fit starts from the model before it.
+    /// Whether the model of a round starts from the one before it.
     pub warm: bool,
     /// Learning rates.
     pub rates: Rates,
@@ -140,7 +140,7 @@ impl IdealSettings {
         match preset {
             Preset::Paper => paper,
             Preset::Default => Self {
-                steps: 800,
+                steps: 600,
                 objects: 12,
                 patches: 24,
                 patch: Some((32, 32)),

@@ -76,6 +76,15 @@ impl Studio {
         self.state.messages.push(Severity::Notice, notice);
     }
 
+    /// Keeps the states of runs in a folder, and tells of one that was interrupted there.
+    pub fn keep_runs_in(&mut self, folder: &Path) {
+        match self.state.bench.keep_runs_in(folder) {
+            Ok(false) => {}
+            Ok(true) => self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into()),
+            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+    }
+
     /// Switches the live estimate on or off.
     pub fn set_live(&self, live: bool) {
         self.state.bench.set_live(live);
@@ -273,6 +282,11 @@ impl Studio {
 impl eframe::App for Studio {
     fn logic(&mut self, ctx: &egui::Context, _frame: &mut eframe::Frame) {
         Self::logic(self, ctx);
+    }
+
+    fn persist_egui_memory(&self) -> bool {
+        // What is remembered between sessions is remembered by name.
+        false
     }
 
     fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {

@@ -11,7 +11,7 @@ use super::image_view::name_widget;
 use super::information_panel::{DENSITY, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
-use crate::design::{Frame, Free, IdealSettings, Preset};
+use crate::design::{Frame, Free, IdealEvent, IdealSettings, Preset};
 use crate::optics::{Encoder, random_layout};
 use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of};
 
@@ -352,7 +352,12 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
 /// What the run had to do besides climbing.
 fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
     if !run.events.is_empty() {
-        ui.weak(format!("{} steps were refused or taken back; the rates were halved each time.", run.events.len()));
+        let refitted = run.events.iter().filter(|event| matches!(event, IdealEvent::Refitted { .. })).count();
+        let refused = run.events.len() - refitted;
+        ui.weak(format!(
+            "{refused} steps without finite numbers were refused; the density model lost track of the mask and was fitted for \
+             longer {refitted} times."
+        ));
     }
     let ceiling = state.live.information.as_ref().and_then(|information| information.value.ceiling_bits());
     if let (Some(ceiling), Some(last)) = (ceiling, run.frames.last())

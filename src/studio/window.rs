@@ -104,6 +104,9 @@ fn run(
             if let Some(notice) = notice {
                 studio.tell(notice);
             }
+            if let Some(folder) = eframe::storage_dir("lenslet-studio") {
+                studio.keep_runs_in(&folder.join("run"));
+            }
             Ok(Box::new(studio))
         }),
     )

@@ -8,8 +8,9 @@ use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimation::EstimateRequest;
 use super::estimator::{EstimateOrder, Estimates};
+use super::evaluation::EvaluationError;
 use super::history::{Gesture, History, Version};
-use super::ideal::{DesignRun, Designer, Start};
+use super::ideal::{DesignRun, Designer, KeptRun, Start};
 use super::jobs::{Job, Outcome};
 use super::worker::{Live, Wake, Worker};
 use crate::design::IdealSettings;
@@ -216,6 +217,15 @@ impl Workbench {
     /// The run that goes on or went on last.
     pub fn run(&self) -> Option<DesignRun> {
         self.designer.run()
+    }
+
+    /// Keeps the states of runs in a folder, so that they survive the program. Tells whether a run was interrupted there:
+    /// it can go on.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    pub fn keep_runs_in(&self, folder: &Path) -> Result<bool, EvaluationError> {
+        Ok(self.designer.keep_in(KeptRun::in_folder(folder)?))
     }
 
     /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored for so long.

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::run::{run_ideal, start_of};
+use super::run::{KeptRun, KeptStart, run_ideal, start_of};
 use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
 use crate::optics::LensletArray;
@@ -82,6 +82,25 @@ impl RankedStart {
 }
 
 impl DesignRun {
+    /// A run that begins.
+    fn new(start: &Arc<Design>, settings: IdealSettings, starts: usize) -> Self {
+        let none = || LensletArray { rows: 0, cols: 0, lenslets: Vec::new() };
+        Self {
+            start: Arc::clone(start),
+            array: Arc::new(start.encoder.lenslets().cloned().unwrap_or_else(none)),
+            settings,
+            status: RunStatus::Running,
+            step: 0,
+            frames: Arc::default(),
+            events: Vec::new(),
+            doing: Some(("opening objects".into(), 0.0)),
+            seconds: 0.0,
+            left: None,
+            start_number: (1, starts),
+            ranked: Vec::new(),
+        }
+    }
+
     /// Whether it computes, or waits to.
     pub fn is_active(&self) -> bool {
         matches!(self.status, RunStatus::Running | RunStatus::Paused)
@@ -109,6 +128,8 @@ struct Shared {
     paused: Mutex<bool>,
     resumed: Condvar,
     stopped: AtomicBool,
+    /// Where states survive the program.
+    folder: Mutex<Option<KeptRun>>,
     wake: Wake,
 }
 
@@ -121,9 +142,27 @@ impl Designer {
                 paused: Mutex::default(),
                 resumed: Condvar::new(),
                 stopped: AtomicBool::new(false),
+                folder: Mutex::default(),
                 wake,
             }),
         }
+    }
+
+    /// Keeps the states of runs in a folder. One that was interrupted there can go on; tells whether there is one.
+    pub fn keep_in(&self, folder: KeptRun) -> bool {
+        let found = folder.unfinished();
+        let is_there = found.is_some();
+        if let Some((KeptStart { start, settings }, bytes, state)) = found {
+            let mut run = DesignRun::new(&Arc::new(start), settings, 1);
+            run.status = RunStatus::Stopped;
+            run.doing = None;
+            (run.array, run.step, run.seconds) = (Arc::new(state.array.clone()), state.step, state.seconds());
+            (run.frames, run.events) = (Arc::new(state.frames), state.events);
+            *lock(&self.shared.kept) = Some(bytes);
+            *lock(&self.shared.run) = Some(run);
+        }
+        *lock(&self.shared.folder) = Some(folder);
+        is_there
     }
 
     /// Whether a run computes.
@@ -144,20 +183,7 @@ impl Designer {
         let Some(first) = starts.first() else { return Err("there is no mask to start from".into()) };
         let array = start_of(&first.design).map_err(|error| error.to_string())?;
         settings.check(array).map_err(|error| error.to_string())?;
-        let run = DesignRun {
-            start: Arc::clone(&first.design),
-            array: Arc::new(array.clone()),
-            settings,
-            status: RunStatus::Running,
-            step: 0,
-            frames: Arc::default(),
-            events: Vec::new(),
-            doing: Some(("opening objects".into(), 0.0)),
-            seconds: 0.0,
-            left: None,
-            start_number: (1, starts.len()),
-            ranked: Vec::new(),
-        };
+        let run = DesignRun::new(&first.design, settings, starts.len());
         *lock(&self.shared.kept) = None;
         self.spawn(run, starts, score)
     }
@@ -282,20 +308,34 @@ impl Shared {
 
     fn run_one(&self, start: &Start, settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
         let from = lock(&self.kept).clone();
-        let mut told = Instant::now();
+        let (mut told, mut shown) = (Instant::now(), usize::MAX);
         let mut watch = |progress: &IdealProgress<'_>| {
-            if progress.fitting.is_none() || told.elapsed() >= TELL_EVERY {
+            let moved = progress.state.step != shown;
+            if moved || told.elapsed() >= TELL_EVERY {
+                shown = progress.state.step;
                 told = Instant::now();
                 self.publish(progress, settings);
             }
             self.go_on()
         };
+        let folder = lock(&self.folder).clone();
+        if let Some(folder) = folder.as_ref().filter(|_| from.is_none()) {
+            let (start, settings) = (Design::clone(&start.design), settings.clone());
+            // A run is worth more than its copy: it goes on where nothing can be written.
+            let _ = folder.begin(&KeptStart { start, settings });
+        }
         let mut keep = |ideal: &Ideal<'_>| {
             *lock(&self.kept) = Some(ideal.to_bytes()?);
+            if let Some(folder) = &folder {
+                let _ = folder.store(ideal);
+            }
             Ok(())
         };
         let record = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
         let design = Arc::new(record.design());
+        if let Some(folder) = &folder {
+            folder.end();
+        }
         self.change(|run| {
             run.frames = Arc::new(record.frames);
             run.left = None;

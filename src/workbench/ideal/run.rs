@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
+
 use super::record::IdealRecord;
-use crate::design::{Ideal, IdealSettings, OnIdeal};
-use crate::formats::{create_folder, write_safely};
+use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
+use crate::formats::{create_folder, read_json, write_json, write_safely};
 use crate::optics::LensletArray;
 use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::{Design, EvaluationError};
@@ -43,20 +45,37 @@ pub(super) fn start_of(design: &Design) -> Result<&LensletArray, EvaluationError
     design.encoder.lenslets().ok_or_else(|| EvaluationError::NoLenslets { mask: design.encoder.describe() })
 }
 
-/// A file that holds the last state of a run.
+/// A folder that holds the last state of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptRun {
-    path: PathBuf,
+    folder: PathBuf,
+}
+
+/// What a run was started from: beside its state this is all that is needed to go on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct KeptStart {
+    /// The design.
+    pub start: Design,
+    /// What is done.
+    pub settings: IdealSettings,
 }
 
 impl KeptRun {
-    /// The file of a run in `folder`, which is made if need be.
+    /// The run in `folder`, which is made if need be.
     ///
     /// # Errors
     /// Where the folder cannot be made.
     pub fn in_folder(folder: &Path) -> Result<Self, EvaluationError> {
         create_folder(folder)?;
-        Ok(Self { path: folder.join("run.safetensors") })
+        Ok(Self { folder: folder.to_path_buf() })
+    }
+
+    fn state(&self) -> PathBuf {
+        self.folder.join("run.safetensors")
+    }
+
+    fn start(&self) -> PathBuf {
+        self.folder.join("start.json")
     }
 
     /// The state that was kept last, if any.
@@ -64,10 +83,10 @@ impl KeptRun {
     /// # Errors
     /// Where the file cannot be read.
     pub fn load(&self) -> Result<Option<Vec<u8>>, EvaluationError> {
-        match std::fs::read(&self.path) {
+        match std::fs::read(self.state()) {
             Ok(bytes) => Ok(Some(bytes)),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(crate::formats::FormatError::from_read(&self.path, error).into()),
+            Err(error) => Err(crate::formats::FormatError::from_read(&self.state(), error).into()),
         }
     }
 
@@ -77,6 +96,30 @@ impl KeptRun {
     /// Where the file cannot be written; the last state is then still there.
     pub fn store(&self, ideal: &Ideal<'_>) -> Result<(), EvaluationError> {
         let bytes = ideal.to_bytes()?;
-        Ok(write_safely(&self.path, |out| out.write_all(&bytes))?)
+        Ok(write_safely(&self.state(), |out| out.write_all(&bytes))?)
+    }
+
+    /// Begins a run: what the folder held of another one goes.
+    ///
+    /// # Errors
+    /// Where the files cannot be written.
+    pub fn begin(&self, start: &KeptStart) -> Result<(), EvaluationError> {
+        self.end();
+        Ok(write_json(&self.start(), start)?)
+    }
+
+    /// Forgets the run.
+    pub fn end(&self) {
+        // A file that stays behind is replaced by the next run.
+        let _ = std::fs::remove_file(self.state());
+        let _ = std::fs::remove_file(self.start());
+    }
+
+    /// The run that was begun here and has not come to its end; none where its files are missing or broken.
+    pub fn unfinished(&self) -> Option<(KeptStart, Vec<u8>, IdealState)> {
+        let start: KeptStart = read_json(&self.start()).ok()?;
+        let bytes = self.load().ok()??;
+        let state = Ideal::state_in(&bytes).ok()?;
+        (start.start.check().is_ok() && !state.finished).then_some((start, bytes, state))
     }
 }
