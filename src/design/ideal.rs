@@ -32,7 +32,14 @@ const WARM_RATE: f64 = 0.5;
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
 /// Information that a mask can gain in one round, bits per pixel; a model that gives it more has lost track of it.
-const MOST_GAIN: f64 = 0.05;
+const MOST_GAIN: f64 = 0.01;
+/// Factor by which its interval can widen in one round.
+const MOST_WIDENING: f64 = 1.3;
+/// Longer fits in one round before it is taken as it is.
+const MOST_REFITS: u64 = 2;
+/// Factor by which the rates, halved by every such fit, recover in a round, and their least factor after such fits.
+const RECOVERY: f64 = 1.1;
+const SLOWEST: f64 = 1.0 / 16.0;
 /// Share of the steps after which no more than the wished number of lenslets is left.
 const PRUNED_BY: f64 = 0.6;
 
@@ -66,7 +73,7 @@ pub enum IdealEvent {
         /// Steps of the mask so far.
         step: usize,
     },
-    /// The density model had lost track of the mask, and was fitted for longer.
+    /// The density model had lost track of the mask and was fitted for longer; the rates were halved until it follows.
     Refitted {
         /// Steps of the mask so far.
         step: usize,
@@ -274,9 +281,15 @@ impl<'a> Ideal<'a> {
         };
         self.fit(&stream, (steps, 0), &seconds, watch)?;
         let mut frame = self.frame(seconds())?;
-        if self.has_lost_track(&frame) {
+        // The mask moves as fast as the model can follow.
+        self.state.caution = (self.state.caution * RECOVERY).min(1.0);
+        for part in 1..=MOST_REFITS {
+            if !self.has_lost_track(&frame) {
+                break;
+            }
             self.state.events.push(IdealEvent::Refitted { step: self.state.step });
-            self.fit(&stream, (self.settings.first_fit, 1), &seconds, watch)?;
+            self.state.caution = (0.5 * self.state.caution).max(SLOWEST);
+            self.fit(&stream, (self.settings.first_fit, part), &seconds, watch)?;
             frame = self.frame(seconds())?;
         }
         self.state.frames.push(frame);
@@ -314,7 +327,7 @@ impl<'a> Ideal<'a> {
         watch: OnIdeal<'_>,
     ) -> Result<(), IdealError> {
         let round = self.state.frames.len() as u64;
-        let seed = derived_seed(self.settings.seed, FIT_SEEDS | part << 31 | round);
+        let seed = derived_seed(self.settings.seed, FIT_SEEDS | part << 28 | round);
         let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
         if part > 0 || (self.settings.warm && round > 0) {
             fit.rate *= WARM_RATE;
@@ -327,10 +340,13 @@ impl<'a> Ideal<'a> {
         Ok(())
     }
 
-    /// Whether a value says more of the model than of the mask: no mask gains so much in one round.
+    /// Whether a value says more of the model than of the mask: no mask gains so much in one round, or becomes so much more
+    /// uneven from patch to patch. A mask that went on climbing would climb what the model does not know.
     fn has_lost_track(&self, frame: &Frame) -> bool {
-        let last = self.state.frames.last();
-        last.is_some_and(|last| frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN)
+        let width = |frame: &Frame| frame.interval_95[1] - frame.interval_95[0];
+        self.state.frames.last().is_some_and(|last| {
+            frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN || width(frame) > MOST_WIDENING * width(last)
+        })
     }
 
     /// One step of the mask on fresh training objects.
@@ -482,7 +498,7 @@ mod tests {
         // As if the model had been far better a round ago than it can be.
         ideal.state.frames[0].bits_per_pixel = -1.0;
         advance(&mut ideal);
-        assert_eq!(ideal.state.events, [IdealEvent::Refitted { step: 1 }]);
+        assert_eq!(ideal.state.events, vec![IdealEvent::Refitted { step: 1 }; MOST_REFITS as usize]);
         assert!(ideal.state.frames[1].bits_per_pixel.is_finite() && ideal.state.step == 2);
     }
 }

@@ -145,7 +145,7 @@ impl IdealSettings {
                 patches: 24,
                 patch: Some((32, 32)),
                 refit_every: 5,
-                first_fit: 400,
+                first_fit: 1500,
                 // The mask must not outrun the model: with a fifth of these steps it climbs into designs that the model
                 // merely does not know yet.
                 refit: 150,

@@ -53,6 +53,8 @@ pub(super) struct Conditioning {
     pub noise: Noise,
     pub patch: (usize, usize),
     pub levels: Levels,
+    /// The darkest and the brightest level that measurements so far have used.
+    pub used: (usize, usize),
     scale: Scale,
     /// Mean and inverse deviation on the square-root scale, and of photons.
     roots: (f32, f32),
@@ -125,9 +127,11 @@ impl Conditioning {
             let square = sample.noisy.iter().map(|&y| (value(y) - mean).powi(2)).sum::<f64>() / count;
             (mean as f32, (1.0 / square.sqrt().max(1e-6)) as f32)
         };
+        let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
         Ok(Self {
             noise,
             patch: (rows, cols),
+            used: levels.used_by(images.view()),
             levels,
             scale,
             roots: standard(&|y| scale.of(f64::from(y))),

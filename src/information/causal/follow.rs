@@ -12,6 +12,8 @@ use crate::information::{InformationError, NoiseEntropy, Protocol};
 use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 use crate::sensor::Noise;
 
+/// Levels beyond those of a sample that are taken to be in use: others are brighter and darker.
+const MARGIN: usize = 4;
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/causal-model", version: 1 };
 
@@ -49,10 +51,35 @@ impl CausalModel {
         check(sample.noisy.view())?;
         let known = &self.conditioning;
         let conditioning = Conditioning::with_levels(known.noise, sample, moments, known.levels.clone())?;
-        let conditioning = conditioning.in_order_of(&known.far);
+        let mut conditioning = conditioning.in_order_of(&known.far);
+        let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
+        let frequencies = conditioning.levels.log_frequencies(images.view());
+        let last = conditioning.levels.count() - 1;
+        let used = conditioning.used;
+        conditioning.used =
+            (known.used.0.min(used.0.saturating_sub(MARGIN)), known.used.1.max((used.1 + MARGIN).min(last)));
+        let (now, before) = (conditioning.used, known.used);
         let mut model = Self::unfitted(self.shape.clone(), conditioning, sample, 0);
         model.weights.copy_from_slice(&self.weights);
+        for level in before.1 + 1..=now.1 {
+            model.start_level(level, before.1, &frequencies);
+        }
+        for level in now.0..before.0 {
+            model.start_level(level, before.0, &frequencies);
+        }
         Ok(model)
+    }
+
+    /// Gives a level that comes into use the weights of the nearest one that was in use: while nothing was measured there
+    /// the fit has made it ever less likely, without end and without reason.
+    fn start_level(&mut self, level: usize, from: usize, log_frequencies: &[f32]) {
+        let head = &self.layers.head;
+        let kernel = &mut self.weights[head.kernel.clone()];
+        for row in kernel.chunks_exact_mut(head.outputs) {
+            row[level] = row[from];
+        }
+        let bias = &mut self.weights[head.bias.clone()];
+        bias[level] = bias[from] + log_frequencies[level] - log_frequencies[from];
     }
 
     /// What [`CausalModel::following`] takes from this model besides its levels, as the bytes of a safetensors file.
@@ -61,7 +88,9 @@ impl CausalModel {
     /// Where the weights fit no file.
     pub fn state(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
         let far: Vec<String> = self.conditioning.far.iter().map(|(rows, cols)| format!("{rows},{cols}")).collect();
-        let details = details.into_iter().chain([("far", far.join(" "))]).collect();
+        let (darkest, brightest) = self.conditioning.used;
+        let own = [("far", far.join(" ")), ("used", format!("{darkest},{brightest}"))];
+        let details = details.into_iter().chain(own).collect();
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
     }
 
@@ -86,9 +115,13 @@ impl CausalModel {
         };
         let far: Option<Vec<(isize, isize)>> = text.split(' ').map(place).collect();
         let far = far.filter(|far| far.len() == self.conditioning.far.len()).ok_or_else(|| missing("far"))?;
+        let text = Self::detail_of_state(bytes, "used")?;
+        let used = text.split_once(',').and_then(|(low, high)| Some((low.parse().ok()?, high.parse().ok()?)));
+        let used: Option<(usize, usize)> = used.filter(|(_, high)| *high < self.conditioning.levels.count());
         self.weights = read_weights(&self.layout, bytes)?;
         let mut conditioning = Conditioning::clone(&self.conditioning);
         conditioning.far = far;
+        conditioning.used = used.ok_or_else(|| missing("used"))?;
         self.conditioning = std::sync::Arc::new(conditioning);
         Ok(self)
     }
@@ -122,7 +155,20 @@ mod tests {
         let first = CausalModel::covering(shape, Noise::Shot, &dim, &moments(&dim), &extremes, 3).unwrap();
         assert!(first.conditioning.levels.range().1 > 400.0);
         let then = first.following(&bright, &moments(&bright)).unwrap();
-        assert_eq!(then.weights, first.weights);
+        // Levels that come into use start from the brightest that was; all other weights stay.
+        let (bias, kernel) = (first.layers.head.bias.clone(), first.layers.head.kernel.clone());
+        let brightest = first.conditioning.used.1;
+        assert!(then.conditioning.used.1 > brightest + 20);
+        let last = then.conditioning.used.1 - 5;
+        let outputs = first.layers.head.outputs;
+        assert_eq!(then.weights[kernel.start + last], first.weights[kernel.start + brightest]);
+        assert_eq!(then.weights[kernel.start + outputs + last], first.weights[kernel.start + outputs + brightest]);
+        assert!(then.weights[bias.start + last] > -13.0);
+        assert_eq!(then.weights[..kernel.start], first.weights[..kernel.start]);
+        assert_eq!(
+            then.weights[bias.start..=bias.start + brightest],
+            first.weights[bias.start..=bias.start + brightest]
+        );
         assert!(then.cross_entropy_map(bright.noisy.view()).unwrap().iter().all(|bits| bits.is_finite()));
         let bytes = then.state(vec![("step", "7".into())]).unwrap();
         assert_eq!(CausalModel::detail_of_state(&bytes, "step").unwrap(), "7");

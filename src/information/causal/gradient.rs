@@ -5,7 +5,7 @@ use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
 use super::conditioning::InputGradients;
-use super::head::{FARTHEST, SMALLEST, level_losses};
+use super::head::{FARTHEST, exact_loss, level_losses};
 use super::levels::Levels;
 use super::model::{CausalModel, Workspaces};
 use super::network::{PatchInputs, Workspace};
@@ -118,6 +118,8 @@ struct Mixture {
     logs: Vec<f64>,
     shares: Vec<f32>,
     slopes: Vec<f32>,
+    /// The outputs before their gradients took their place.
+    before: Vec<f32>,
     /// Pulls of the prediction, weights and posteriors as [`level_losses`] leaves them.
     scratch: Vec<f32>,
 }
@@ -125,27 +127,39 @@ struct Mixture {
 impl Mixture {
     fn new(levels: usize) -> Self {
         let numbers = || vec![0.0; levels];
-        Self { logs: vec![0.0; levels], shares: numbers(), slopes: numbers(), scratch: vec![0.0; 3 * levels] }
+        Self {
+            logs: vec![0.0; levels],
+            shares: numbers(),
+            slopes: numbers(),
+            before: vec![0.0; levels + 1],
+            scratch: vec![0.0; 3 * levels],
+        }
     }
 
-    /// The loss of a pixel that measured `y` and its derivatives; those by the outputs take the place of these. A value
-    /// that no level explains to single precision has no gradient.
+    /// The loss of a pixel that measured `y` and its derivatives; those by the outputs take the place of these.
     fn loss(&mut self, levels: &Levels, y: f64, guess: (f32, f32), outputs: &mut [f32]) -> PixelLoss {
         let count = levels.count();
         let largest = levels.smooth_likelihoods(y, &mut self.logs, &mut self.shares, &mut self.slopes);
         let scale = f64::from(1.0 + outputs[count]);
+        self.before.copy_from_slice(outputs);
         let mut nats = [0.0];
         let (guesses, shares) = ([guess], &self.shares);
         level_losses(&levels.photons, &guesses, shares, &[0.0], 1.0, outputs, &mut nats, &mut self.scratch);
-        if !nats[0].is_finite() {
-            outputs.fill(0.0);
-            return PixelLoss { nats: f64::from(-SMALLEST.ln()) - largest, by_y: 0.0, by_guess: (0.0, 0.0) };
-        }
+        let mut nats = f64::from(nats[0]) - largest;
         let (pulls, posteriors) = (&self.scratch[..count], &self.scratch[2 * count..]);
-        let (mut sum, mut slope) = (0.0_f32, 0.0_f32);
-        for (posterior, by) in posteriors.iter().zip(&self.slopes) {
-            sum += posterior;
-            slope += posterior * by;
+        let mut by_y = 0.0;
+        if nats.is_finite() {
+            let (mut sum, mut slope) = (0.0_f32, 0.0_f32);
+            for (posterior, by) in posteriors.iter().zip(&self.slopes) {
+                sum += posterior;
+                slope += posterior * by;
+            }
+            by_y -= f64::from(slope / sum);
+        } else {
+            outputs.copy_from_slice(&self.before);
+            let (exact, posteriors) = exact_loss(&levels.photons, guess, &self.logs, 1.0, outputs);
+            nats = exact;
+            by_y -= posteriors.iter().zip(&self.slopes).map(|(posterior, by)| posterior * f64::from(*by)).sum::<f64>();
         }
         let (mut by_mean, mut by_half) = (0.0_f64, 0.0_f64);
         for ((&by_logit, &pull), &x) in outputs.iter().zip(pulls).zip(&levels.photons) {
@@ -155,11 +169,7 @@ impl Mixture {
                 by_half += f64::from(by_logit) * distance * distance;
             }
         }
-        PixelLoss {
-            nats: f64::from(nats[0]) - largest,
-            by_y: -f64::from(slope / sum),
-            by_guess: (-2.0 * scale * f64::from(guess.1) * by_mean, scale * by_half),
-        }
+        PixelLoss { nats, by_y, by_guess: (-2.0 * scale * f64::from(guess.1) * by_mean, scale * by_half) }
     }
 }
 

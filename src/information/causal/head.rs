@@ -79,21 +79,44 @@ vectorised! {
 /// Levels that are worked on side by side; the number of levels is a multiple.
 const LANES: usize = 16;
 
-/// ln of the softmax of the logits of one pixel, linear prediction included: what [`level_losses`] mixes by.
-pub(super) fn log_weights(photons: &[f32], (mean, half): (f32, f32), outputs: &[f32]) -> Vec<f64> {
-    let (logits, scale) = outputs.split_at(photons.len());
-    let scale = f64::from(1.0 + scale[0]);
-    let logs: Vec<f64> = photons
+/// The loss of one pixel in double precision, nats, from the logarithms of the likelihoods of its levels (any constant
+/// added), and the posterior of every level; `outputs` is overwritten with `weight` times the gradient by it. For what [`level_losses`] cannot hold: without it
+/// a pixel that the network holds for all but impossible would never be learned.
+pub(super) fn exact_loss(
+    photons: &[f32],
+    (mean, half): (f32, f32),
+    log_likelihoods: &[f64],
+    weight: f32,
+    outputs: &mut [f32],
+) -> (f64, Vec<f64>) {
+    let levels = photons.len();
+    let scale = f64::from(1.0 + outputs[levels]);
+    let pulls: Vec<f64> = photons
         .iter()
-        .zip(logits)
-        .map(|(x, logit)| {
+        .map(|x| {
             let distance = f64::from(x - mean);
-            f64::from(*logit) + scale * (distance * distance * f64::from(half)).max(f64::from(FARTHEST))
+            (distance * distance * f64::from(half)).max(f64::from(FARTHEST))
         })
         .collect();
+    let logits: Vec<f64> =
+        outputs[..levels].iter().zip(&pulls).map(|(logit, pull)| f64::from(*logit) + scale * pull).collect();
+    let terms: Vec<f64> = logits.iter().zip(log_likelihoods).map(|(logit, log)| logit + log).collect();
+    let (total, mixture) = (log_sum(&logits), log_sum(&terms));
+    let posteriors: Vec<f64> = terms.iter().map(|term| (term - mixture).exp()).collect();
+    let mut by_scale = 0.0;
+    for (level, out) in outputs[..levels].iter_mut().enumerate() {
+        let by_logit = (logits[level] - total).exp() - posteriors[level];
+        *out = weight * by_logit as f32;
+        by_scale += by_logit * pulls[level];
+    }
+    outputs[levels] = weight * by_scale as f32;
+    (total - mixture, posteriors)
+}
+
+/// ln of the sum of exponentials.
+fn log_sum(logs: &[f64]) -> f64 {
     let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let total = most + logs.iter().map(|log| (log - most).exp()).sum::<f64>().ln();
-    logs.iter().map(|log| log - total).collect()
+    most + logs.iter().map(|log| (log - most).exp()).sum::<f64>().ln()
 }
 
 #[cfg(test)]
@@ -110,10 +133,9 @@ mod tests {
         let log_largest = [-2.0, -1.0, -7.5];
         let outputs: Vec<f32> = (0..pixels * (levels + 1)).map(|i| 2.0 * number(i * 5) - 1.0).collect();
         let plainly = |pixel: usize, outputs: &[f32]| -> f64 {
-            let logs = log_weights(&photons, guess[pixel], outputs);
             let shares = &shares[pixel * levels..(pixel + 1) * levels];
-            let mixture: f64 = logs.iter().zip(shares).map(|(log, share)| log.exp() * f64::from(*share)).sum();
-            -mixture.ln() - f64::from(log_largest[pixel])
+            let logs: Vec<f64> = shares.iter().map(|share| f64::from(*share).ln()).collect();
+            exact_loss(&photons, guess[pixel], &logs, 1.0, &mut outputs.to_vec()).0 - f64::from(log_largest[pixel])
         };
         let mut found = outputs.clone();
         let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 3 * levels]);
@@ -134,6 +156,27 @@ mod tests {
                     "{k}: {gradient} {slope}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn what_is_all_but_impossible_has_a_gradient() {
+        let photons: Vec<f32> = (0..16).map(|l| 10.0 * l as f32).collect();
+        // The network is certain of the darkest level; the brightest was measured.
+        let mut outputs: Vec<f32> = (0..17).map(|l| -10.0 * l as f32).collect();
+        outputs[16] = -1.0;
+        let logs: Vec<f64> = photons.iter().map(|&x| -0.5 * f64::from(x - 150.0).powi(2) / 25.0).collect();
+        let (guess, mut by) = ((0.0, -0.001), outputs.clone());
+        let (loss, _) = exact_loss(&photons, guess, &logs, 1.0, &mut by);
+        assert!(loss > 100.0 && by[12] < -0.4 && by[13] < -0.4 && by[0] > 0.9, "{loss} {by:?}");
+        for k in [0, 7, 14, 15, 16] {
+            let moved = |by: f32| {
+                let mut outputs = outputs.clone();
+                outputs[k] += by;
+                exact_loss(&photons, guess, &logs, 1.0, &mut outputs).0
+            };
+            let slope = (moved(1e-2) - moved(-1e-2)) / 2e-2;
+            assert!((f64::from(by[k]) - slope).abs() < 1e-3 * slope.abs() + 1e-3, "{k}: {} {slope}", by[k]);
         }
     }
 

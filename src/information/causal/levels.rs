@@ -169,6 +169,15 @@ impl Levels {
         (self.photons.first().copied().unwrap_or(0.0), self.photons.last().copied().unwrap_or(0.0))
     }
 
+    /// The levels next to the darkest and the brightest pixel of `images` (photons).
+    pub fn used_by(&self, images: ArrayView3<'_, f32>) -> (usize, usize) {
+        let (low, high) =
+            images.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
+        let last = self.count() - 1;
+        let below = self.photons.partition_point(|&level| level < low).saturating_sub(1);
+        (below.min(last), self.photons.partition_point(|&level| level < high).min(last))
+    }
+
     /// ln of how often the pixels of `images` (photons) lie nearest to each level, none of them impossible.
     pub fn log_frequencies(&self, images: ArrayView3<'_, f32>) -> Vec<f32> {
         let mut counts = vec![1.0_f64; self.count()];

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::conditioning::{Conditioning, Inputs, PRESENT_CHANNELS, WINDOW_CHANNELS};
-use super::head::{level_losses, log_weights};
+use super::head::{exact_loss, level_losses};
 use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
 use crate::network::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
 
@@ -41,6 +41,8 @@ pub(super) struct Workspace {
     last: Vec<f32>,
     /// Outputs, later the gradient by them; (pixels, levels + 1).
     outputs: Vec<f32>,
+    /// The outputs as they were before their gradients took their place.
+    before_losses: Vec<f32>,
     shares: Vec<f32>,
     log_largest: Vec<f32>,
     /// Negative log-likelihoods of the pixels, nats.
@@ -107,6 +109,7 @@ impl Workspace {
             before_last: per_pixel(channels),
             last: per_pixel(channels),
             outputs: per_pixel(levels + 1),
+            before_losses: per_pixel(levels + 1),
             shares: per_pixel(levels),
             log_largest: per_pixel(1),
             losses: per_pixel(1),
@@ -166,7 +169,7 @@ impl Workspace {
         let levels = &conditioning.levels;
         levels.likelihoods(inputs.values, &mut self.shares, &mut self.log_largest);
         // Where single precision fails, the outputs are needed as they were.
-        let outputs = if weight == 0.0 { self.outputs.clone() } else { Vec::new() };
+        self.before_losses.copy_from_slice(&self.outputs);
         level_losses(
             &levels.photons,
             inputs.guess,
@@ -177,17 +180,15 @@ impl Workspace {
             &mut self.losses,
             &mut self.scratch,
         );
-        if outputs.is_empty() {
-            return;
-        }
-        let pixels = outputs.chunks_exact(levels.count() + 1).zip(inputs.guess).zip(inputs.values);
-        for (loss, ((outputs, &guess), &y)) in self.losses.iter_mut().zip(pixels) {
+        let count = levels.count() + 1;
+        let pixels = self.outputs.chunks_exact_mut(count).zip(self.before_losses.chunks_exact(count));
+        for ((loss, (by, outputs)), (&guess, &y)) in
+            self.losses.iter_mut().zip(pixels).zip(inputs.guess.iter().zip(inputs.values))
+        {
             if !loss.is_finite() {
-                let logs = log_weights(&levels.photons, guess, outputs);
-                let terms: Vec<f64> =
-                    logs.iter().enumerate().map(|(level, log)| log + levels.log_likelihood(y, level)).collect();
-                let most = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                *loss = -(most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()) as f32;
+                let logs: Vec<f64> = (0..levels.count()).map(|level| levels.log_likelihood(y, level)).collect();
+                by.copy_from_slice(outputs);
+                *loss = exact_loss(&levels.photons, guess, &logs, weight, by).0 as f32;
             }
         }
     }
