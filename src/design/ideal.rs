@@ -32,14 +32,16 @@ const WARM_RATE: f64 = 0.5;
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
 /// Information that a mask can gain in one round, bits per pixel; a model that gives it more has lost track of it.
-const MOST_GAIN: f64 = 0.01;
+const MOST_GAIN: f64 = 0.015;
 /// Factor by which its interval can widen in one round.
-const MOST_WIDENING: f64 = 1.3;
+const MOST_WIDENING: f64 = 1.4;
 /// Longer fits in one round before it is taken as it is.
 const MOST_REFITS: u64 = 2;
 /// Factor by which the rates, halved by every such fit, recover in a round, and their least factor after such fits.
-const RECOVERY: f64 = 1.1;
-const SLOWEST: f64 = 1.0 / 16.0;
+const RECOVERY: f64 = 1.2;
+const SLOWEST: f64 = 0.25;
+/// How many times longer than the others a fit is that catches up with the mask.
+const CATCH_UP: usize = 3;
 /// Share of the steps after which no more than the wished number of lenslets is left.
 const PRUNED_BY: f64 = 0.6;
 
@@ -289,7 +291,7 @@ impl<'a> Ideal<'a> {
             }
             self.state.events.push(IdealEvent::Refitted { step: self.state.step });
             self.state.caution = (0.5 * self.state.caution).max(SLOWEST);
-            self.fit(&stream, (self.settings.first_fit, part), &seconds, watch)?;
+            self.fit(&stream, (CATCH_UP * self.settings.refit, part), &seconds, watch)?;
             frame = self.frame(seconds())?;
         }
         self.state.frames.push(frame);
