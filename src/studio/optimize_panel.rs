@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use egui::{Checkbox, Color32, ComboBox, DragValue, ProgressBar, Slider, Ui};
-use egui_plot::{Line, Plot, PlotPoints, Points, Polygon};
+use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points};
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
@@ -322,11 +322,10 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
         .allow_scroll(false)
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
-            let low = run.frames.iter().map(|frame| [frame.step as f64, frame.interval_95[0]]);
-            let high = run.frames.iter().rev().map(|frame| [frame.step as f64, frame.interval_95[1]]);
-            let band: Vec<[f64; 2]> = low.chain(high).collect();
-            let band = Polygon::new("95 % interval", band).stroke(egui::Stroke::NONE);
-            plot.polygon(band.fill_color(DENSITY.gamma_multiply(0.35)));
+            let column = |value: &dyn Fn(&Frame) -> f64| -> Vec<f64> { run.frames.iter().map(value).collect() };
+            let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
+            let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
+            plot.add(band.fill_color(DENSITY.gamma_multiply(0.35)));
             plot.line(Line::new("information", points(&|frame| frame.bits_per_pixel)).color(DENSITY).width(2.0));
             plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(DENSITY).radius(2.0));
         });
