@@ -6,7 +6,6 @@ use std::str::FromStr;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
@@ -16,7 +15,9 @@ use super::{Failure, output};
 use crate::design::{Frame, Free, IdealProgress, IdealSettings, Preset, time_left};
 use crate::optics::Encoder;
 use crate::workbench::study::Study;
-use crate::workbench::{Design, IdealRecord, KeptRun, curve_of, export_design, run_ideal, score_settings, verdict};
+use crate::workbench::{
+    Design, IdealRecord, KeptRun, curve_of, export_design, patches_of, run_ideal, score_settings, spoken, verdict,
+};
 
 /// Arguments of `design`.
 #[derive(Args, Debug)]
@@ -128,7 +129,7 @@ impl Arguments {
         check_folder(&self.out)?;
         let kept = KeptRun::in_folder(&self.out)?;
         let from = kept.load()?;
-        let bar = bar(settings.steps);
+        let bar = output::step_bar(settings.steps);
         let mut going_on = from.is_some();
         let mut watch = |progress: &IdealProgress<'_>| {
             if std::mem::take(&mut going_on) {
@@ -234,8 +235,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
         let [low, high] = frame.interval_95;
         format!("{:.4} [{low:.4}, {high:.4}]", frame.bits_per_pixel)
     };
-    let patch =
-        record.settings.patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"));
+    let patch = patches_of(record.settings.patch);
     let mut lines = vec![
         format!("{} before {}, {patch}, {} preset", record.start.encoder.describe(), record.start.objects, record.settings.preset),
         format!("information from {} to {} bits per pixel on held-out objects", bits(start), bits(end)),
@@ -262,18 +262,11 @@ fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
         format!("{:.4} bits per pixel, {} lenslets", frame.bits_per_pixel, frame.distinct_lenslets)
     });
     let left = time_left(state, settings, progress.seconds)
-        .map_or(String::new(), |left| format!(", about {} to go", output::spoken(left)));
+        .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));
     match progress.fitting {
         Some(_) if state.frames.is_empty() => "First fit of the density model".into(),
         _ => format!("{value}{left}"),
     }
-}
-
-fn bar(steps: usize) -> ProgressBar {
-    // The template is fixed and valid; a default bar is as good.
-    let style = ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(steps as u64).with_style(style)
 }
 
 #[cfg(test)]

@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_patches};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
+use crate::workbench::spoken;
 use crate::workbench::study::{
     PublishedSet, Study, StudyCell, StudyDesign, StudyEvent, StudyObjects, StudyRecord, StudySettings, StudyStep,
 };
@@ -264,11 +264,7 @@ impl Common {
 /// Computes what is missing, with a bar on standard error and a line for every cell.
 pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
     output::tell(announcement(study));
-    let bar = ProgressBar::new(study.record().settings.cells() as u64).with_style(
-        // The template is fixed and valid; a default bar is as good.
-        ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    );
+    let bar = output::step_bar(study.record().settings.cells());
     study.run(&mut |event| {
         match event {
             StudyEvent::Step(step) => {
@@ -307,21 +303,21 @@ fn announcement(study: &Study) -> String {
         there => format!(", {there} of them there already"),
     };
     let each = match settings.budget_seconds {
-        Some(_) => format!("{} each", output::spoken(settings.budget())),
+        Some(_) => format!("{} each", spoken(settings.budget())),
         None => "seconds each".to_owned(),
     };
     let left = study.time_left();
     let time = match missing {
         0 => "nothing is left to compute".to_owned(),
         _ if left.is_zero() => format!("{missing} left to compute"),
-        _ => format!("about {} to go", output::spoken(left)),
+        _ => format!("about {} to go", spoken(left)),
     };
     format!("{cells} cells, {each}{there}: {time}")
 }
 
 fn working(step: &StudyStep<'_>) -> String {
     let StudyStep { number, cells, name, progress, left } = step;
-    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", output::spoken(*left)) };
+    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", spoken(*left)) };
     format!("Cell {number} of {cells}{left}: {name}: {}", progress.step)
 }
 

@@ -1,17 +1,17 @@
 //! IDEAL: the mask climbs the information of its measurements under a density model that follows it (Kabuli et al. 2026).
 
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use ndarray::{Array4, Axis, s};
-use serde::{Deserialize, Serialize};
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use super::merge::{closest, joined, merged};
-use super::movement::{Momentum, project};
+use super::movement::project;
 use super::settings::IdealSettings;
+use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
 use crate::information::{
     CausalFit, CausalModel, CausalShape, FitLength, InformationError, NoiseEntropy, PatchBatch, PatchStream, Protocol,
     paired_interval, score,
@@ -44,82 +44,6 @@ const SLOWEST: f64 = 0.25;
 const CATCH_UP: usize = 3;
 /// Share of the steps after which no more than the wished number of lenslets is left.
 const PRUNED_BY: f64 = 0.6;
-
-/// The mask at the beginning of a round, and what it was worth on held-out objects.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Frame {
-    /// Steps of the mask so far.
-    pub step: usize,
-    /// The mask; lenslets keep their places in the list.
-    pub array: LensletArray,
-    /// Information of patches of held-out objects under the density model, bits per pixel.
-    pub bits_per_pixel: f64,
-    /// Over these patches.
-    pub interval_95: [f64; 2],
-    /// Mean Tamura coefficient of held-out measurements.
-    pub tamura: f64,
-    /// Lenslets that are neither dark nor coincident.
-    pub distinct_lenslets: usize,
-    /// The participation ratio of their weights.
-    pub effective_lenslets: f64,
-    /// Seconds of computing since the start of the run.
-    pub seconds: f64,
-}
-
-/// Something that a run had to do besides climbing.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-pub enum IdealEvent {
-    /// A gradient without finite numbers: the mask stayed, the rates were halved.
-    Refused {
-        /// Steps of the mask so far.
-        step: usize,
-    },
-    /// The density model had lost track of the mask and was fitted for longer; the rates were halved until it follows.
-    Refitted {
-        /// Steps of the mask so far.
-        step: usize,
-    },
-}
-
-/// Where a run has come to: with the start and the settings it is all that decides how it goes on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct IdealState {
-    /// Steps of the mask so far.
-    pub step: usize,
-    /// The mask now.
-    pub array: LensletArray,
-    /// The masks at the beginnings of all rounds so far.
-    pub frames: Vec<Frame>,
-    /// What else happened.
-    pub events: Vec<IdealEvent>,
-    /// Whether the last fit is done.
-    pub finished: bool,
-    momentum: Momentum,
-    /// Lenslets that were taken out; they stay dark.
-    pruned: Vec<usize>,
-    /// Factor of the rates.
-    caution: f64,
-    seconds: f64,
-}
-
-impl IdealState {
-    /// Seconds of computing up to this state.
-    pub fn seconds(&self) -> f64 {
-        self.seconds
-    }
-}
-
-/// What a run is doing.
-#[derive(Clone, Copy, Debug)]
-pub struct IdealProgress<'a> {
-    /// The run so far.
-    pub state: &'a IdealState,
-    /// Share of a fit of the density model that is done; none while the mask moves.
-    pub fitting: Option<f64>,
-    /// Seconds of computing since the start of the run.
-    pub seconds: f64,
-}
 
 /// Hears of every step of mask and model, and answers whether to go on; after `Break` the run ends in
 /// [`InformationError::Cancelled`].
@@ -167,17 +91,7 @@ impl<'a> Ideal<'a> {
         let held_out = imaging.set.objects(Split::Test, HELD_OUT, derived_seed(settings.seed, 1))?;
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let first = first_model(imaging, &moments, &array, &limits, (patch, settings.seed))?;
-        let state = IdealState {
-            step: 0,
-            array,
-            frames: Vec::new(),
-            events: Vec::new(),
-            finished: false,
-            momentum: Momentum::default(),
-            pruned: Vec::new(),
-            caution: 1.0,
-            seconds: 0.0,
-        };
+        let state = IdealState::new(array);
         let model = first.clone();
         Ok(Self { imaging, moments, limits, settings, patch, entropy, held_out, first, model, state })
     }
@@ -258,7 +172,7 @@ impl<'a> Ideal<'a> {
     /// Lets the run go on to `steps` steps of the mask.
     pub fn extend_to(&mut self, steps: usize) {
         if steps > self.state.step {
-            self.settings.steps = steps.min(IdealSettings::MAX_STEPS);
+            self.settings.steps = steps.min(IdealSettings::MOST);
             self.state.finished = false;
         }
     }
@@ -314,7 +228,7 @@ impl<'a> Ideal<'a> {
         let convolver = self.imaging.convolver(psf.view())?;
         let stream = self.imaging.stream(convolver, Split::Train, self.patch);
         let sample = stream.draw(SAMPLE, derived_seed(self.settings.seed, 2))?;
-        let moments = self.moments.of(psf.slice(s![..self.imaging.set.planes(), .., ..]))?;
+        let moments = self.moments.of(psf.view())?;
         let from = if self.settings.warm { &self.model } else { &self.first };
         self.model = from.following(&sample, &moments)?;
         Ok(stream)
@@ -457,19 +371,8 @@ fn first_model(
     let sharpest = LensletArray { lenslets: (0..planes_in_use).map(sharp).collect(), ..start.clone() };
     let (extremes, _) = drawn(&sharpest)?;
     let extremes = extremes.clean.unwrap_or(extremes.noisy);
-    let moments = moments.of(psf.slice(s![..planes, .., ..]))?;
+    let moments = moments.of(psf.view())?;
     Ok(CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &moments, &extremes, seed)?)
-}
-
-/// Time that is left of a run, from how long its steps have taken so far.
-pub fn time_left(state: &IdealState, settings: &IdealSettings, seconds: f64) -> Option<Duration> {
-    let first = state.frames.first()?;
-    let (done, all) = (state.step, settings.steps);
-    if done < 2 * settings.refit_every.min(all) || state.finished {
-        return None;
-    }
-    let per_step = (seconds - first.seconds).max(0.0) / done as f64;
-    Duration::try_from_secs_f64(per_step * (all - done.min(all)) as f64).ok()
 }
 
 #[cfg(test)]

@@ -7,10 +7,12 @@ mod imaging;
 mod merge;
 mod movement;
 mod settings;
+mod state;
 
 pub use error::IdealError;
 pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_gradient};
-pub use ideal::{Frame, Ideal, IdealEvent, IdealProgress, IdealState, OnIdeal, time_left};
+pub use ideal::{Ideal, OnIdeal};
 pub use imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed, mean_measurement};
 pub use merge::merged;
 pub use settings::{Free, IdealSettings, Preset, Rates};
+pub use state::{Frame, IdealEvent, IdealProgress, IdealState, time_left};

@@ -111,8 +111,8 @@ pub struct IdealSettings {
 }
 
 impl IdealSettings {
-    /// Most steps of the mask.
-    pub const MAX_STEPS: usize = 1_000_000;
+    /// Most steps, objects and patches.
+    pub const MOST: usize = 1_000_000;
 
     /// The settings of a preset.
     pub fn new(preset: Preset, seed: u64) -> Self {
@@ -164,16 +164,16 @@ impl IdealSettings {
     /// [`IdealError::Setting`] names the first one that cannot.
     pub fn check(&self, start: &LensletArray) -> Result<(), IdealError> {
         let wrong = |name, found: String, expected| Err(IdealError::Setting { name, found, expected });
-        for (name, count, most) in [
-            ("steps", self.steps, Self::MAX_STEPS),
-            ("objects", self.objects, 100_000),
-            ("patches", self.patches, 1_000_000),
-            ("refit_every", self.refit_every, Self::MAX_STEPS),
-            ("first_fit", self.first_fit, Self::MAX_STEPS),
-            ("refit", self.refit, Self::MAX_STEPS),
-            ("last_fit", self.last_fit, Self::MAX_STEPS),
+        for (name, count) in [
+            ("steps", self.steps),
+            ("objects", self.objects),
+            ("patches", self.patches),
+            ("refit_every", self.refit_every),
+            ("first_fit", self.first_fit),
+            ("refit", self.refit),
+            ("last_fit", self.last_fit),
         ] {
-            if !(1..=most).contains(&count) {
+            if !(1..=Self::MOST).contains(&count) {
                 return wrong(name, count.to_string(), "1 to a million");
             }
         }

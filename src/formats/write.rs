@@ -102,6 +102,18 @@ fn target(path: &Path) -> io::Result<PathBuf> {
     if path.is_symlink() { fs::canonicalize(path) } else { Ok(path.to_path_buf()) }
 }
 
+/// The bytes of a file that [`write_safely`] may have written; none where it is not there.
+///
+/// # Errors
+/// [`FormatError`] where it is there and cannot be read.
+pub fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, FormatError> {
+    match std::fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(FormatError::from_read(path, error)),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -187,6 +187,11 @@ impl Estimate {
         Ok(estimate)
     }
 
+    /// The lower bound of a bracket that has one, bits per pixel.
+    pub fn lower(&self) -> Option<f64> {
+        self.bracket.as_ref()?.lower
+    }
+
     /// Whether the estimate lies above the ceiling, where one is known.
     pub fn above_ceiling(&self) -> bool {
         self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)

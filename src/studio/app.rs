@@ -102,8 +102,7 @@ impl Studio {
             hear(state, outcome);
         }
         state.bench.note_pointer(ctx.input(|input| input.pointer.any_down()));
-        state.bench.take_up_run();
-        state.run = state.bench.run();
+        state.run = state.bench.take_up_run();
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
         if let Some(information) = state.live.information.as_ref() {

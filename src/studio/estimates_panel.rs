@@ -173,7 +173,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 
 /// The number of an estimate in one line.
 fn summary(estimate: &Estimate) -> String {
-    let lower = estimate.bracket.as_ref().and_then(|bracket| bracket.lower);
+    let lower = estimate.lower();
     let (bits, from) = (rounded(estimate.bits_per_pixel), estimate.estimator);
     match lower {
         Some(lower) => format!("{} to {bits} bits per pixel", rounded(lower)),

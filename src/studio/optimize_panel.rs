@@ -13,7 +13,7 @@ use super::messages::Severity;
 use super::state::State;
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Preset};
 use crate::optics::{Encoder, random_layout};
-use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of};
+use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of, patches_of, spoken};
 
 /// Time that the result of a run is scored for.
 const SCORE: Duration = Duration::from_mins(1);
@@ -228,7 +228,7 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
     let (number, all) = run.start_number;
     let of_starts = if all > 1 { format!("Start {number} of {all}, ") } else { String::new() };
-    let left = run.left.map_or(String::new(), |left| format!(", {} left", minutes(left)));
+    let left = run.left.map_or(String::new(), |left| format!(", {} left", spoken(left)));
     let doing = match (&run.status, &run.doing) {
         (RunStatus::Paused, _) => "paused".to_owned(),
         (_, Some((doing, share))) => format!("{doing}, {:.0} %", 100.0 * share),
@@ -271,7 +271,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
              because it is loose; a bracket (Estimates) tells.",
         );
     });
-    let patch = run.settings.patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"));
+    let patch = patches_of(run.settings.patch);
     ui.weak(format!(
         "{patch}, {} lenslets ({:.1} effective), Tamura {:.3}",
         frame.distinct_lenslets, frame.effective_lenslets, frame.tamura
@@ -372,8 +372,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     for (place, result) in run.ranked.iter().enumerate() {
         let estimate = &result.estimate;
         ui.horizontal_wrapped(|ui| {
-            let lower = estimate.bracket.as_ref().and_then(|bracket| bracket.lower);
-            let bits = match lower {
+            let bits = match estimate.lower() {
                 Some(lower) => format!("{} to {}", rounded(lower), rounded(estimate.bits_per_pixel)),
                 None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
             };
@@ -390,12 +389,5 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 state.bench.show_mask(array, &result.design);
             }
         });
-    }
-}
-
-fn minutes(time: Duration) -> String {
-    match time.as_secs() {
-        seconds @ ..90 => format!("{seconds} s"),
-        seconds => format!("{} min", seconds.div_ceil(60)),
     }
 }

@@ -10,9 +10,10 @@ use super::estimation::EstimateRequest;
 use super::estimator::{EstimateOrder, Estimates};
 use super::evaluation::EvaluationError;
 use super::history::{Gesture, History, Version};
-use super::ideal::{DesignRun, Designer, KeptRun, Start};
+use super::ideal::{DesignRun, Designer, KeptRun, RunStatus, Start};
 use super::jobs::{Job, Outcome};
-use super::worker::{Live, Wake, Worker};
+use super::threads::Wake;
+use super::worker::{Live, Worker};
 use crate::design::IdealSettings;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, LensletArray};
@@ -269,15 +270,18 @@ impl Workbench {
         self.following = follow;
     }
 
-    /// Takes up what has become of the run: its mask where it is followed. To be called for every frame of the window.
-    pub fn take_up_run(&mut self) {
-        self.worker.estimator().hold(self.designer.is_computing());
+    /// Takes up what has become of the run, its mask where it is followed, and returns it. To be called for every frame of
+    /// the window.
+    pub fn take_up_run(&mut self) -> Option<DesignRun> {
+        let run = self.designer.run();
+        self.worker.estimator().hold(run.as_ref().is_some_and(|run| run.status == RunStatus::Running));
         if self.following
-            && let Some(run) = self.designer.run()
+            && let Some(run) = &run
         {
             self.show_mask(&run.array, &run.start);
             self.following = run.is_active();
         }
+        run
     }
 
     /// Puts a mask of the run in place, before the scene that it was designed for. All masks of one run are one step of

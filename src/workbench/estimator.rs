@@ -2,7 +2,6 @@
 //! estimates that were ordered, one at a time. Both run on one named thread, orders first.
 
 use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
@@ -12,7 +11,8 @@ use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
-use super::worker::{Stamped, Wake, lock, panic_text};
+use super::threads::{SpareCores, Wake, lock};
+use super::worker::Stamped;
 use crate::information::Estimate;
 
 /// Points of the curve of a fit that are kept; beyond, every second one is dropped.
@@ -209,24 +209,14 @@ enum Task {
 }
 
 fn run(shared: &Shared) {
-    // One core is left to the window.
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(cores.saturating_sub(1).max(1))
-        .thread_name(|index| format!("lenslet-estimate-{index}"))
-        .build();
+    let cores = SpareCores::new("estimate");
     let mut refiner = Refiner::default();
     while let Some(task) = next_task(shared) {
-        let mut work = || match &task {
+        let done = cores.run(|| match &task {
             Task::Order(order) => shared.compute(order),
             Task::Refine(wanted) => shared.refine(&mut refiner, wanted),
-        };
-        let done = catch_unwind(AssertUnwindSafe(|| match &pool {
-            Ok(pool) => pool.install(&mut work),
-            Err(_) => work(),
-        }));
-        if let Err(panic) = done {
-            let text = format!("an internal error stopped this estimate: {}", panic_text(panic.as_ref()));
+        });
+        if let Err(text) = done {
             match task {
                 Task::Order(_) => shared.fail(text),
                 Task::Refine(wanted) => {

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 use super::progress::Watch;
-use crate::formats::write_safely;
+use crate::formats::{read_if_there, write_safely};
 use crate::information::{CausalRequest, FitKeeper, InformationError, Trial, causal_estimate};
 
 /// The estimate of a causal model, with the state of its fit in the file `keep` where one is named; the file is removed in
@@ -62,11 +62,7 @@ impl FitKeeper for KeptFit {
     }
 
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        match std::fs::read(&self.path) {
-            Ok(bytes) => Ok(Some(bytes)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(self.failed(&error)),
-        }
+        read_if_there(&self.path).map_err(|error| self.failed(&error))
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {

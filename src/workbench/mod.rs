@@ -19,6 +19,7 @@ mod refinement;
 mod simulation;
 mod stacks;
 pub mod study;
+mod threads;
 mod worker;
 
 pub use bench::Workbench;
@@ -32,11 +33,12 @@ pub use evaluation::{
 };
 pub use export::{Curve, ExportError, export_design};
 pub use ideal::{
-    DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, run_ideal, score_settings, verdict,
+    DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, patches_of, run_ideal, score_settings,
+    verdict,
 };
 pub use jobs::{Job, Outcome};
 pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
-pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch};
+pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use refinement::LiveEstimate;
 pub use simulation::{Simulated, Simulator};
 pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};

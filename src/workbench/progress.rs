@@ -1,6 +1,7 @@
 //! What long computations tell while they go on, and how they are stopped.
 
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 use crate::information::{DecoderProgress, FitProgress, InformationError};
 
@@ -76,5 +77,38 @@ impl From<&DecoderProgress> for EstimateProgress {
         let (seconds, bits) = (fit.elapsed.as_secs_f64(), fit.training_bits);
         let step = format!("Fitting a decoder, {bits:.3} bits per pixel saved, {left} s left");
         Self { step, done, total: done + left, fit: Some(FitPoint { model: FittedModel::Decoder, seconds, bits }) }
+    }
+}
+
+/// A time for people, in its two largest units.
+pub fn spoken(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    let minutes = (seconds / 60.0).round() as u64;
+    match minutes {
+        _ if seconds < 9.95 => format!("{} s", (seconds * 10.0).round() / 10.0),
+        _ if seconds < 99.5 => format!("{seconds:.0} s"),
+        ..120 => format!("{minutes} min"),
+        _ if minutes.is_multiple_of(60) => format!("{} h", minutes / 60),
+        _ => format!("{} h {} min", minutes / 60, minutes % 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_told_in_their_two_largest_units() {
+        for (seconds, text) in [
+            (0.25, "0.3 s"),
+            (9.0, "9 s"),
+            (60.0, "60 s"),
+            (300.0, "5 min"),
+            (1200.0, "20 min"),
+            (7200.0, "2 h"),
+            (16_200.0, "4 h 30 min"),
+        ] {
+            assert_eq!(spoken(Duration::from_secs_f64(seconds)), text);
+        }
     }
 }

@@ -4,18 +4,17 @@
 //! computed from an older one carries its revision, so nobody mistakes it for current. Jobs (files) are done one after
 //! the other, in between. A panic is caught at the thread's edge and told as a failure; the thread goes on.
 
-use std::any::Any;
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use super::design::Design;
 use super::estimator::Estimator;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
 use super::jobs::{Job, Outcome};
+use super::threads::{SpareCores, Wake, lock};
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};
@@ -54,9 +53,6 @@ pub struct Live {
     pub seconds: f64,
 }
 
-/// Tells the window that there is something new.
-pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
-
 /// Handle of the worker thread; dropping it ends the thread after the job in hand.
 pub struct Worker {
     shared: Arc<Shared>,
@@ -87,11 +83,6 @@ struct Results {
     outcomes: Vec<Result<Outcome, String>>,
     /// Jobs handed over whose answers have not been taken.
     open_jobs: usize,
-}
-
-/// A mutex whose holder panicked still holds whole values here: every critical section only moves values.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Worker {
@@ -173,29 +164,19 @@ enum Task {
 }
 
 fn run(shared: &Shared) {
-    // One core is left to the window.
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(cores.saturating_sub(1).max(1))
-        .thread_name(|index| format!("lenslet-compute-{index}"))
-        .build();
+    let cores = SpareCores::new("computation");
     let mut evaluator = Evaluator::default();
     let mut job_is_due = false;
     while let Some(task) = next_task(shared, &mut job_is_due) {
-        let mut work = || match task {
+        let done = cores.run(|| match task {
             Task::Evaluate(revision, ref design) => evaluator.evaluate(revision, design, shared),
             Task::Job(ref job) => {
                 let outcome = evaluator.run_job(job, shared);
                 let mut results = lock(&shared.results);
                 results.outcomes.push(outcome);
             }
-        };
-        let done = catch_unwind(AssertUnwindSafe(|| match &pool {
-            Ok(pool) => pool.install(&mut work),
-            Err(_) => work(),
-        }));
-        if let Err(panic) = done {
-            let text = format!("an internal error stopped this computation: {}", panic_text(panic.as_ref()));
+        });
+        if let Err(text) = done {
             // What the computation had built may be half done.
             evaluator = Evaluator::default();
             let mut results = lock(&shared.results);
@@ -231,14 +212,6 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
         }
         mailbox = shared.arrived.wait(mailbox).unwrap_or_else(PoisonError::into_inner);
     }
-}
-
-pub(super) fn panic_text(panic: &(dyn Any + Send)) -> String {
-    panic
-        .downcast_ref::<&str>()
-        .map(ToString::to_string)
-        .or_else(|| panic.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "no reason given".into())
 }
 
 /// What is kept between evaluations.

@@ -1,21 +1,23 @@
 //! Runs for the window: on a thread of their own, where they can be watched, paused and stopped.
 
 use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::run::{KeptRun, KeptStart, run_ideal, start_of};
+use super::score::judge_of;
 use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
-use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::information::{EngineChoice, Estimate, Protocol};
 use crate::optics::LensletArray;
-use crate::workbench::simulation::open_set;
-use crate::workbench::worker::{Wake, lock, panic_text};
+use crate::workbench::threads::{SpareCores, Wake, lock};
 use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
 
 /// Time between two tellings of a fit's progress; steps of the mask are all told.
 const TELL_EVERY: Duration = Duration::from_millis(100);
+
+/// Why a run is not started.
+const BUSY: &str = "one run goes on at a time; stop it first";
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -76,8 +78,7 @@ impl RankedStart {
     /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being
     /// looked at loosely, and the estimate otherwise.
     pub fn worth(&self) -> f64 {
-        let bracket = self.estimate.bracket.as_ref();
-        bracket.and_then(|bracket| bracket.lower).unwrap_or(self.estimate.bits_per_pixel)
+        self.estimate.lower().unwrap_or(self.estimate.bits_per_pixel)
     }
 }
 
@@ -125,6 +126,8 @@ struct Shared {
     run: Mutex<Option<DesignRun>>,
     /// The last state that a run can go on from.
     kept: Mutex<Option<Vec<u8>>>,
+    /// All starts of the last order.
+    starts: Mutex<Vec<Start>>,
     paused: Mutex<bool>,
     resumed: Condvar,
     stopped: AtomicBool,
@@ -139,6 +142,7 @@ impl Designer {
             shared: Arc::new(Shared {
                 run: Mutex::default(),
                 kept: Mutex::default(),
+                starts: Mutex::default(),
                 paused: Mutex::default(),
                 resumed: Condvar::new(),
                 stopped: AtomicBool::new(false),
@@ -153,7 +157,9 @@ impl Designer {
         let found = folder.unfinished();
         let is_there = found.is_some();
         if let Some((KeptStart { start, settings }, bytes, state)) = found {
-            let mut run = DesignRun::new(&Arc::new(start), settings, 1);
+            let design = Arc::new(start);
+            let mut run = DesignRun::new(&design, settings, 1);
+            *lock(&self.shared.starts) = vec![Start { name: design.encoder.describe(), design }];
             run.status = RunStatus::Stopped;
             run.doing = None;
             (run.array, run.step, run.seconds) = (Arc::new(state.array.clone()), state.step, state.seconds());
@@ -163,11 +169,6 @@ impl Designer {
         }
         *lock(&self.shared.folder) = Some(folder);
         is_there
-    }
-
-    /// Whether a run computes.
-    pub fn is_computing(&self) -> bool {
-        lock(&self.shared.run).as_ref().is_some_and(|run| run.status == RunStatus::Running)
     }
 
     /// The run, if there was one.
@@ -184,8 +185,12 @@ impl Designer {
         let array = start_of(&first.design).map_err(|error| error.to_string())?;
         settings.check(array).map_err(|error| error.to_string())?;
         let run = DesignRun::new(&first.design, settings, starts.len());
+        if self.is_active() {
+            return Err(BUSY.into());
+        }
         *lock(&self.shared.kept) = None;
-        self.spawn(run, starts, score)
+        *lock(&self.shared.starts) = starts;
+        self.spawn(run, score)
     }
 
     /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
@@ -199,26 +204,25 @@ impl Designer {
             run.settings.steps += steps;
         }
         run.status = RunStatus::Running;
-        run.start_number = (1, 1);
-        let start = Start { name: run.start.encoder.describe(), design: Arc::clone(&run.start) };
-        self.spawn(run, vec![start], score)
+        self.spawn(run, score)
     }
 
-    fn spawn(&self, run: DesignRun, starts: Vec<Start>, score: Duration) -> Result<(), String> {
-        let settings = run.settings.clone();
-        {
-            let mut current = lock(&self.shared.run);
-            if current.as_ref().is_some_and(DesignRun::is_active) {
-                return Err("one run goes on at a time; stop it first".into());
-            }
-            *current = Some(run);
+    fn is_active(&self) -> bool {
+        lock(&self.shared.run).as_ref().is_some_and(DesignRun::is_active)
+    }
+
+    /// Computes the start that the run is at, and those after it.
+    fn spawn(&self, run: DesignRun, score: Duration) -> Result<(), String> {
+        if self.is_active() {
+            return Err(BUSY.into());
         }
+        let settings = run.settings.clone();
+        *lock(&self.shared.run) = Some(run);
         self.shared.stopped.store(false, Ordering::Relaxed);
         *lock(&self.shared.paused) = false;
         let shared = Arc::clone(&self.shared);
-        let spawned = std::thread::Builder::new()
-            .name("lenslet-designer".into())
-            .spawn(move || shared.compute(&starts, &settings, score));
+        let spawned =
+            std::thread::Builder::new().name("lenslet-designer".into()).spawn(move || shared.compute(&settings, score));
         spawned.map(|_| ()).map_err(|error| {
             let sentence = format!("no thread for the run: {error}");
             self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
@@ -260,25 +264,13 @@ impl Shared {
         (self.wake)();
     }
 
-    fn compute(&self, starts: &[Start], settings: &IdealSettings, score: Duration) {
-        // One core is left to the window.
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(cores.saturating_sub(1).max(1))
-            .thread_name(|index| format!("lenslet-design-{index}"))
-            .build();
-        let work = || self.run_all(starts, settings, score);
-        let done = catch_unwind(AssertUnwindSafe(|| match &pool {
-            Ok(pool) => pool.install(work),
-            Err(_) => work(),
-        }));
+    fn compute(&self, settings: &IdealSettings, score: Duration) {
+        let done = SpareCores::new("run").run(|| self.run_all(settings, score));
         let status = match done {
             Ok(Ok(())) => RunStatus::Finished,
             Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,
             Ok(Err(error)) => RunStatus::Failed(error.to_string()),
-            Err(panic) => {
-                RunStatus::Failed(format!("an internal error stopped this run: {}", panic_text(panic.as_ref())))
-            }
+            Err(panic) => RunStatus::Failed(panic),
         };
         self.change(|run| {
             run.status = status;
@@ -287,18 +279,16 @@ impl Shared {
         });
     }
 
-    fn run_all(&self, starts: &[Start], settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
-        for (index, start) in starts.iter().enumerate() {
-            if index > 0 {
-                let array = Arc::new(start_of(&start.design)?.clone());
+    fn run_all(&self, settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
+        let starts = lock(&self.starts).clone();
+        let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
+        for (index, start) in starts.iter().enumerate().skip(at) {
+            if index > at {
                 *lock(&self.kept) = None;
                 self.change(|run| {
-                    run.start = Arc::clone(&start.design);
-                    run.array = array;
-                    run.frames = Arc::default();
-                    run.events.clear();
-                    run.step = 0;
-                    run.start_number.0 = index + 1;
+                    let (ranked, settings) = (std::mem::take(&mut run.ranked), run.settings.clone());
+                    let start_number = (index + 1, starts.len());
+                    *run = DesignRun { start_number, ranked, ..DesignRun::new(&start.design, settings, starts.len()) };
                 });
             }
             self.run_one(start, settings, score)?;
@@ -319,7 +309,10 @@ impl Shared {
             self.go_on()
         };
         let folder = lock(&self.folder).clone();
-        if let Some(folder) = folder.as_ref().filter(|_| from.is_none()) {
+        if let Some(folder) = &folder {
+            if from.is_none() {
+                folder.end();
+            }
             let (start, settings) = (Design::clone(&start.design), settings.clone());
             // A run is worth more than its copy: it goes on where nothing can be written.
             let _ = folder.begin(&KeptStart { start, settings });
@@ -351,10 +344,8 @@ impl Shared {
 
     /// What a design is worth, by models of its own: a bracket where the prior of the objects is known.
     fn score(&self, design: &Design, budget: Duration) -> Result<Estimate, EvaluationError> {
-        let known = open_set(design)?.bead_prior().is_some();
-        let estimator = if known { Estimator::Bracket } else { Estimator::Live };
         let request = EstimateRequest {
-            model: DensityModel::new(estimator, Some(budget), EngineChoice::default()),
+            model: DensityModel::new(judge_of(design)?, Some(budget), EngineChoice::default()),
             protocol: Protocol::Default,
             patch: Some((32, 32)),
             patches_train: 0,

@@ -7,6 +7,6 @@ mod score;
 
 pub(super) use designer::Designer;
 pub use designer::{DesignRun, RankedStart, RunStatus, Start};
-pub use record::{IdealRecord, curve_of};
+pub use record::{IdealRecord, curve_of, patches_of};
 pub use run::{KeptRun, run_ideal};
 pub use score::{score_settings, verdict};

@@ -73,6 +73,11 @@ impl IdealRecord {
     }
 }
 
+/// What information is counted in, for people; the whole measurement where there is no patch.
+pub fn patches_of(patch: Option<(usize, usize)>) -> String {
+    patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"))
+}
+
 /// How a run went, as columns.
 pub fn curve_of(frames: &[Frame]) -> Curve {
     let row = |frame: &Frame| {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::record::IdealRecord;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
-use crate::formats::{create_folder, read_json, write_json, write_safely};
+use crate::formats::{create_folder, read_if_there, read_json, write_json, write_safely};
 use crate::optics::LensletArray;
 use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::{Design, EvaluationError};
@@ -83,11 +83,7 @@ impl KeptRun {
     /// # Errors
     /// Where the file cannot be read.
     pub fn load(&self) -> Result<Option<Vec<u8>>, EvaluationError> {
-        match std::fs::read(self.state()) {
-            Ok(bytes) => Ok(Some(bytes)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(crate::formats::FormatError::from_read(&self.state(), error).into()),
-        }
+        Ok(read_if_there(&self.state())?)
     }
 
     /// Puts the state of a run in place of the last one, safely.
@@ -99,12 +95,11 @@ impl KeptRun {
         Ok(write_safely(&self.state(), |out| out.write_all(&bytes))?)
     }
 
-    /// Begins a run: what the folder held of another one goes.
+    /// Notes what the run of this folder does from here on.
     ///
     /// # Errors
-    /// Where the files cannot be written.
+    /// Where the file cannot be written.
     pub fn begin(&self, start: &KeptStart) -> Result<(), EvaluationError> {
-        self.end();
         Ok(write_json(&self.start(), start)?)
     }
 

@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
+use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
 use crate::information::Estimator;
 use crate::optics::Encoder;
+use crate::workbench::simulation::open_set;
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
-use crate::workbench::{EvaluationError, IdealRecord};
+use crate::workbench::{Design, EvaluationError};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
@@ -26,7 +28,6 @@ pub fn score_settings(
     budget: Duration,
 ) -> Result<StudySettings, EvaluationError> {
     let start = &record.start;
-    let known = crate::workbench::simulation::open_set(start)?.bead_prior().is_some();
     let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
     let begun = record.frames.first().map_or_else(|| start.encoder.clone(), mask_of);
     let designs = [named(RESULT, &record.result), named(START, &begun)];
@@ -35,7 +36,7 @@ pub fn score_settings(
         objects: vec![StudyObjects::new(start.objects.clone(), None)],
         designs: designs.into_iter().chain(against.iter().map(|&count| StudyDesign::heuristic(count))).collect(),
         patches: vec![Some((PATCH, PATCH)), None],
-        estimator: if known { Estimator::Bracket } else { Estimator::Live },
+        estimator: judge_of(start)?,
         budget_seconds: Some(budget.as_secs_f64()),
         patches_train: 0,
         patches_test: 600,
@@ -46,6 +47,14 @@ pub fn score_settings(
     })
 }
 
+/// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
+///
+/// # Errors
+/// Where the objects cannot be read.
+pub(super) fn judge_of(design: &Design) -> Result<Estimator, EvaluationError> {
+    Ok(if open_set(design)?.bead_prior().is_some() { Estimator::Bracket } else { Estimator::Live })
+}
+
 fn mask_of(frame: &Frame) -> Encoder {
     Encoder::Lenslets(frame.array.clone())
 }
@@ -54,7 +63,7 @@ fn mask_of(frame: &Frame) -> Encoder {
 pub fn verdict(study: &StudyRecord) -> Vec<String> {
     let mut sentences = Vec::new();
     for &patch in &study.settings.patches {
-        let place = patch.map_or("whole sensor".into(), |(rows, cols)| format!("{rows} x {cols} px patches"));
+        let place = patches_of(patch);
         let cells: Vec<&StudyCell> = study.cells.iter().filter(|cell| cell.patch == patch).collect();
         let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
         let rivals = || cells.iter().filter(|cell| cell.design != RESULT && cell.design != START);
@@ -106,7 +115,6 @@ mod tests {
     use crate::objects::{ObjectOptions, ObjectSet};
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
-    use crate::workbench::Design;
     use crate::workbench::study::{Study, StudyEvent};
     use std::ops::ControlFlow;
 

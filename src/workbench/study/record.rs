@@ -101,7 +101,7 @@ impl StudyCell {
 
     /// The lower bound, bits per pixel, where one was computed.
     pub fn lower(&self) -> Option<f64> {
-        self.estimate.as_ref()?.bracket.as_ref()?.lower
+        self.estimate.as_ref()?.lower()
     }
 
     /// The upper bound of this name ("density", "gaussian" or "ceiling") of a bracket, bits per pixel.

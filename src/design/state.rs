@@ -1,0 +1,111 @@
+//! Where a run of IDEAL has come to.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::movement::Momentum;
+use super::settings::IdealSettings;
+use crate::optics::LensletArray;
+
+/// The mask at the beginning of a round, and what it was worth on held-out objects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Steps of the mask so far.
+    pub step: usize,
+    /// The mask; lenslets keep their places in the list.
+    pub array: LensletArray,
+    /// Information of patches of held-out objects under the density model, bits per pixel.
+    pub bits_per_pixel: f64,
+    /// Over these patches.
+    pub interval_95: [f64; 2],
+    /// Mean Tamura coefficient of held-out measurements.
+    pub tamura: f64,
+    /// Lenslets that are neither dark nor coincident.
+    pub distinct_lenslets: usize,
+    /// The participation ratio of their weights.
+    pub effective_lenslets: f64,
+    /// Seconds of computing since the start of the run.
+    pub seconds: f64,
+}
+
+/// Something that a run had to do besides climbing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum IdealEvent {
+    /// A gradient without finite numbers: the mask stayed, the rates were halved.
+    Refused {
+        /// Steps of the mask so far.
+        step: usize,
+    },
+    /// The density model had lost track of the mask and was fitted for longer; the rates were halved until it follows.
+    Refitted {
+        /// Steps of the mask so far.
+        step: usize,
+    },
+}
+
+/// Where a run has come to: with the start and the settings it is all that decides how it goes on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IdealState {
+    /// Steps of the mask so far.
+    pub step: usize,
+    /// The mask now.
+    pub array: LensletArray,
+    /// The masks at the beginnings of all rounds so far.
+    pub frames: Vec<Frame>,
+    /// What else happened.
+    pub events: Vec<IdealEvent>,
+    /// Whether the last fit is done.
+    pub finished: bool,
+    pub(super) momentum: Momentum,
+    /// Lenslets that were taken out; they stay dark.
+    pub(super) pruned: Vec<usize>,
+    /// Factor of the rates.
+    pub(super) caution: f64,
+    pub(super) seconds: f64,
+}
+
+impl IdealState {
+    /// A run that begins with a mask.
+    pub(super) fn new(array: LensletArray) -> Self {
+        Self {
+            step: 0,
+            array,
+            frames: Vec::new(),
+            events: Vec::new(),
+            finished: false,
+            momentum: Momentum::default(),
+            pruned: Vec::new(),
+            caution: 1.0,
+            seconds: 0.0,
+        }
+    }
+
+    /// Seconds of computing up to this state.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+}
+
+/// What a run is doing.
+#[derive(Clone, Copy, Debug)]
+pub struct IdealProgress<'a> {
+    /// The run so far.
+    pub state: &'a IdealState,
+    /// Share of a fit of the density model that is done; none while the mask moves.
+    pub fitting: Option<f64>,
+    /// Seconds of computing since the start of the run.
+    pub seconds: f64,
+}
+
+/// Time that is left of a run, from how long its steps have taken so far.
+pub fn time_left(state: &IdealState, settings: &IdealSettings, seconds: f64) -> Option<Duration> {
+    let first = state.frames.first()?;
+    let (done, all) = (state.step, settings.steps);
+    if done < 2 * settings.refit_every.min(all) || state.finished {
+        return None;
+    }
+    let per_step = (seconds - first.seconds).max(0.0) / done as f64;
+    Duration::try_from_secs_f64(per_step * (all - done.min(all)) as f64).ok()
+}
