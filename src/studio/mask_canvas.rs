@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 
-use egui::{Color32, Key, Rect, Sense, Stroke, Ui, Vec2, vec2};
+use egui::{Color32, Key, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
 use super::image_view::{Placement, placeholder, toolbar};
 use super::state::{MaskDrag, State};
@@ -142,9 +142,17 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
     if response.drag_started()
         && let Some(position) = ui.input(|input| input.pointer.press_origin())
     {
-        let kept = if shift { state.selection.clone() } else { BTreeSet::new() };
-        state.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), kept });
+        // Where frames are slow the pointer has left the lenslet that it pressed before this is called.
+        if let Some(pressed) =
+            array.lenslets.iter().rposition(|lenslet| frame_of(placement, lenslet).contains(position))
+        {
+            take_hold(ui, state, placement, pressed, position);
+        } else {
+            let kept = if shift { state.selection.clone() } else { BTreeSet::new() };
+            state.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), kept });
+        }
     }
+    drag_lenslets(state, placement, response, array);
     if let Some(MaskDrag::Select { start, kept }) = &state.drag {
         if let (true, Some(position)) = (response.dragged(), ui.input(|input| input.pointer.latest_pos())) {
             let end = placement.to_pixels(position);
@@ -168,6 +176,35 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
     }
 }
 
+/// Starts to move a lenslet, with the others of the selection if it belongs to that.
+fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, pointer: Pos2) {
+    if !state.selection.contains(&index) {
+        select(state, index, ui.input(|input| input.modifiers.shift));
+    }
+    state.drag = Some(MaskDrag::Move { from: state.selected_lenslets(), start: placement.to_pixels(pointer) });
+}
+
+/// Moves the lenslets that are held with the pointer.
+fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
+    if response.dragged()
+        && let Some(MaskDrag::Move { from, start }) = &state.drag
+        && let Some(position) = response.interact_pointer_pos()
+    {
+        let (x, y) = placement.to_pixels(position);
+        let moved = moved_by(from, x - start.0, y - start.1, array);
+        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+    }
+    if response.drag_stopped() {
+        state.drag = None;
+    }
+}
+
+/// Where the handle of a lenslet lies on the screen.
+fn frame_of(placement: Placement, lenslet: &Lenslet) -> Rect {
+    let reach = (lenslet.spot.mean_sigma() as f32 * placement.scale).clamp(MIN_HANDLE, 24.0);
+    Rect::from_center_size(placement.to_screen(lenslet.x, lenslet.y), Vec2::splat(2.0 * reach))
+}
+
 /// A lenslet that fits into the array: as wide as the others, as bright as their mean.
 fn new_lenslet(array: &LensletArray, x: f64, y: f64) -> Lenslet {
     let count = array.lenslets.len().max(1) as f64;
@@ -183,10 +220,8 @@ fn inside((x, y): (f64, f64), array: &LensletArray) -> (f64, f64) {
 
 /// Draws one handle and does what the pointer does on it.
 fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray, index: usize, lenslet: &Lenslet) {
-    let centre = placement.to_screen(lenslet.x, lenslet.y);
     let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
-    let reach = radius.clamp(MIN_HANDLE, 24.0);
-    let rect = Rect::from_center_size(centre, Vec2::splat(2.0 * reach));
+    let rect = frame_of(placement, lenslet);
     let id = ui.scope_id().with(("lenslet", index));
     let response = ui.interact(rect, id, Sense::click_and_drag());
     let name = format!("Lenslet {}", index + 1);
@@ -199,25 +234,12 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         response.request_focus();
     }
     if response.drag_started() {
-        if !selected {
-            select(state, index, shift);
-        }
         response.request_focus();
         if let Some(origin) = ui.input(|input| input.pointer.press_origin()) {
-            state.drag = Some(MaskDrag::Move { from: state.selected_lenslets(), start: placement.to_pixels(origin) });
+            take_hold(ui, state, placement, index, origin);
         }
     }
-    if response.dragged()
-        && let Some(MaskDrag::Move { from, start }) = &state.drag
-        && let Some(position) = response.interact_pointer_pos()
-    {
-        let (x, y) = placement.to_pixels(position);
-        let moved = moved_by(from, x - start.0, y - start.1, array);
-        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
-    }
-    if response.drag_stopped() {
-        state.drag = None;
-    }
+    drag_lenslets(state, placement, &response, array);
     if response.has_focus() {
         // Arrow keys nudge lenslets instead of moving the focus.
         let filter = egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };

@@ -120,6 +120,29 @@ fn a_lenslet_is_dragged_and_every_number_follows() {
 }
 
 #[test]
+fn a_lenslet_that_the_pointer_has_left_within_a_frame_is_dragged() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 1").rect().center();
+    window.hover_at(from);
+    window.step();
+    let to = from + Vec2::new(40.0, -24.0);
+    let press = |pressed, pos| {
+        let (button, modifiers) = (egui::PointerButton::Primary, Modifiers::NONE);
+        egui::Event::PointerButton { pos, button, pressed, modifiers }
+    };
+    // All of a slow frame at once.
+    window.input_mut().events.extend([press(true, from), egui::Event::PointerMoved(to)]);
+    window.step();
+    window.step();
+    window.input_mut().events.push(press(false, to));
+    settle(&mut window);
+    let moved = lenslets(&window);
+    assert!(moved[0].x > start[0].x + 1.0 && moved[0].y < start[0].y - 0.5, "{:?} {:?}", start[0], moved[0]);
+    assert_eq!(moved[1..], start[1..]);
+}
+
+#[test]
 fn a_drag_of_two_points_is_a_click() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
