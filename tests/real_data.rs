@@ -40,6 +40,7 @@ fn estimated(design: &Design, model: DensityModel) -> Estimate {
         patch: Some((16, 16)),
         patches_train: 1500,
         patches_test: 500,
+        fresh: false,
         trials: 1,
         keep: None,
     };

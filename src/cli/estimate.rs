@@ -56,6 +56,10 @@ pub struct Arguments {
     #[arg(long)]
     engine: Option<EngineChoice>,
 
+    /// Begin the fit of the bracket's decoder with nothing, instead of the weights that come with the program.
+    #[arg(long)]
+    fresh: bool,
+
     /// Repetitions with other seeds; the smallest estimate is reported.
     #[arg(long, default_value_t = 1)]
     trials: usize,
@@ -132,6 +136,7 @@ impl Arguments {
             patch: self.patch.shape(),
             patches_train: self.patches_train,
             patches_test: self.patches_test,
+            fresh: self.fresh,
             trials: self.trials,
             keep: self.resume.clone(),
         };

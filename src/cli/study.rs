@@ -51,6 +51,10 @@ struct Common {
     #[arg(long, default_value_t = 1_500)]
     patches_test: usize,
 
+    /// Begin the fit of the bracket's decoder with nothing, instead of the weights that come with the program.
+    #[arg(long)]
+    fresh: bool,
+
     /// Print the result file.
     #[arg(long)]
     json: bool,
@@ -242,6 +246,7 @@ impl Common {
         }
         settings.patches_train = self.patches_train;
         settings.patches_test = self.patches_test;
+        settings.fresh = self.fresh;
         settings.check()?;
         check_folder(&self.out)?;
         let mut study = Study::open(settings, &self.out)?;

@@ -37,7 +37,9 @@ pub use causal::{
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
-pub use decoder::{BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, LowerBound, decoder_lower_bound};
+pub use decoder::{
+    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, decoder_lower_bound,
+};
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};

@@ -49,6 +49,7 @@ impl EstimateForm {
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
             patches_train: 10_000,
             patches_test: 1_500,
+            fresh: false,
             trials: 1,
             keep: None,
         }

@@ -12,9 +12,9 @@ use super::progress::{Watch, tell};
 use super::simulation::{imaging, open_set};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
-    CausalRequest, Covariance, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength, GaussianRequest,
-    InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol, Provenance, Trial,
-    TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
+    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
+    Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -91,6 +91,8 @@ pub struct EstimateRequest {
     pub patches_train: usize,
     /// Held-out patches to score.
     pub patches_test: usize,
+    /// Whether the decoder of a bracket begins with nothing, instead of the weights that come with the program.
+    pub fresh: bool,
     /// Repetitions; trial t uses seed + t.
     pub trials: usize,
     /// A file for the state of the fit of a causal model, so that the same request goes on where it was stopped; it is
@@ -157,7 +159,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let mut estimate = match request.model {
         DensityModel::Bracket { budget } => {
             let upper = analytic(&source, request, design.seed, watch)?;
-            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), watch)?;
+            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), request.fresh, watch)?;
             Estimate::bracketed(&trials, &upper, lower.as_ref(), provenance)?
         }
         _ => Estimate::new(&trials, provenance)?,
@@ -253,12 +255,14 @@ fn density_share(set: &ObjectSet) -> f64 {
 fn lower_bound(
     source: &PatchSource<'_>,
     budget: Duration,
+    fresh: bool,
     watch: Watch<'_>,
 ) -> Result<Option<LowerBound>, EvaluationError> {
     let design = source.design;
     let Some(channel) = bead_channel(design, source.imaging.set, source.patch)? else { return Ok(None) };
+    let start = if fresh { None } else { Decoder::shipped() };
     let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
-    let (bound, _) = decoder_lower_bound(&channel, &fit, None, &mut |fit| watch(&fit.into()))?;
+    let (bound, _) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
     Ok(Some(bound))
 }
 

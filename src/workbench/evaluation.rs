@@ -301,7 +301,7 @@ pub(super) fn bead_channel(
 }
 
 /// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
-fn spots_on_sensor(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
+pub(super) fn spots_on_sensor(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
     let (planes, rows, cols) = psf.dim();
     let (spot_rows, spot_cols) = spot.dim();
     let mut on_sensor = Array3::zeros((planes, rows + spot_rows - 1, cols + spot_cols - 1));

@@ -104,6 +104,9 @@ pub fn decoder_lower_bound(
         test(&scene, fit, &passes, &decoder, &mut |tested| on_progress(&run.progress(Some(tested))), started)?;
     let (mean, half_width) = savings.mean_and_half_width();
     let mut notes = Vec::new();
+    if start.is_some() {
+        notes.push("the fit of the decoder started from weights of other encoders and scenes".to_owned());
+    }
     if mean <= 0.0 {
         notes.push(format!(
             "the fitted decoder does worse than the prior ({mean:.4} bits per pixel), which is a decoder of 0 bits; fit \
@@ -167,6 +170,6 @@ mod tests {
         let on_progress = &mut |_: &DecoderProgress| ControlFlow::Continue(());
         let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), on_progress).unwrap();
         assert_eq!((bound.bits_per_pixel, bound.bits_per_measurement, bound.interval_95[0]), (0.0, 0.0, 0.0));
-        assert!(bound.notes[0].contains("worse than the prior"), "{:?}", bound.notes);
+        assert!(bound.notes[1].contains("worse than the prior"), "{:?}", bound.notes);
     }
 }

@@ -14,6 +14,8 @@ use super::scene::Scene;
 use crate::information::InformationError;
 use crate::network::{Optimizer, Rule, rate_schedule};
 
+/// Unrolled steps of the default decoder.
+pub(super) const UNROLLED: usize = 6;
 /// Share of a budget that is kept for the test.
 const TEST_SHARE: f64 = 0.06;
 /// Steps without finite numbers after which a fit is given up.
@@ -59,7 +61,17 @@ impl DecoderFit {
 
     /// The default fit of a number of steps: equal seeds give equal bits, whatever the number of threads.
     pub fn of_steps(steps: usize, kind: DecoderKind, seed: u64) -> Self {
-        Self { kind, unrolled: 6, batch: 2, rate: 1e-2, steps, budget: None, half_width: 0.0015, max_test: 4096, seed }
+        Self {
+            kind,
+            unrolled: UNROLLED,
+            batch: 2,
+            rate: 1e-2,
+            steps,
+            budget: None,
+            half_width: 0.0015,
+            max_test: 4096,
+            seed,
+        }
     }
 
     /// Refuses a fit that does nothing.
@@ -111,10 +123,7 @@ pub(super) struct Run<'a> {
 
 impl<'a> Run<'a> {
     pub fn new(fit: &'a DecoderFit, scene: &'a Scene, decoder: &Decoder, started: Instant) -> Self {
-        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, true, |tensor| {
-            let hidden = tensor.name.starts_with("block") || tensor.name.starts_with("out");
-            if hidden { Rule::Muon } else { Rule::Adam }
-        });
+        let optimizer = optimizer(decoder);
         Self { fit, scene, started, optimizer, steps: 0, refused: 0, mean_norm: 0.0, saved_per_site: 0.0 }
     }
 
@@ -187,7 +196,15 @@ impl<'a> Run<'a> {
     }
 }
 
-fn revealed_in_training(sites: usize, random: &mut ChaCha8Rng) -> Reveal {
+/// What moves the weights of a decoder.
+pub(super) fn optimizer(decoder: &Decoder) -> Optimizer {
+    Optimizer::new(&decoder.layout, &decoder.weights, true, |tensor| {
+        if tensor.name.starts_with("block") { Rule::Muon } else { Rule::Adam }
+    })
+}
+
+/// How many sites a training sample reveals, and its weight.
+pub(super) fn revealed_in_training(sites: usize, random: &mut ChaCha8Rng) -> Reveal {
     let share = random.random::<f64>().powf(EARLY).min(MOST_REVEALED);
     let count = ((share * sites as f64) as usize).min(sites.saturating_sub(1));
     let weight = (sites as f64 / (sites - count) as f64).min(HEAVIEST).sqrt();

@@ -12,6 +12,7 @@ mod draws;
 mod evaluation;
 mod features;
 mod file;
+mod first;
 mod fit;
 mod gradient;
 mod layers;
@@ -21,5 +22,6 @@ mod step;
 
 pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
 pub use channel::BeadChannel;
+pub use first::FirstProgress;
 pub use fit::{DecoderFit, DecoderProgress};
 pub use layers::Decoder;

@@ -97,6 +97,12 @@ impl Scene {
         self.patch.0 * self.patch.1
     }
 
+    /// Entropy of a site before anything is measured, nats.
+    pub fn prior_nats(&self) -> f64 {
+        let p = self.probability;
+        -p * p.ln() - (1.0 - p) * (1.0 - p).ln()
+    }
+
     /// Log odds of a bead before anything is measured.
     pub fn prior_logit(&self) -> f32 {
         (self.probability / (1.0 - self.probability)).ln() as f32

@@ -350,6 +350,7 @@ impl Shared {
             patch: Some((32, 32)),
             patches_train: 0,
             patches_test: 1_000,
+            fresh: false,
             trials: 1,
             keep: None,
         };

@@ -40,6 +40,7 @@ pub fn score_settings(
         budget_seconds: Some(budget.as_secs_f64()),
         patches_train: 0,
         patches_test: 600,
+        fresh: false,
         noise: start.noise,
         mean_photons: start.mean_photons,
         bias_photons: start.bias_photons,

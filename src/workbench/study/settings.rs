@@ -117,6 +117,9 @@ pub struct StudySettings {
     pub patches_train: usize,
     /// Held-out patches that it is scored on.
     pub patches_test: usize,
+    /// Whether the decoder of a bracket begins with nothing, instead of the weights that come with the program.
+    #[serde(default)]
+    pub fresh: bool,
     /// Noise of the sensor.
     pub noise: Noise,
     /// Mean of the objects, photons per pixel.
@@ -166,6 +169,7 @@ impl StudySettings {
             budget_seconds: estimator.usual_budget().map(|budget| budget.as_secs_f64()),
             patches_train: 10_000,
             patches_test: 1_500,
+            fresh: false,
             noise,
             mean_photons,
             bias_photons,
@@ -229,6 +233,7 @@ impl StudySettings {
             patch,
             patches_train: self.patches_train,
             patches_test: self.patches_test,
+            fresh: self.fresh,
             trials: 1,
             keep: None,
         })
