@@ -32,10 +32,16 @@ struct Arguments {
     /// Design file to open in the window.
     design: Option<PathBuf>,
 
-    /// Draw the window by OpenGL (glow) or by Vulkan, Metal or DirectX (wgpu); the other is tried where one fails.
+    /// Draw the window by OpenGL (glow) or by Vulkan, Metal or DirectX (wgpu); the other is tried where one fails
+    /// [default: that of the settings, or glow].
     #[cfg(feature = "studio")]
-    #[arg(long, value_enum, default_value_t)]
-    renderer: crate::studio::RendererChoice,
+    #[arg(long, value_enum)]
+    renderer: Option<crate::studio::RendererChoice>,
+
+    /// Forget the layout of the window and its preferences; designs and recent files stay.
+    #[cfg(feature = "studio")]
+    #[arg(long)]
+    reset_ui: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -138,7 +144,7 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
         output::tell("No display was found, so there is no window; the design is computed here instead.");
         return headless::run(&design);
     }
-    match crate::studio::open_window(design.clone(), arguments.design, arguments.renderer) {
+    match crate::studio::open_window(design.clone(), arguments.design, arguments.renderer, arguments.reset_ui) {
         Ok(()) => Ok(()),
         Err(error) => {
             output::tell(format_args!("{error}; the design is computed here instead."));

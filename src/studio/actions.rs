@@ -1,10 +1,14 @@
 //! What menus and shortcuts do: one list for both.
 
+use std::borrow::Cow;
+
 use egui::{Key, KeyboardShortcut, Modifiers};
 
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget};
-use super::state::State;
+use super::layout::Pane;
+use super::palette::{Palette, Sheet};
+use super::state::{Arrange, State};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
 use crate::workbench::Command;
 
@@ -35,14 +39,97 @@ pub enum Action {
     SelectAll,
     /// Deletes the selection.
     Delete,
+    /// Puts the open design aside, to compare it.
+    KeepDesign,
+    /// Puts another mask in place.
+    Preset(Preset),
+    /// Brings a room to the front.
+    Show(Pane),
+    /// Arranges the rooms as in a new window.
+    ResetLayout,
+    /// Finds actions by what they are called.
+    Palette,
+    /// Shows keys and gestures.
+    Shortcuts,
+    /// Shows what a person can choose.
+    Settings,
+    /// Asks what to start from.
+    Welcome,
+    /// Shows what can be done, step by step.
+    Tour,
+    /// Shows versions and the machine.
+    About,
+    /// Shows all messages.
+    Messages,
     /// Closes the window.
     Quit,
 }
 
+/// A mask to start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// So many heuristic lenslets, 1 to 9.
+    Heuristic(usize),
+    /// 25 lenslets, drawn from the design's seed; others every time.
+    Random,
+    /// 5 lenslets, each focused on a plane of its own.
+    Depth,
+    /// A diffuser with an aperture of so many pixels.
+    Diffuser(usize),
+}
+
+impl Preset {
+    fn all() -> impl Iterator<Item = Self> {
+        let diffusers = DIFFUSER_APERTURES.into_iter().map(Self::Diffuser);
+        (1..=9).map(Self::Heuristic).chain([Self::Random, Self::Depth]).chain(diffusers)
+    }
+
+    fn label(self) -> String {
+        match self {
+            Self::Heuristic(1) => "1 lenslet".into(),
+            Self::Heuristic(count) => format!("{count} lenslets"),
+            Self::Random => "25 random lenslets".into(),
+            Self::Depth => "5 lenslets in depth".into(),
+            Self::Diffuser(aperture_px) => format!("Aperture {aperture_px} px"),
+        }
+    }
+
+    /// Its name where its menu does not stand above it.
+    fn full_label(self) -> String {
+        match self {
+            Self::Heuristic(_) => format!("Mask: {}, heuristic", self.label()),
+            Self::Random | Self::Depth => format!("Mask: {}", self.label()),
+            Self::Diffuser(aperture_px) => format!("Mask: diffuser, aperture {aperture_px} px"),
+        }
+    }
+
+    fn put(self, state: &mut State) {
+        let seed = state.bench.design().seed;
+        let (name, encoder) = match self {
+            Self::Heuristic(count) => {
+                (format!("{count} heuristic lenslets"), Encoder::Lenslets(heuristic_layout(count)))
+            }
+            Self::Random => {
+                let draw = state.next_random_start(seed);
+                (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))
+            }
+            Self::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5))),
+            Self::Diffuser(aperture_px) => {
+                (format!("diffuser, aperture {aperture_px} px"), Encoder::Diffuser(Diffuser { aperture_px, seed }))
+            }
+        };
+        state.send(&Command::ReplaceEncoder { name, encoder });
+    }
+}
+
 impl Action {
     /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
-    const WITH_SHORTCUT: [Self; 9] = [
+    const WITH_SHORTCUT: [Self; 13] = [
         Self::SaveAs,
+        Self::Palette,
+        Self::Shortcuts,
+        Self::KeepDesign,
+        Self::Settings,
         Self::New,
         Self::Open,
         Self::Save,
@@ -53,9 +140,37 @@ impl Action {
         Self::Undo,
     ];
 
+    /// Every action, as the palette lists them.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let plain = [
+            Self::New,
+            Self::Open,
+            Self::Save,
+            Self::SaveAs,
+            Self::OpenObjects,
+            Self::ImportPsf,
+            Self::ExportDesign,
+            Self::ExportMeasurements,
+            Self::Undo,
+            Self::Redo,
+            Self::SelectAll,
+            Self::Delete,
+            Self::KeepDesign,
+            Self::ResetLayout,
+            Self::Shortcuts,
+            Self::Settings,
+            Self::Welcome,
+            Self::Tour,
+            Self::About,
+            Self::Messages,
+            Self::Quit,
+        ];
+        plain.into_iter().chain(Preset::all().map(Self::Preset)).chain(Pane::ALL.map(Self::Show))
+    }
+
     /// Text of the menu entry.
-    pub fn label(self) -> &'static str {
-        match self {
+    pub fn label(self) -> Cow<'static, str> {
+        Cow::Borrowed(match self {
             Self::New => "New design",
             Self::Open => "Open design...",
             Self::Save => "Save design",
@@ -68,7 +183,30 @@ impl Action {
             Self::Redo => "Redo",
             Self::SelectAll => "Select all lenslets",
             Self::Delete => "Delete selected lenslets",
+            Self::Preset(preset) => return preset.full_label().into(),
+            Self::Show(pane) => return format!("Show {}", pane.title()).into(),
+            Self::KeepDesign => "Keep this design to compare",
+            Self::ResetLayout => "Reset layout",
+            Self::Palette => "Find an action...",
+            Self::Shortcuts => "Keys and gestures",
+            Self::Settings => "Settings...",
+            Self::Welcome => "Welcome and samples...",
+            Self::Tour => "Take the tour",
+            Self::About => "About Lenslet Studio",
+            Self::Messages => "Messages",
             Self::Quit => "Quit",
+        })
+    }
+
+    /// Whether it can be done now.
+    pub fn is_possible(self, state: &State) -> bool {
+        match self {
+            Self::Undo => state.bench.undoes().is_some(),
+            Self::Redo => state.bench.redoes().is_some(),
+            Self::SelectAll => state.lenslet_count() > 0,
+            Self::Delete => !state.selection.is_empty(),
+            Self::ExportMeasurements => state.live.measurements.is_some(),
+            _ => true,
         }
     }
 
@@ -88,7 +226,11 @@ impl Action {
             Self::Undo => (command, Key::Z),
             Self::Redo => (command | Modifiers::SHIFT, Key::Z),
             Self::Quit => (command, Key::Q),
-            Self::ImportPsf | Self::ExportMeasurements => return None,
+            Self::Palette => (command | Modifiers::SHIFT, Key::P),
+            Self::KeepDesign => (command, Key::D),
+            Self::Settings => (command, Key::Comma),
+            Self::Shortcuts => (Modifiers::NONE, Key::F1),
+            _ => return None,
         };
         Some(KeyboardShortcut::new(modifiers, key))
     }
@@ -98,6 +240,10 @@ impl Action {
         // Text fields undo what was typed into them.
         let focused = ctx.memory(egui::Memory::focused);
         let typing = focused.is_some_and(|id| egui::TextEdit::load_state(ctx, id).is_some());
+        // What browsers and editors have taught people to press.
+        if ctx.input_mut(|input| input.consume_key(Modifiers::COMMAND, Key::K)) {
+            return Some(Self::Palette);
+        }
         Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text()).find(|action| {
             let shortcut = action.shortcut();
             shortcut.is_some_and(|shortcut| ctx.input_mut(|input| input.consume_shortcut(&shortcut)))
@@ -129,6 +275,23 @@ impl Action {
             Self::Redo => state.bench.redo(),
             Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
             Self::Delete => state.delete_selection(),
+            Self::KeepDesign => {
+                state.keep_snapshot();
+                state.arrange = Some(Arrange::Show(Pane::Compare));
+            }
+            Self::Preset(preset) => preset.put(state),
+            Self::Show(pane) => state.arrange = Some(Arrange::Show(pane)),
+            Self::ResetLayout => state.arrange = Some(Arrange::Reset),
+            Self::Palette => state.palette = Some(Palette::default()),
+            Self::Shortcuts => state.sheet = Some(Sheet::Shortcuts),
+            Self::Settings => state.sheet = Some(Sheet::Settings),
+            Self::Welcome => state.guide.welcome = true,
+            Self::Tour => {
+                state.guide.tour = Some(0);
+                state.arrange = Some(Arrange::Show(Pane::Mask));
+            }
+            Self::About => state.sheet = Some(Sheet::About),
+            Self::Messages => state.messages.log_open = true,
             Self::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
         }
     }
@@ -136,21 +299,54 @@ impl Action {
 
 /// The File menu.
 pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
-    for action in [Action::New, Action::Open, Action::Save, Action::SaveAs] {
-        entry(ui, state, action, true);
+    for action in [Action::New, Action::Open] {
+        entry(ui, state, action);
+    }
+    ui.add_enabled_ui(!state.preferences.recent.is_empty(), |ui| {
+        ui.menu_button("Open recent", |ui| recent_menu(ui, state));
+    });
+    for action in [Action::Save, Action::SaveAs] {
+        entry(ui, state, action);
     }
     ui.separator();
-    entry(ui, state, Action::OpenObjects, true);
-    entry(ui, state, Action::ImportPsf, true);
+    entry(ui, state, Action::OpenObjects);
+    entry(ui, state, Action::ImportPsf);
     ui.separator();
-    entry(ui, state, Action::ExportDesign, true);
-    let measured = state.live.measurements.is_some();
-    entry(ui, state, Action::ExportMeasurements, measured);
+    entry(ui, state, Action::ExportDesign);
+    entry(ui, state, Action::ExportMeasurements);
     ui.menu_button("Export view", |ui| {
         export_view_menu(ui, state);
     });
     ui.separator();
-    entry(ui, state, Action::Quit, true);
+    entry(ui, state, Action::Quit);
+}
+
+/// Designs that were opened or saved before, the newest first.
+fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
+    let mut chosen = None;
+    for path in &state.preferences.recent {
+        let name = path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into());
+        if ui.button(name).on_hover_text(path.display().to_string()).clicked() {
+            chosen = Some(path.clone());
+            ui.close();
+        }
+    }
+    ui.separator();
+    if ui.button("Forget these").clicked() {
+        state.preferences.recent.clear();
+        ui.close();
+    }
+    if let Some(path) = chosen {
+        let ctx = ui.ctx().clone();
+        state.guard(&ctx, super::state::Leave::OpenFile(path));
+    }
+}
+
+/// The Help menu.
+pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
+    for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
+        entry(ui, state, action);
+    }
 }
 
 /// One entry per picture that there is.
@@ -191,63 +387,54 @@ pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     let redoes = state.bench.redoes().map(str::to_lowercase);
     for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
         let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
-        entry_called(ui, state, action, step.is_some(), text.trim_end());
+        entry_called(ui, state, action, text.trim_end());
     }
     ui.separator();
-    let editable = state.lenslet_count() > 0;
-    entry(ui, state, Action::SelectAll, editable);
-    let deletable = !state.selection.is_empty();
-    entry(ui, state, Action::Delete, deletable);
+    entry(ui, state, Action::SelectAll);
+    entry(ui, state, Action::Delete);
+    ui.separator();
+    entry(ui, state, Action::KeepDesign);
+    ui.separator();
+    entry(ui, state, Action::Settings);
 }
 
 /// The Presets menu: masks to start from.
 pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
-    let mut chosen = None;
+    let preset = |ui: &mut egui::Ui, state: &mut State, preset: Preset, hint: &str| {
+        let response = ui.button(preset.label());
+        let response = if hint.is_empty() { response } else { response.on_hover_text(hint) };
+        if response.clicked() {
+            preset.put(state);
+            ui.close();
+        }
+    };
     ui.menu_button("Heuristic lenslets", |ui| {
         for count in 1..=9 {
-            let name = if count == 1 { "1 lenslet".to_owned() } else { format!("{count} lenslets") };
-            if ui.button(&name).clicked() {
-                chosen = Some((format!("{count} heuristic lenslets"), Encoder::Lenslets(heuristic_layout(count))));
-                ui.close();
-            }
+            preset(ui, state, Preset::Heuristic(count), "");
         }
     });
-    let seed = state.bench.design().seed;
-    if ui.button("25 random lenslets").on_hover_text("Drawn from the design's seed; again draws others").clicked() {
-        let draw = state.next_random_start(seed);
-        chosen = Some((format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw))));
-        ui.close();
-    }
-    if ui.button("5 lenslets in depth").on_hover_text("Each focused on a plane of its own, for volumes").clicked() {
-        chosen = Some(("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5))));
-        ui.close();
-    }
+    preset(ui, state, Preset::Random, "Drawn from the design's seed; again draws others");
+    preset(ui, state, Preset::Depth, "Each focused on a plane of its own, for volumes");
     ui.menu_button("Diffuser", |ui| {
-        for aperture_px in DIFFUSER_APERTURES {
-            if ui.button(format!("Aperture {aperture_px} px")).clicked() {
-                let diffuser = Diffuser { aperture_px, seed };
-                chosen = Some((format!("diffuser, aperture {aperture_px} px"), Encoder::Diffuser(diffuser)));
-                ui.close();
-            }
+        for aperture in DIFFUSER_APERTURES {
+            preset(ui, state, Preset::Diffuser(aperture), "");
         }
     });
-    entry(ui, state, Action::ImportPsf, true);
-    if let Some((name, encoder)) = chosen {
-        state.send(&Command::ReplaceEncoder { name, encoder });
-    }
+    entry(ui, state, Action::ImportPsf);
 }
 
-fn entry(ui: &mut egui::Ui, state: &mut State, action: Action, enabled: bool) {
-    entry_called(ui, state, action, enabled, action.label());
+/// A menu entry for an action.
+pub fn entry(ui: &mut egui::Ui, state: &mut State, action: Action) {
+    entry_called(ui, state, action, &action.label());
 }
 
-fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, enabled: bool, text: &str) {
+fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, text: &str) {
     let mut button = egui::Button::new(text);
     if let Some(shortcut) = action.shortcut() {
         button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
     }
-    let response = ui.add_enabled(enabled, button);
-    name_widget(&response, action.label());
+    let response = ui.add_enabled(action.is_possible(state), button);
+    name_widget(&response, &action.label());
     if response.clicked() {
         ui.close();
         let ctx = ui.ctx().clone();

@@ -7,11 +7,13 @@ use egui_tiles::Tree;
 
 use super::actions::{self, Action};
 use super::dialogs;
+use super::home::Home;
 use super::layout::{Pane, Rooms, default_layout};
 use super::messages::Severity;
-use super::state::{Leave, State};
+use super::state::{Arrange, Leave, State};
+use super::{palette, recovery, welcome};
 use crate::objects::ObjectSource;
-use crate::workbench::{Design, Job, Outcome, Workbench};
+use crate::workbench::{Design, Job, Outcome, Recovered, Workbench};
 
 /// The window's contents.
 pub struct Studio {
@@ -24,6 +26,10 @@ pub struct Studio {
     closing: bool,
     /// Whether the status bar shows how long frames take.
     frame_times: FrameTimes,
+    /// What is remembered from one day to the next.
+    home: Option<Home>,
+    /// Designs that were left behind, until it is decided what becomes of them.
+    left_behind: Vec<Recovered>,
 }
 
 /// How long the processor works on each frame.
@@ -68,6 +74,8 @@ impl Studio {
             title,
             closing: false,
             frame_times: FrameTimes::default(),
+            home: None,
+            left_behind: Vec::new(),
         })
     }
 
@@ -76,12 +84,53 @@ impl Studio {
         self.state.messages.push(Severity::Notice, notice);
     }
 
-    /// Keeps the states of runs in a folder, and tells of one that was interrupted there.
-    pub fn keep_runs_in(&mut self, folder: &Path) {
-        match self.state.bench.keep_runs_in(folder) {
+    /// Keeps everything that outlives the window in a folder: preferences, layout, unsaved changes, states of runs; and
+    /// takes up what is there. Where that fails, a message says so.
+    pub fn live_in(&mut self, ctx: &egui::Context, folder: &Path) {
+        match Home::in_folder(folder) {
+            Ok((home, preferences, layout)) => {
+                ctx.set_theme(preferences.theme);
+                ctx.set_zoom_factor(preferences.zoom);
+                self.state.bench.set_live(preferences.live);
+                self.state.guide.welcome = !preferences.welcomed && self.state.bench.path().is_none();
+                self.state.preferences = preferences;
+                self.rooms = layout.unwrap_or_else(default_layout);
+                self.home = Some(home);
+            }
+            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+        match self.state.bench.keep_unsaved_in(&folder.join("unsaved")) {
+            Ok(found) => self.left_behind = found,
+            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+        match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(false) => {}
             Ok(true) => self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into()),
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+    }
+
+    /// Writes what is to be remembered, and arranges the rooms as was wished.
+    fn keep_home(&mut self, ctx: &egui::Context) {
+        match self.state.arrange.take() {
+            Some(Arrange::Show(pane)) => {
+                self.rooms.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
+            }
+            Some(Arrange::Reset) => self.rooms = default_layout(),
+            None => {}
+        }
+        let state = &mut self.state;
+        if let Some(failure) = state.bench.note_unsaved() {
+            state.messages.push(Severity::Failure, failure);
+        }
+        let Some(home) = &mut self.home else { return };
+        state.preferences.theme = ctx.options(|options| options.theme_preference);
+        state.preferences.zoom = ctx.zoom_factor();
+        state.preferences.live = state.bench.is_live();
+        // Rooms are moved by the pointer, and come to rest when that is released.
+        let moved = ctx.input(|input| input.pointer.any_released() || input.viewport().close_requested());
+        if let Some(failure) = home.keep(&state.preferences, moved.then_some(&self.rooms)) {
+            state.messages.push(Severity::Failure, failure);
         }
     }
 
@@ -111,6 +160,7 @@ impl Studio {
         if let Some(live) = &state.estimates.live {
             state.trail.note_live(live.revision, live.value.bits_per_pixel);
         }
+        state.snapshots.take_up(&state.live, &state.estimates);
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
         if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
@@ -130,11 +180,16 @@ impl Studio {
         }
         if !self.state.dialogs.is_open()
             && self.state.leaving.is_none()
+            && self.state.palette.is_none()
+            && self.state.sheet.is_none()
+            && self.left_behind.is_empty()
+            && !self.state.guide.welcome
             && let Some(action) = Action::pressed(ctx)
         {
             action.run(ctx, &mut self.state);
         }
         self.take_dropped_files(ctx);
+        self.keep_home(ctx);
         let title = title(&self.state);
         if title != self.title {
             ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
@@ -156,6 +211,13 @@ impl Studio {
         let ctx = ui.ctx().clone();
         self.state.messages.log_window(&ctx);
         dialogs::show(&ctx, &mut self.state);
+        palette::show(&ctx, &mut self.state);
+        welcome::show_tour(&ctx, &mut self.state);
+        recovery::ask(&ctx, &mut self.state, &mut self.left_behind);
+        // One question at a time.
+        if self.left_behind.is_empty() {
+            welcome::show_welcome(&ctx, &mut self.state);
+        }
         self.ask_about_changes(&ctx);
         self.ask_about_dropped(&ctx);
         show_drop_hint(&ctx);
@@ -167,6 +229,7 @@ impl Studio {
             ui.menu_button("Edit", |ui| actions::edit_menu(ui, &mut self.state));
             ui.menu_button("Presets", |ui| actions::presets_menu(ui, &mut self.state));
             ui.menu_button("View", |ui| self.view_menu(ui));
+            ui.menu_button("Help", |ui| actions::help_menu(ui, &mut self.state));
             ui.separator();
             let design = self.state.bench.design();
             let name = file_name(self.state.bench.path());
@@ -178,22 +241,16 @@ impl Studio {
 
     fn view_menu(&mut self, ui: &mut Ui) {
         ui.menu_button("Theme", |ui| {
-            for (text, theme) in [
-                ("System", egui::ThemePreference::System),
-                ("Light", egui::ThemePreference::Light),
-                ("Dark", egui::ThemePreference::Dark),
-            ] {
-                let current = ui.ctx().options(|options| options.theme_preference);
-                if ui.radio(current == theme, text).clicked() {
-                    ui.ctx().set_theme(theme);
-                    ui.close();
-                }
+            if palette::theme_choice(ui) {
+                ui.close();
             }
         });
-        if ui.button("Reset layout").clicked() {
-            self.rooms = default_layout();
-            ui.close();
-        }
+        ui.menu_button("Room", |ui| {
+            for pane in Pane::ALL {
+                actions::entry(ui, &mut self.state, Action::Show(pane));
+            }
+        });
+        actions::entry(ui, &mut self.state, Action::ResetLayout);
         let mut live = self.state.bench.is_live();
         if ui
             .checkbox(&mut live, "Keep estimating")
@@ -206,10 +263,7 @@ impl Studio {
         if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
             ui.close();
         }
-        if ui.button("Messages").clicked() {
-            self.state.messages.log_open = true;
-            ui.close();
-        }
+        actions::entry(ui, &mut self.state, Action::Messages);
     }
 
     /// The question about unsaved changes.
@@ -299,9 +353,13 @@ fn hear(state: &mut State, outcome: Result<Outcome, String>) {
     let (severity, text) = match outcome {
         Ok(Outcome::Opened { path, .. }) => {
             state.selection.clear();
+            state.preferences.remember(&path);
             (Severity::Done, format!("Opened {}", path.display()))
         }
-        Ok(Outcome::Saved { path, .. }) => (Severity::Done, format!("Saved {}", path.display())),
+        Ok(Outcome::Saved { path, .. }) => {
+            state.preferences.remember(&path);
+            (Severity::Done, format!("Saved {}", path.display()))
+        }
         Ok(Outcome::ObjectsOpened { source, notices }) => {
             for notice in notices {
                 state.messages.push(Severity::Notice, notice);
@@ -313,6 +371,7 @@ fn hear(state: &mut State, outcome: Result<Outcome, String>) {
             (Severity::Done, format!("Using {}", encoder.describe()))
         }
         Ok(Outcome::Exported { files }) => {
+            state.guide.exported = true;
             let text = match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
                 files => {

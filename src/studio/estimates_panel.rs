@@ -213,6 +213,7 @@ fn columns(curve: &[FitPoint]) -> Curve {
         vec![f64::from(u8::from(decoder)), point.seconds, point.bits]
     };
     Curve {
+        names: Vec::new(),
         header: ["decoder", "seconds", "bits_per_pixel"].map(String::from).to_vec(),
         rows: curve.iter().map(row).collect(),
     }

@@ -18,7 +18,8 @@ impl Default for Palettes {
 }
 
 impl Palettes {
-    fn of(&self, map: Colormap) -> &[Color32] {
+    /// The colours of a map, lowest value first.
+    pub fn of(&self, map: Colormap) -> &[Color32] {
         self.colours.iter().find(|(known, _)| *known == map).map_or(&[], |(_, colours)| colours)
     }
 }
@@ -43,6 +44,8 @@ pub struct ImageView {
     drawn: Option<Drawn>,
     /// Values in the first and the last colour.
     limits: (f32, f32),
+    /// The same where they are not those of the picture.
+    fixed: Option<(f32, f32)>,
 }
 
 /// Where a picture lies on the screen.
@@ -73,7 +76,7 @@ impl ImageView {
 
     /// A view called `name` of values in `unit`.
     pub fn new(name: &'static str, unit: &'static str, colormap: Colormap) -> Self {
-        Self { name, unit, colormap, texture: None, drawn: None, limits: (0.0, 1.0) }
+        Self { name, unit, colormap, texture: None, drawn: None, limits: (0.0, 1.0), fixed: None }
     }
 
     /// Its name.
@@ -84,6 +87,11 @@ impl ImageView {
     /// Values in the first and the last colour.
     pub fn limits(&self) -> (f32, f32) {
         self.limits
+    }
+
+    /// Draws these values in the first and the last colour, instead of the smallest and the largest of each picture.
+    pub fn fix_limits(&mut self, limits: Option<(f32, f32)>) {
+        self.fixed = limits.filter(|(low, high)| low < high);
     }
 
     /// The choice of colours.
@@ -157,6 +165,7 @@ impl ImageView {
             let low = if low > 0.0 && low < 1e-3 * high { 0.0 } else { low };
             self.limits = if low < high { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) };
         }
+        self.limits = self.fixed.unwrap_or(self.limits);
         let wanted = Drawn { version, colormap: self.colormap, limits: self.limits };
         if self.drawn == Some(wanted) {
             return;

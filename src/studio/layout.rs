@@ -1,15 +1,21 @@
 //! The rooms of the window and how they are arranged.
 
-use egui_tiles::{Behavior, Container, Linear, LinearDir, SimplificationOptions, TileId, Tiles, Tree, UiResponse};
+use std::collections::BTreeSet;
+
+use egui_tiles::{
+    Behavior, Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree, UiResponse,
+};
+use serde::{Deserialize, Serialize};
 
 use super::state::State;
 use super::{
-    estimates_panel, history_panel, information_map_panel, information_panel, lenslet_table, mask_canvas, mtf_panel,
-    optimize_panel, sample_panels, scene_panel,
+    compare_panel, estimates_panel, history_panel, information_map_panel, information_panel, lenslet_table,
+    mask_canvas, mtf_panel, optimize_panel, sample_panels, scene_panel,
 };
 
 /// A room.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "&'static str")]
 pub enum Pane {
     /// The PSF plane with the lenslets.
     Mask,
@@ -33,10 +39,43 @@ pub enum Pane {
     InformationMap,
     /// Runs that optimize the mask.
     Optimize,
+    /// Designs side by side.
+    Compare,
+    /// A room of another version, from its layout file.
+    Unknown,
+}
+
+impl From<String> for Pane {
+    fn from(title: String) -> Self {
+        Self::ALL.into_iter().find(|pane| pane.title() == title).unwrap_or(Self::Unknown)
+    }
+}
+
+impl From<Pane> for &'static str {
+    fn from(pane: Pane) -> Self {
+        pane.title()
+    }
 }
 
 impl Pane {
-    fn title(self) -> &'static str {
+    /// Every room.
+    pub const ALL: [Self; 12] = [
+        Self::Mask,
+        Self::Lenslets,
+        Self::Object,
+        Self::Measurement,
+        Self::Information,
+        Self::Scene,
+        Self::Optimize,
+        Self::Estimates,
+        Self::InformationMap,
+        Self::Mtf,
+        Self::History,
+        Self::Compare,
+    ];
+
+    /// What stands on its tab.
+    pub fn title(self) -> &'static str {
         match self {
             Self::Mask => "Mask",
             Self::Lenslets => "Lenslets",
@@ -49,6 +88,8 @@ impl Pane {
             Self::Estimates => "Estimates",
             Self::InformationMap => "Map",
             Self::Optimize => "Optimize",
+            Self::Compare => "Compare",
+            Self::Unknown => "Unknown",
         }
     }
 }
@@ -77,7 +118,8 @@ pub fn default_layout() -> Tree<Pane> {
         let estimates = tiles.insert_pane(Pane::Estimates);
         let map = tiles.insert_pane(Pane::InformationMap);
         let optimize = tiles.insert_pane(Pane::Optimize);
-        let below = tiles.insert_tab_tile(vec![scene, optimize, estimates, map, mtf, history]);
+        let compare = tiles.insert_pane(Pane::Compare);
+        let below = tiles.insert_tab_tile(vec![scene, optimize, estimates, compare, map, mtf, history]);
         let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
         linear.children = vec![information, below];
         linear.shares.set_share(information, 1.15);
@@ -91,6 +133,54 @@ pub fn default_layout() -> Tree<Pane> {
     row.shares.set_share(right, 1.15);
     let root = tiles.insert_container(Container::Linear(row));
     Tree::new(egui::Id::unique("rooms"), root, tiles)
+}
+
+/// An arrangement from a file: without rooms that this version does not have; rooms that the file does not have stand
+/// beside the scene. None where the file is no arrangement of rooms.
+pub fn restored(mut tree: Tree<Pane>) -> Option<Tree<Pane>> {
+    if !is_sound(&tree) {
+        return None;
+    }
+    let of = |tree: &Tree<Pane>, wanted: Pane| -> Vec<TileId> {
+        let tiles = tree.tiles.iter();
+        tiles.filter(|(_, tile)| matches!(tile, Tile::Pane(pane) if *pane == wanted)).map(|(id, _)| *id).collect()
+    };
+    for unknown in of(&tree, Pane::Unknown) {
+        tree.remove_recursively(unknown);
+    }
+    let scene = of(&tree, Pane::Scene).first().copied()?;
+    let beside = tree.tiles.parent_of(scene)?;
+    for pane in Pane::ALL {
+        match of(&tree, pane).len() {
+            0 => {
+                let new = tree.tiles.insert_pane(pane);
+                match tree.tiles.get_mut(beside) {
+                    Some(Tile::Container(container)) => container.add_child(new),
+                    _ => return None,
+                }
+            }
+            1 => {}
+            _ => return None,
+        }
+    }
+    is_sound(&tree).then_some(tree)
+}
+
+/// Whether every tile can be reached from the root, in one way.
+fn is_sound(tree: &Tree<Pane>) -> bool {
+    let mut seen = BTreeSet::new();
+    let mut waiting: Vec<TileId> = tree.root.into_iter().collect();
+    while let Some(id) = waiting.pop() {
+        if !seen.insert(id.0) {
+            return false;
+        }
+        match tree.tiles.get(id) {
+            Some(Tile::Container(container)) => waiting.extend(container.children()),
+            Some(Tile::Pane(_)) => {}
+            None => return false,
+        }
+    }
+    seen.len() == tree.tiles.len()
 }
 
 /// Draws the rooms.
@@ -113,6 +203,8 @@ impl Behavior<Pane> for Rooms<'_> {
                 Pane::Estimates => estimates_panel::show(ui, self.0),
                 Pane::InformationMap => information_map_panel::show(ui, self.0),
                 Pane::Optimize => optimize_panel::show(ui, self.0),
+                Pane::Compare => compare_panel::show(ui, self.0),
+                Pane::Unknown => {}
             }
         });
         UiResponse::None
@@ -128,5 +220,43 @@ impl Behavior<Pane> for Rooms<'_> {
 
     fn gap_width(&self, _style: &egui::Style) -> f32 {
         3.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn panes(tree: &Tree<Pane>) -> Vec<Pane> {
+        tree.tiles.tiles().filter_map(|tile| if let Tile::Pane(pane) = tile { Some(*pane) } else { None }).collect()
+    }
+
+    #[test]
+    fn rooms_of_other_versions_are_dropped_and_new_ones_added() {
+        let text = serde_json::to_string(&default_layout()).unwrap();
+        let older = text.replace("\"Optimize\"", "\"Teleport\"");
+        let tree = restored(serde_json::from_str(&older).unwrap()).unwrap();
+        let found = panes(&tree);
+        assert_eq!(found.len(), Pane::ALL.len());
+        assert!(Pane::ALL.iter().all(|pane| found.contains(pane)));
+        let plain = restored(serde_json::from_str(&text).unwrap()).unwrap();
+        assert_eq!(panes(&plain).len(), Pane::ALL.len());
+    }
+
+    #[test]
+    fn what_is_no_arrangement_is_refused() {
+        let mut tree = default_layout();
+        tree.root = None;
+        assert!(restored(tree).is_none());
+        let mut tree = default_layout();
+        let _ = tree.tiles.insert_pane(Pane::Mask);
+        assert!(restored(tree).is_none(), "a room that cannot be reached");
+        // A container that holds itself.
+        let mut tree = default_layout();
+        let root = tree.root.unwrap();
+        if let Some(Tile::Container(container)) = tree.tiles.get_mut(root) {
+            container.add_child(root);
+        }
+        assert!(restored(tree).is_none());
     }
 }

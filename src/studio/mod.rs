@@ -2,9 +2,11 @@
 
 mod actions;
 mod app;
+mod compare_panel;
 mod dialogs;
 mod estimates_panel;
 mod history_panel;
+mod home;
 mod image_view;
 mod information_map_panel;
 mod information_panel;
@@ -14,9 +16,12 @@ mod mask_canvas;
 mod messages;
 mod mtf_panel;
 mod optimize_panel;
+mod palette;
+mod recovery;
 mod sample_panels;
 mod scene_panel;
 mod state;
+mod welcome;
 mod window;
 
 pub use app::Studio;

@@ -74,5 +74,5 @@ fn curve(mtf: &Mtf) -> Curve {
         })
         .collect();
     let header = ["horizontal_cycles_per_px", "horizontal_modulation", "vertical_cycles_per_px", "vertical_modulation"];
-    Curve { header: header.map(String::from).to_vec(), rows }
+    Curve { header: header.map(String::from).to_vec(), rows, names: Vec::new() }
 }

@@ -4,13 +4,20 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use crate::optics::Lenslet;
-use crate::workbench::{Colormap, Command, Curve, Design, DesignRun, Estimates, Job, Live, LiveInformation, Workbench};
+use crate::workbench::{
+    Colormap, Command, Curve, Design, DesignRun, Estimates, Job, Live, LiveInformation, Snapshots, Workbench,
+};
 
+use super::compare_panel::Comparison;
 use super::dialogs::{Dialogs, Purpose};
 use super::estimates_panel::EstimateForm;
+use super::home::Preferences;
 use super::image_view::{ImageView, Palettes};
+use super::layout::Pane;
 use super::messages::{Messages, Severity};
 use super::optimize_panel::OptimizeForm;
+use super::palette::{Palette, Sheet};
+use super::welcome::Guide;
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
 pub struct State {
@@ -54,21 +61,46 @@ pub struct State {
     pub drag: Option<MaskDrag>,
     /// What waits for an answer about unsaved changes.
     pub leaving: Option<Leaving>,
+    /// Designs that were put aside.
+    pub snapshots: Snapshots,
+    /// How they are compared.
+    pub comparison: Comparison,
+    /// What a person has chosen, from one day to the next.
+    pub preferences: Preferences,
+    /// How the rooms are to be arranged.
+    pub arrange: Option<Arrange>,
+    /// The open palette.
+    pub palette: Option<Palette>,
+    /// The open sheet.
+    pub sheet: Option<Sheet>,
+    /// What newcomers are shown.
+    pub guide: Guide,
     /// Seed of the last random start.
     random_start: Option<u64>,
 }
 
 /// What would leave the open design behind.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Leave {
     /// Starting from the default design.
     New,
+    /// Starting from a design that comes with the program.
+    Sample(Box<Design>),
     /// Asking for a design file.
     Open,
     /// Opening a design file that was dropped on the window.
     OpenFile(PathBuf),
     /// Closing the window.
     Close,
+}
+
+/// A wish for the rooms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arrange {
+    /// One is to come to the front.
+    Show(Pane),
+    /// All go back to where they are in a new window.
+    Reset,
 }
 
 /// A question about unsaved changes.
@@ -177,6 +209,7 @@ impl Trail {
     /// The trail as columns for a file.
     pub fn curve(&self) -> Curve {
         Curve {
+            names: Vec::new(),
             header: [
                 "revision",
                 "setting",
@@ -230,6 +263,13 @@ impl State {
             dialogs: Dialogs::default(),
             drag: None,
             leaving: None,
+            snapshots: Snapshots::default(),
+            comparison: Comparison::default(),
+            preferences: Preferences::default(),
+            arrange: None,
+            palette: None,
+            sheet: None,
+            guide: Guide::default(),
             random_start: None,
         }
     }
@@ -248,7 +288,11 @@ impl State {
         self.leaving = None;
         match what {
             Leave::New => {
-                self.bench.open_default();
+                self.bench.start_from(Design::default());
+                self.selection.clear();
+            }
+            Leave::Sample(design) => {
+                self.bench.start_from(*design);
                 self.selection.clear();
             }
             Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
@@ -272,7 +316,9 @@ impl State {
         }
         match command {
             Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
-            Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } => self.selection.clear(),
+            Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
+                self.selection.clear();
+            }
             _ => {}
         }
     }

@@ -2,13 +2,16 @@
 
 use std::path::PathBuf;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::app::Studio;
+use super::home::Home;
 use crate::workbench::Design;
 
 /// Which graphics interface draws the window.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RendererChoice {
     /// OpenGL; also the faster one where the processor draws.
     #[default]
@@ -32,7 +35,8 @@ impl RendererChoice {
         }
     }
 
-    fn name(self) -> &'static str {
+    /// Its name for people.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Glow => "OpenGL (glow)",
             Self::Wgpu => "wgpu",
@@ -60,17 +64,33 @@ pub enum WindowError {
     },
 }
 
-/// Opens the window on a design and returns when it is closed. Where `renderer` does not start, the other is tried and
-/// a message in the window says so.
+/// Opens the window on a design and returns when it is closed, drawn by `renderer` or, without one, by that of the
+/// preferences. Where it does not start, the other is tried and
+/// a message in the window says so. `reset` forgets layout and preferences first.
 ///
 /// # Errors
 /// [`WindowError`] where neither starts.
-pub fn open_window(design: Design, path: Option<PathBuf>, renderer: RendererChoice) -> Result<(), WindowError> {
-    let Err(first) = run(design.clone(), path.clone(), renderer, None) else { return Ok(()) };
+pub fn open_window(
+    design: Design,
+    path: Option<PathBuf>,
+    renderer: Option<RendererChoice>,
+    reset: bool,
+) -> Result<(), WindowError> {
+    let folder = eframe::storage_dir("lenslet-studio");
+    let mut notices = Vec::new();
+    if reset && let Some(Err(error)) = folder.as_deref().map(Home::reset) {
+        notices.push(error.to_string());
+    }
+    let renderer = renderer.or_else(|| folder.as_deref().and_then(Home::renderer)).unwrap_or_default();
+    let open = |renderer: RendererChoice, notices: Vec<String>| {
+        run(design.clone(), path.clone(), renderer, folder.clone(), notices)
+    };
+    let Err(first) = open(renderer, notices.clone()) else { return Ok(()) };
     let other = renderer.other();
     let notice =
         format!("{} did not start ({first}); the window is drawn by {} instead.", renderer.name(), other.name());
-    run(design, path, other, Some(notice)).map_err(|second| WindowError::NoRenderer {
+    notices.push(notice);
+    open(other, notices).map_err(|second| WindowError::NoRenderer {
         first_name: renderer.name(),
         first: first.to_string(),
         second_name: other.name(),
@@ -82,7 +102,8 @@ fn run(
     design: Design,
     path: Option<PathBuf>,
     renderer: RendererChoice,
-    notice: Option<String>,
+    folder: Option<PathBuf>,
+    notices: Vec<String>,
 ) -> Result<(), eframe::Error> {
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
@@ -101,11 +122,11 @@ fn run(
         options,
         Box::new(move |creation| {
             let mut studio = Studio::new(&creation.egui_ctx, design, path)?;
-            if let Some(notice) = notice {
+            for notice in notices {
                 studio.tell(notice);
             }
-            if let Some(folder) = eframe::storage_dir("lenslet-studio") {
-                studio.keep_runs_in(&folder.join("run"));
+            if let Some(folder) = folder {
+                studio.live_in(&creation.egui_ctx, &folder);
             }
             Ok(Box::new(studio))
         }),

@@ -12,9 +12,11 @@ use super::evaluation::EvaluationError;
 use super::history::{Gesture, History, Version};
 use super::ideal::{DesignRun, Designer, KeptRun, RunStatus, Start};
 use super::jobs::{Job, Outcome};
+use super::recovery::{Autosave, Recovered};
 use super::threads::Wake;
 use super::worker::{Live, Worker};
 use crate::design::IdealSettings;
+use crate::formats::FormatError;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, LensletArray};
 
@@ -36,6 +38,7 @@ pub struct Workbench {
     runs: u64,
     /// Whether the design shows the masks of the run as they come.
     following: bool,
+    autosave: Option<Autosave>,
 }
 
 impl Workbench {
@@ -64,6 +67,7 @@ impl Workbench {
             designer: Designer::new(wake),
             runs: 0,
             following: false,
+            autosave: None,
         })
     }
 
@@ -187,9 +191,9 @@ impl Workbench {
         self.take_up(design, Some(path));
     }
 
-    /// Starts anew from the embedded default design.
-    pub fn open_default(&mut self) {
-        self.take_up(Design::default(), None);
+    /// Starts anew from a design that has no file and can be had again.
+    pub fn start_from(&mut self, design: Design) {
+        self.take_up(design, None);
     }
 
     /// Another document: what was done to the last one is forgotten.
@@ -213,6 +217,33 @@ impl Workbench {
         self.revision += 1;
         self.design = design;
         self.worker.evaluate(self.revision, Arc::clone(&self.design));
+    }
+
+    /// Keeps the design in a folder while it has unsaved changes, so that they survive the program; see
+    /// [`Workbench::note_unsaved`]. Returns what programs that were not closed have left there, newest first.
+    ///
+    /// # Errors
+    /// Where the folder cannot be written to.
+    pub fn keep_unsaved_in(&mut self, folder: &Path) -> Result<Vec<Recovered>, FormatError> {
+        let (autosave, found) = Autosave::in_folder(folder)?;
+        self.autosave = Some(autosave);
+        Ok(found)
+    }
+
+    /// Sees to it that the design is kept, a few seconds behind. To be called for every frame of the window. Returns why
+    /// the last attempt failed, once.
+    pub fn note_unsaved(&mut self) -> Option<String> {
+        let unsaved = (self.contents, self.is_dirty());
+        self.autosave.as_mut()?.note(&self.design, unsaved, self.path.as_deref())
+    }
+
+    /// Takes up what was left behind; it has unsaved changes.
+    pub fn recover(&mut self, recovered: Recovered) {
+        self.take_up(recovered.design.clone(), recovered.path.clone());
+        self.saved_contents = 0;
+        if let Some(autosave) = &self.autosave {
+            autosave.supersede(recovered);
+        }
     }
 
     /// The run that goes on or went on last.

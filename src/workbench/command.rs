@@ -1,5 +1,7 @@
 //! Everything that changes a design, as one enum: menu, canvas, table and command line send these and nothing else.
 
+use std::sync::Arc;
+
 use thiserror::Error;
 
 use super::design::{Design, DesignError};
@@ -27,6 +29,13 @@ pub enum Command {
         name: String,
         /// The encoder.
         encoder: Encoder,
+    },
+    /// Puts another design in place, scene and sensor too; `name` says which.
+    ReplaceDesign {
+        /// What it is called in the menu and the log.
+        name: String,
+        /// The design.
+        design: Arc<Design>,
     },
     /// Images other objects.
     SetObjects(ObjectSource),
@@ -91,6 +100,7 @@ impl Command {
                 LensletChange::Plane => several("Refocus", lenslets.len()),
             },
             Self::ReplaceEncoder { name, .. } => format!("Use {name}"),
+            Self::ReplaceDesign { name, .. } => format!("Open {name}"),
             Self::SetObjects(source) => format!("Image {source}"),
             Self::SetMeanPhotons(photons) => format!("Set mean to {photons} photons"),
             Self::SetBias(photons) => format!("Set background to {photons} photons"),
@@ -108,9 +118,11 @@ impl Command {
                 format!("{what:?} {indices:?}")
             }
             // Each of these is a step of its own.
-            Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ReplaceEncoder { .. } | Self::SetObjects(_) => {
-                format!("{self:?}")
-            }
+            Self::AddLenslet(_)
+            | Self::DeleteLenslets(_)
+            | Self::ReplaceEncoder { .. }
+            | Self::ReplaceDesign { .. }
+            | Self::SetObjects(_) => format!("{self:?}"),
             Self::SetMeanPhotons(_) => "mean photons".into(),
             Self::SetBias(_) => "background".into(),
             Self::SetNoise(_) => "noise".into(),
@@ -146,6 +158,7 @@ impl Command {
                 }
             }
             Self::ReplaceEncoder { encoder, .. } => changed.encoder = encoder.clone(),
+            Self::ReplaceDesign { design, .. } => changed.clone_from(design),
             Self::SetObjects(source) => changed.objects = source.clone(),
             Self::SetMeanPhotons(photons) => changed.mean_photons = *photons,
             Self::SetBias(photons) => changed.bias_photons = *photons,

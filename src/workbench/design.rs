@@ -116,12 +116,16 @@ impl Design {
     /// # Errors
     /// [`DesignFileError`] says what the file is instead.
     pub fn open(path: &Path) -> Result<Self, DesignFileError> {
-        let value: serde_json::Value = read_json(path)?;
-        let refuse = |found: String, advice: &'static str| DesignFileError::Refused {
-            path: path.display().to_string(),
-            found,
-            advice,
-        };
+        Self::from_value(read_json(path)?, &path.display().to_string())
+    }
+
+    /// The design that the contents of a design file hold; `path` is named where they do not.
+    ///
+    /// # Errors
+    /// [`DesignFileError`] says what they are instead.
+    pub fn from_value(value: serde_json::Value, path: &str) -> Result<Self, DesignFileError> {
+        let refuse =
+            |found: String, advice: &'static str| DesignFileError::Refused { path: path.to_owned(), found, advice };
         match value.get("format").and_then(serde_json::Value::as_str) {
             Some(FORMAT) => {}
             Some(other) => {

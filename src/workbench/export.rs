@@ -78,6 +78,8 @@ pub struct Curve {
     pub header: Vec<String>,
     /// Rows.
     pub rows: Vec<Vec<f64>>,
+    /// Names of the rows, which make the first column; none where they have no names.
+    pub names: Vec<String>,
 }
 
 impl Curve {
@@ -87,6 +89,14 @@ impl Curve {
     /// [`FormatError`] where the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), FormatError> {
         let header: Vec<&str> = self.header.iter().map(String::as_str).collect();
-        formats::write_csv(path, &header, self.rows.iter().cloned())
+        if self.names.is_empty() {
+            return formats::write_csv(path, &header, self.rows.iter().cloned());
+        }
+        let header = [&["name"], header.as_slice()].concat();
+        let rows = self.names.iter().zip(&self.rows).map(|(name, row)| {
+            let values = row.iter().map(|value| format!("{value:?}"));
+            std::iter::once(name.clone()).chain(values).collect()
+        });
+        formats::write_csv_text(path, &header, rows)
     }
 }

@@ -36,6 +36,8 @@ wait_for 20 xdotool getdisplaygeometry
 openbox >/dev/null 2>&1 &
 manager=$!
 cd "$work"
+# A home of its own, so that it is the first window.
+export XDG_DATA_HOME="$work/home"
 "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
 app=$!
 find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
@@ -49,6 +51,10 @@ drawn() {
   picture "$work/now.png"
   [ "$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:)" -gt 8 ]
 }
+wait_for 60 drawn
+# The first window asks what to start from; Escape leaves that open.
+xdotool key --window "$window" Escape
+sleep 1
 wait_for 60 drawn
 picture "$work/before.png"
 

@@ -1,8 +1,11 @@
 //! The window, driven by the names that assistive technology sees.
 #![cfg(feature = "studio")]
 
+mod compare;
 mod estimates;
+mod home;
 mod runs;
+mod soak;
 
 use std::path::Path;
 

@@ -103,5 +103,5 @@ pub fn curve_of(frames: &[Frame]) -> Curve {
         "effective_lenslets",
         "seconds",
     ];
-    Curve { header: header.map(String::from).to_vec(), rows: frames.iter().map(row).collect() }
+    Curve { header: header.map(String::from).to_vec(), rows: frames.iter().map(row).collect(), names: Vec::new() }
 }

@@ -1,0 +1,317 @@
+//! Designs side by side: a table, information against Tamura coefficient, and one picture that flips between two.
+
+use std::collections::HashMap;
+
+use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
+use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
+use ndarray::Array2;
+
+use super::dialogs::Purpose;
+use super::image_view::{ImageView, name_widget, placeholder, toolbar};
+use super::information_panel::{CEILING, DENSITY, GAUSSIAN};
+use super::messages::Severity;
+use super::state::State;
+use crate::workbench::{Colormap, Command, Snapshot};
+
+/// Side of the small pictures, points.
+const THUMBNAIL: f32 = 34.0;
+/// Coefficient at which the published optima lie.
+const PUBLISHED_TAMURA: f64 = 0.75;
+
+/// What the room shows.
+pub struct Comparison {
+    /// Numbers of the two designs.
+    pair: [Option<u64>; 2],
+    side: Side,
+    what: What,
+    picture: ImageView,
+    difference: ImageView,
+    thumbnails: HashMap<u64, TextureHandle>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Side {
+    A,
+    B,
+    Difference,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum What {
+    Psf,
+    Measurement,
+    Mtf,
+}
+
+impl Default for Comparison {
+    fn default() -> Self {
+        Self {
+            pair: [None; 2],
+            side: Side::A,
+            what: What::Psf,
+            picture: ImageView::new("Comparison", "", Colormap::Viridis),
+            difference: ImageView::new("Difference", "", Colormap::Diverging),
+            thumbnails: HashMap::new(),
+        }
+    }
+}
+
+/// What is to be done with one of the designs.
+enum Wish {
+    Open(u64),
+    Delete(u64),
+}
+
+/// Shows the room.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    toolbar(ui, |ui| {
+        if ui.button("Keep this design").on_hover_text("Puts the open design aside, with its numbers").clicked() {
+            state.keep_snapshot();
+        }
+        ui.add_enabled_ui(!state.snapshots.entries.is_empty(), |ui| {
+            let export = ui.small_button("Export CSV...");
+            name_widget(&export, "Export comparison as CSV");
+            if export.clicked() {
+                let curve = state.snapshots.table();
+                state.dialogs.ask(Purpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
+            }
+        });
+    });
+    if state.snapshots.entries.is_empty() {
+        placeholder(ui, "Keep designs to compare them here.");
+        return;
+    }
+    egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+        let mut wish = None;
+        table(ui, state, &mut wish);
+        match wish {
+            Some(Wish::Open(number)) => open(state, number),
+            Some(Wish::Delete(number)) => {
+                state.snapshots.entries.retain(|snapshot| snapshot.number != number);
+                state.comparison.thumbnails.remove(&number);
+            }
+            None => {}
+        }
+        ui.separator();
+        pair(ui, state);
+        ui.separator();
+        scatter(ui, &state.snapshots.entries);
+    });
+}
+
+fn open(state: &mut State, number: u64) {
+    let Some(snapshot) = state.snapshots.get(number) else { return };
+    let command = Command::ReplaceDesign { name: snapshot.name.clone(), design: snapshot.design.clone() };
+    state.send(&command);
+}
+
+/// One row per design.
+fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
+    let State { snapshots, comparison, palettes, .. } = state;
+    egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing([7.0, 3.0]).striped(true).show(ui, |ui| {
+        for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Lenslets", ""] {
+            ui.weak(title);
+        }
+        ui.end_row();
+        for snapshot in &mut snapshots.entries {
+            let number = snapshot.number;
+            thumbnail(ui, comparison, palettes, snapshot);
+            for (side, letter) in ["A", "B"].into_iter().enumerate() {
+                let chosen = comparison.pair[side] == Some(number);
+                let response = ui.radio(chosen, "");
+                name_widget(&response, &format!("{letter} is snapshot {number}"));
+                if response.clicked() {
+                    comparison.pair[side] = (!chosen).then_some(number);
+                }
+            }
+            let response = ui.add_sized([84.0, 20.0], egui::TextEdit::singleline(&mut snapshot.name));
+            name_widget(&response, &format!("Name of snapshot {number}"));
+            ui.label(information(snapshot)).on_hover_text(bounds(snapshot));
+            ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
+            let lenslets = snapshot.design.encoder.lenslets();
+            ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
+                .on_hover_text(format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects));
+            let more = ui.menu_button("...", |ui| {
+                for (text, act) in [("Open", Wish::Open(number)), ("Delete", Wish::Delete(number))] {
+                    if ui.button(text).clicked() {
+                        *wish = Some(act);
+                        ui.close();
+                    }
+                }
+            });
+            name_widget(&more.response, &format!("More of snapshot {number}"));
+            ui.end_row();
+        }
+    });
+}
+
+/// What is known of a design's information, in a few characters.
+fn information(snapshot: &Snapshot) -> String {
+    match (snapshot.bracket, snapshot.upper()) {
+        (Some([lower, upper]), _) => format!("{lower:.3} - {upper:.3}"),
+        (None, Some(upper)) => format!("\u{2264} {upper:.3}"),
+        (None, None) => "-".into(),
+    }
+}
+
+/// Every bound of a design.
+fn bounds(snapshot: &Snapshot) -> String {
+    let mut lines = Vec::new();
+    if let Some([lower, upper]) = snapshot.bracket {
+        lines.push(format!("Bracket {lower:.4} to {upper:.4}"));
+    }
+    if let Some((bits, [low, high], settled)) = snapshot.live {
+        let state = if settled { "" } else { ", not settled" };
+        lines.push(format!("Live estimate {bits:.4} [{low:.4}, {high:.4}]{state}"));
+    }
+    lines.extend(snapshot.gaussian.map(|bits| format!("Gaussian bound {bits:.4}")));
+    lines.extend(snapshot.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
+    format!("{}\nbits per pixel, 32 x 32 px patches", lines.join("\n"))
+}
+
+fn thumbnail(ui: &mut Ui, comparison: &mut Comparison, palettes: &super::image_view::Palettes, snapshot: &Snapshot) {
+    let Some(optics) = &snapshot.optics else {
+        ui.allocate_exact_size(Vec2::splat(THUMBNAIL), Sense::hover());
+        return;
+    };
+    let texture = comparison.thumbnails.entry(snapshot.number).or_insert_with(|| {
+        let image = &optics.image;
+        let peak = image.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let palette = palettes.of(Colormap::Viridis);
+        let pixels = image.iter().map(|&value| palette[Colormap::index(value, (0.0, peak))]).collect();
+        let picture = ColorImage::new([image.ncols(), image.nrows()], pixels);
+        ui.ctx().load_texture(format!("snapshot {}", snapshot.number), picture, TextureOptions::NEAREST)
+    });
+    let image = egui::Image::new((texture.id(), texture.size_vec2())).fit_to_exact_size(Vec2::splat(THUMBNAIL));
+    ui.add(image.alt_text(format!("PSF of {}", snapshot.name)));
+}
+
+/// One picture that flips between two designs, or their difference.
+fn pair(ui: &mut Ui, state: &mut State) {
+    let State { snapshots, comparison, palettes, hover, .. } = state;
+    let [Some(a), Some(b)] = comparison.pair.map(|number| snapshots.get(number?)) else {
+        ui.weak("Choose A and B to compare their pictures.");
+        return;
+    };
+    ui.horizontal(|ui| {
+        for (side, text) in [(Side::A, a.name.as_str()), (Side::B, b.name.as_str()), (Side::Difference, "A - B")] {
+            let response = ui.selectable_label(comparison.side == side, text);
+            let name = match side {
+                Side::A => "Show A",
+                Side::B => "Show B",
+                Side::Difference => "Show difference",
+            };
+            name_widget(&response, name);
+            if response.clicked() {
+                comparison.side = side;
+            }
+        }
+        if ui.button("Flip").on_hover_text("From A to B and back").clicked() {
+            comparison.side = if comparison.side == Side::A { Side::B } else { Side::A };
+        }
+        ui.separator();
+        for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
+            let response = ui.selectable_label(comparison.what == what, text);
+            name_widget(&response, &format!("Compare {text}"));
+            if response.clicked() {
+                comparison.what = what;
+            }
+        }
+    });
+    let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
+        ui.weak("Their pictures are not computed yet.");
+        return;
+    };
+    if one.dim() != other.dim() {
+        ui.weak("Their pictures differ in size.");
+        return;
+    }
+    let what = comparison.what as u64;
+    let version = (a.number << 34 | b.number << 4 | what, comparison.side as usize);
+    let extent = |image: &Array2<f32>| {
+        let finite = image.iter().copied().filter(|value| value.is_finite());
+        finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+    };
+    let (view, image) = match comparison.side {
+        Side::Difference => {
+            let image = one - other;
+            let (low, high) = extent(&image);
+            let most = high.max(-low).max(f32::MIN_POSITIVE);
+            comparison.difference.fix_limits(Some((-most, most)));
+            (&mut comparison.difference, image)
+        }
+        side => {
+            // Both in the same colours, so that a flip shows differences and nothing else.
+            let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
+            comparison.picture.fix_limits(Some((low_a.min(low_b), high_a.max(high_b))));
+            (&mut comparison.picture, if side == Side::A { one.clone() } else { other.clone() })
+        }
+    };
+    let side = ui.available_width().clamp(120.0, 340.0);
+    ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
+        let (placement, response) = view.show(ui, palettes, image.view(), version, false, Sense::hover());
+        if let Some(position) = response.hover_pos() {
+            *hover = view.describe_pixel(image.view(), placement.to_pixels(position));
+        }
+    });
+}
+
+fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
+    match what {
+        What::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
+        What::Measurement => snapshot.measurement.as_ref(),
+        What::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
+    }
+}
+
+/// Information against Tamura coefficient.
+fn scatter(ui: &mut Ui, snapshots: &[Snapshot]) {
+    let points = |value: &dyn Fn(&Snapshot) -> Option<f64>| -> PlotPoints<'static> {
+        snapshots.iter().filter_map(|snapshot| Some([snapshot.tamura?, value(snapshot)?])).collect()
+    };
+    Plot::new("Information against Tamura")
+        .height(190.0)
+        .include_y(0.0)
+        .include_x(0.65)
+        .include_x(0.95)
+        .allow_scroll(false)
+        .x_axis_label("sensor Tamura coefficient")
+        .y_axis_label("bits per pixel")
+        .show(ui, |plot| {
+            plot.vline(VLine::new("published optima", PUBLISHED_TAMURA).color(CEILING).width(1.0));
+            plot.points(Points::new("Gaussian bound", points(&|s| s.gaussian)).color(GAUSSIAN).radius(2.5));
+            plot.points(
+                Points::new("live estimate", points(&|s| s.live.map(|live| live.0))).color(DENSITY).radius(3.5),
+            );
+            for snapshot in snapshots {
+                let Some(tamura) = snapshot.tamura else { continue };
+                if let Some([lower, upper]) = snapshot.bracket {
+                    let ends: PlotPoints<'_> = vec![[tamura, lower], [tamura, upper]].into();
+                    plot.line(Line::new(format!("bracket of {}", snapshot.name), ends).color(CEILING).width(3.0));
+                }
+                if let Some(bits) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
+                    let name = Text::new(snapshot.name.clone(), PlotPoint::new(tamura, bits), snapshot.name.clone());
+                    plot.text(name.anchor(egui::Align2::LEFT_BOTTOM));
+                }
+            }
+        });
+}
+
+impl State {
+    /// Puts the open design aside.
+    pub fn keep_snapshot(&mut self) {
+        let open = (self.bench.design(), self.bench.revision());
+        match self.snapshots.keep(open, &self.live, &self.estimates) {
+            Ok(()) => {
+                let Some(last) = self.snapshots.entries.last() else { return };
+                // The first two can be compared at once.
+                let free = self.comparison.pair.iter_mut().find(|number| number.is_none());
+                if let Some(free) = free {
+                    *free = Some(last.number);
+                }
+                self.messages.push(Severity::Done, format!("Kept as {}", last.name));
+            }
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
+    }
+}

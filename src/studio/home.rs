@@ -1,0 +1,196 @@
+//! What the window remembers from one day to the next: preferences and the arrangement of its rooms, each in a file of
+//! its own.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+
+use egui_tiles::Tree;
+use serde::{Deserialize, Serialize};
+
+use super::layout::{Pane, restored};
+use super::window::RendererChoice;
+use crate::formats::{FormatError, create_folder, read_json, write_json, write_safely};
+
+/// Designs that are remembered.
+const RECENT: usize = 10;
+/// Sizes of everything that one can see and read.
+pub const ZOOM: std::ops::RangeInclusive<f32> = 0.5..=4.0;
+/// The files.
+const PREFERENCES: &str = "preferences.json";
+const LAYOUT: &str = "layout.json";
+
+/// What a person has chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Preferences {
+    /// Design files, the newest first.
+    pub recent: Vec<PathBuf>,
+    /// Light, dark, or that of the system.
+    pub theme: egui::ThemePreference,
+    /// Size of everything.
+    pub zoom: f32,
+    /// Whether live estimates are computed.
+    pub live: bool,
+    /// What draws the window from the next start on.
+    pub renderer: RendererChoice,
+    /// Whether the first window has asked what to start from.
+    pub welcomed: bool,
+}
+
+impl Default for Preferences {
+    fn default() -> Self {
+        Self {
+            recent: Vec::new(),
+            theme: egui::ThemePreference::System,
+            zoom: 1.0,
+            live: true,
+            renderer: RendererChoice::default(),
+            welcomed: false,
+        }
+    }
+}
+
+impl Preferences {
+    /// Puts a design file first.
+    pub fn remember(&mut self, path: &Path) {
+        // A path that is relative today means another file tomorrow.
+        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        self.recent.retain(|known| *known != path);
+        self.recent.insert(0, path);
+        self.recent.truncate(RECENT);
+    }
+}
+
+/// The folder of those files, and the thread that writes them.
+pub struct Home {
+    folder: PathBuf,
+    /// What the files hold.
+    preferences: Preferences,
+    layout: String,
+    orders: Option<Sender<(PathBuf, String)>>,
+    failures: Receiver<String>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Home {
+    /// A folder, with what is remembered there; files that cannot be read are as good as none.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made, or the operating system gives no thread.
+    pub fn in_folder(folder: &Path) -> Result<(Self, Preferences, Option<Tree<Pane>>), FormatError> {
+        create_folder(folder)?;
+        let mut preferences: Preferences = read_json(&folder.join(PREFERENCES)).unwrap_or_default();
+        if !ZOOM.contains(&preferences.zoom) {
+            preferences.zoom = 1.0;
+        }
+        let layout = read_json(&folder.join(LAYOUT)).ok().and_then(restored);
+        let (orders, ordered) = channel::<(PathBuf, String)>();
+        let (tell, failures) = channel();
+        let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
+            for (path, text) in ordered {
+                if let Err(error) = write_safely(&path, |file| file.write_all(text.as_bytes())) {
+                    // Without a window nobody listens.
+                    let _ = tell.send(error.to_string());
+                }
+            }
+        });
+        let thread = Some(thread.map_err(|error| FormatError::from_write(folder, error))?);
+        let home = Self {
+            folder: folder.to_owned(),
+            preferences: preferences.clone(),
+            layout: layout.as_ref().map_or_else(String::new, text_of),
+            orders: Some(orders),
+            failures,
+            thread,
+        };
+        Ok((home, preferences, layout))
+    }
+
+    /// What is to draw the window, by the preferences of a folder.
+    pub fn renderer(folder: &Path) -> Option<RendererChoice> {
+        read_json::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
+    }
+
+    /// Forgets layout and preferences, but not the recent files, of a folder.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
+    pub fn reset(folder: &Path) -> Result<(), FormatError> {
+        // It may never have been there.
+        let _ = std::fs::remove_file(folder.join(LAYOUT));
+        let path = folder.join(PREFERENCES);
+        let Ok(known) = read_json::<Preferences>(&path) else { return Ok(()) };
+        write_json(&path, &Preferences { recent: known.recent, ..Preferences::default() })
+    }
+
+    /// Writes what has changed, on another thread; the layout where it is given. Returns why an earlier attempt failed,
+    /// once.
+    pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
+        if self.preferences != *preferences {
+            self.preferences.clone_from(preferences);
+            self.write(PREFERENCES, text_of(preferences));
+        }
+        if let Some(text) = layout.map(text_of).filter(|text| *text != self.layout) {
+            self.layout.clone_from(&text);
+            self.write(LAYOUT, text);
+        }
+        self.failures.try_recv().ok()
+    }
+
+    fn write(&self, name: &str, text: String) {
+        if let Some(orders) = &self.orders {
+            // The thread ends with this.
+            let _ = orders.send((self.folder.join(name), text));
+        }
+    }
+}
+
+impl Drop for Home {
+    fn drop(&mut self) {
+        self.orders = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// JSON with sorted keys, so that equal values are equal texts.
+fn text_of(value: &impl Serialize) -> String {
+    let value = serde_json::to_value(value).unwrap_or_default();
+    format!("{value:#}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::default_layout;
+    use super::*;
+
+    #[test]
+    fn what_is_chosen_comes_back_and_broken_files_do_no_harm() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut home, mut preferences, layout) = Home::in_folder(folder.path()).unwrap();
+        assert!(preferences == Preferences::default() && layout.is_none());
+        preferences.zoom = 1.5;
+        preferences.remember(Path::new("/a/one.json"));
+        preferences.remember(Path::new("/a/two.json"));
+        preferences.remember(Path::new("/a/one.json"));
+        let arranged = default_layout();
+        assert_eq!(home.keep(&preferences, Some(&arranged)), None);
+        drop(home);
+        let (home, known, layout) = Home::in_folder(folder.path()).unwrap();
+        assert_eq!(known, preferences);
+        assert_eq!(known.recent, [Path::new("/a/one.json"), Path::new("/a/two.json")]);
+        assert_eq!(text_of(&layout.unwrap()), text_of(&arranged));
+        drop(home);
+        Home::reset(folder.path()).unwrap();
+        let (_, reset, layout) = Home::in_folder(folder.path()).unwrap();
+        assert_eq!((reset.recent.len(), reset.zoom), (2, 1.0));
+        assert!(layout.is_none());
+        for name in [PREFERENCES, LAYOUT] {
+            std::fs::write(folder.path().join(name), b"{\"zoom\": 1e9, \"root\": 3").unwrap();
+        }
+        let (_, known, layout) = Home::in_folder(folder.path()).unwrap();
+        assert!(known == Preferences::default() && layout.is_none());
+    }
+}

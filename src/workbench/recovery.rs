@@ -1,0 +1,287 @@
+//! What survives a crash: the open design while it has unsaved changes, in a folder of its own.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+
+use super::design::Design;
+use super::threads::lock;
+use crate::formats::{FormatError, create_folder, read_json, write_json};
+
+/// Least time between two files.
+const EVERY: Duration = Duration::from_secs(5);
+/// Ending of the files, and of those that tell whether their owner still runs.
+const ENDING: &str = "json";
+const LOCK_ENDING: &str = "lock";
+
+/// A design that a program left behind when it ended without being closed.
+pub struct Recovered {
+    /// What it holds.
+    pub design: Design,
+    /// The file that it had been opened from or saved to.
+    pub path: Option<PathBuf>,
+    /// When it was kept.
+    pub kept_at: SystemTime,
+    file: PathBuf,
+    /// Held so that no second program offers the same.
+    lock: File,
+}
+
+/// The contents of a file.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    design: Design,
+    path: Option<PathBuf>,
+    /// Seconds since 1970.
+    seconds: u64,
+}
+
+/// What is to be done next.
+enum Order {
+    /// Write this.
+    Keep(Arc<Design>, Option<PathBuf>),
+    /// There is nothing to lose: remove the file.
+    Forget,
+}
+
+#[derive(Default)]
+struct Slot {
+    order: Option<Order>,
+    /// Files whose contents are in the next one that is written.
+    superseded: Vec<Recovered>,
+    stop: bool,
+    /// Why the last file was not written.
+    failure: Option<String>,
+}
+
+/// Keeps the open design in a file while it has unsaved changes, on a thread of its own.
+pub struct Autosave {
+    slot: Arc<(Mutex<Slot>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+    /// Contents and whether they are unsaved, as they were noted last.
+    noted: Option<(u64, bool)>,
+    lock_file: PathBuf,
+    /// Held while this program runs.
+    lock: Option<File>,
+}
+
+impl Autosave {
+    /// Keeps files in a folder, and finds what programs that ended without being closed have left there, newest first.
+    ///
+    /// # Errors
+    /// Where the folder cannot be written to, or the operating system gives no thread.
+    pub fn in_folder(folder: &Path) -> Result<(Self, Vec<Recovered>), FormatError> {
+        create_folder(folder)?;
+        let found = left_behind(folder);
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let name = format!("{}-{}", std::process::id(), now.as_nanos());
+        let file = folder.join(&name).with_extension(ENDING);
+        let lock_file = folder.join(&name).with_extension(LOCK_ENDING);
+        let lock = File::create(&lock_file).map_err(|error| FormatError::from_write(&lock_file, error))?;
+        // Where the folder's file system knows no locks, a second program would offer what this one has open.
+        let _ = lock.try_lock();
+        let slot: Arc<(Mutex<Slot>, Condvar)> = Arc::default();
+        let shared = Arc::clone(&slot);
+        let thread = std::thread::Builder::new()
+            .name("lenslet-autosave".into())
+            .spawn(move || keep(&shared, &file))
+            .map_err(|error| FormatError::from_write(folder, error))?;
+        Ok((Self { slot, thread: Some(thread), noted: None, lock_file, lock: Some(lock) }, found))
+    }
+
+    /// Notes the open design: `contents` is the number of what it holds, `path` its file. Returns why the last attempt to
+    /// keep it failed, once.
+    pub fn note(
+        &mut self,
+        design: &Arc<Design>,
+        (contents, unsaved): (u64, bool),
+        path: Option<&Path>,
+    ) -> Option<String> {
+        if self.noted != Some((contents, unsaved)) {
+            self.noted = Some((contents, unsaved));
+            let order = if unsaved { Order::Keep(Arc::clone(design), path.map(Path::to_owned)) } else { Order::Forget };
+            lock(&self.slot.0).order = Some(order);
+            self.slot.1.notify_all();
+        }
+        lock(&self.slot.0).failure.take()
+    }
+
+    /// The file of a recovered design is removed as soon as the design is kept anew.
+    pub fn supersede(&self, recovered: Recovered) {
+        lock(&self.slot.0).superseded.push(recovered);
+    }
+}
+
+impl Recovered {
+    /// Removes the file.
+    pub fn discard(self) {
+        // A file that stays behind is offered again.
+        let _ = std::fs::remove_file(&self.file);
+        let _ = std::fs::remove_file(self.file.with_extension(LOCK_ENDING));
+        drop(self.lock);
+    }
+}
+
+impl Drop for Autosave {
+    fn drop(&mut self) {
+        {
+            let mut slot = lock(&self.slot.0);
+            slot.stop = true;
+            // Who closes the window has been asked about unsaved changes; a crash of the window keeps them.
+            if !std::thread::panicking() {
+                slot.order = Some(Order::Forget);
+            }
+        }
+        self.slot.1.notify_all();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        drop(self.lock.take());
+        let _ = std::fs::remove_file(&self.lock_file);
+    }
+}
+
+/// The thread: does the newest order, files at most every [`EVERY`].
+fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
+    let mut written: Option<Instant> = None;
+    let mut guard = lock(slot);
+    loop {
+        let wait = match (&guard.order, written) {
+            (None, _) if guard.stop => return,
+            (None, _) => Duration::MAX,
+            (Some(Order::Keep(..)), Some(at)) if !guard.stop => EVERY.saturating_sub(at.elapsed()),
+            (Some(_), _) => Duration::ZERO,
+        };
+        if wait == Duration::MAX {
+            guard = changed.wait(guard).unwrap_or_else(std::sync::PoisonError::into_inner);
+            continue;
+        }
+        if wait > Duration::ZERO {
+            guard = changed.wait_timeout(guard, wait).unwrap_or_else(std::sync::PoisonError::into_inner).0;
+            continue;
+        }
+        let (order, superseded) = (guard.order.take(), std::mem::take(&mut guard.superseded));
+        drop(guard);
+        let mut failure = None;
+        match order {
+            Some(Order::Keep(design, path)) => match write(file, &design, path) {
+                Ok(()) => written = Some(Instant::now()),
+                Err(error) => failure = Some(error.to_string()),
+            },
+            // It may never have been written.
+            Some(Order::Forget) => drop(std::fs::remove_file(file)),
+            None => {}
+        }
+        guard = lock(slot);
+        if failure.is_some() {
+            guard.superseded.extend(superseded);
+        } else {
+            superseded.into_iter().for_each(Recovered::discard);
+        }
+        guard.failure = failure.or(guard.failure.take());
+    }
+}
+
+fn write(file: &Path, design: &Design, path: Option<PathBuf>) -> Result<(), FormatError> {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    write_json(file, &Kept { design: design.clone(), path, seconds })
+}
+
+/// Files whose owners no longer run.
+fn left_behind(folder: &Path) -> Vec<Recovered> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let mut found: Vec<Recovered> = entries
+        .filter_map(|entry| {
+            let file = entry.ok()?.path();
+            if file.extension()? != ENDING {
+                return None;
+            }
+            let lock = File::options().create(true).truncate(false).write(true).open(file.with_extension(LOCK_ENDING));
+            let lock = lock.ok().filter(|lock| lock.try_lock().is_ok())?;
+            let kept: Kept = read_json(&file).ok()?;
+            kept.design.check().ok()?;
+            let kept_at = UNIX_EPOCH + Duration::from_secs(kept.seconds);
+            Some(Recovered { design: kept.design, path: kept.path, kept_at, file, lock })
+        })
+        .collect();
+    found.sort_by_key(|recovered| std::cmp::Reverse(recovered.kept_at));
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn until(done: impl Fn() -> bool) {
+        for _ in 0..2000 {
+            if done() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("waited in vain");
+    }
+
+    /// Files that designs are kept in.
+    fn kept(folder: &Path) -> Vec<PathBuf> {
+        let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        files.filter(|file| file.extension().is_some_and(|ending| ending == ENDING)).collect()
+    }
+
+    #[test]
+    fn what_a_crash_leaves_is_offered_once_and_what_is_closed_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let design = Arc::new(Design { seed: 7, ..Design::default() });
+        let (mut autosave, found) = Autosave::in_folder(folder.path()).unwrap();
+        assert!(found.is_empty());
+        let path = Path::new("mine.json");
+        assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
+        until(|| !kept(folder.path()).is_empty());
+        // Another program sees that the owner still runs.
+        let (other, found) = Autosave::in_folder(folder.path()).unwrap();
+        assert!(found.is_empty());
+        drop(other);
+        // A crash: the lock goes with the process, nothing else happens.
+        let file = kept(folder.path()).remove(0);
+        let bytes = std::fs::read(&file).unwrap();
+        drop(autosave);
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 0, "who closes the window leaves nothing behind");
+        std::fs::write(&file, bytes).unwrap();
+
+        let (mut next, mut found) = Autosave::in_folder(folder.path()).unwrap();
+        let recovered = found.pop().unwrap();
+        assert!(found.is_empty() && recovered.design == *design && recovered.path.as_deref() == Some(path));
+        let (third, found) = Autosave::in_folder(folder.path()).unwrap();
+        assert!(found.is_empty(), "it is offered once");
+        drop(third);
+        // It stays until the design is safe again.
+        next.supersede(recovered);
+        assert!(file.exists());
+        next.note(&design, (3, true), None);
+        until(|| !file.exists());
+        assert_eq!(kept(folder.path()).len(), 1);
+        next.note(&design, (3, false), None);
+        until(|| kept(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn broken_files_are_passed_over_and_a_full_disk_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("1-1.json"), b"{\"design\": 3").unwrap();
+        let (mut autosave, found) = Autosave::in_folder(folder.path()).unwrap();
+        assert!(found.is_empty());
+        // A folder where the file should be stands for a disk that cannot be written to.
+        let name = autosave.lock_file.with_extension(ENDING);
+        std::fs::create_dir(name).unwrap();
+        let design = Arc::new(Design::default());
+        let mut told = autosave.note(&design, (2, true), None);
+        until(|| lock(&autosave.slot.0).failure.is_some() || told.is_some());
+        told = told.or_else(|| autosave.note(&design, (2, true), None));
+        assert!(told.unwrap().contains("a folder or device"));
+    }
+}

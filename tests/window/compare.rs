@@ -1,0 +1,51 @@
+//! Designs side by side.
+
+use egui::{Key, Modifiers};
+use egui_kittest::kittest::Queryable;
+use lenslet_studio::workbench::Design;
+
+use super::{answer, click, lenslets, menu, open, settle, studio};
+
+#[test]
+fn designs_are_kept_compared_exported_and_opened_again() {
+    let mut window = open(Design::default());
+    menu(&mut window, &["View", "Room", "Show Compare"]);
+    window.get_by_label("Keep designs to compare them here.");
+    click(&mut window, "Keep this design");
+    menu(&mut window, &["Presets", "Heuristic lenslets", "4 lenslets"]);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+    settle(&mut window);
+    // Both have their numbers: the bound of nine lenslets and of four, and what the objects hold.
+    let bound = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
+    assert_eq!(window.query_all_by_label(&format!("\u{2264} {bound:.3}")).count(), 2, "here and as the headline");
+    window.get_by_label("\u{2264} 0.442");
+    // The first two are A and B; the picture flips between them and shows what differs.
+    window.get_by_label("Comparison");
+    click(&mut window, "Flip");
+    window.get_by_label("Comparison");
+    click(&mut window, "Show difference");
+    window.get_by_label("Difference");
+    for what in ["Compare Measurement", "Compare MTF", "Compare PSF"] {
+        click(&mut window, what);
+        window.get_by_label("Difference");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("designs.csv");
+    click(&mut window, "Export comparison as CSV");
+    answer(&mut window, &file, "Export");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[0].starts_with("name,lenslets,") && lines[0].ends_with(",sensor_tamura"), "{text}");
+    assert!(lines[1].starts_with("Design 1,9.0,") && lines[2].starts_with("Design 2,4.0,"), "{text}");
+    // Opening is one step, which can be undone.
+    menu(&mut window, &["More of snapshot 1", "Open"]);
+    assert_eq!(lenslets(&window).len(), 9);
+    assert_eq!(studio(&window).bench().undoes(), Some("Open Design 1"));
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 4);
+    menu(&mut window, &["More of snapshot 1", "Delete"]);
+    window.get_by_label("Choose A and B to compare their pictures.");
+    assert!(window.query_by_label("More of snapshot 1").is_none());
+    window.get_by_label("More of snapshot 2");
+}

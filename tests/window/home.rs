@@ -1,0 +1,244 @@
+//! What outlives the window, and finding one's way in it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use egui::{Key, Modifiers, Theme, Vec2};
+use egui_kittest::kittest::Queryable;
+use lenslet_studio::workbench::Design;
+
+use super::{Window, answer, click, lenslets, menu, open, open_window, settle, studio};
+
+/// A window that lives in a folder, not for the first time.
+fn at_home(folder: &Path) -> Window {
+    let preferences = folder.join("preferences.json");
+    if !preferences.exists() {
+        std::fs::write(preferences, "{\"welcomed\": true}").unwrap();
+    }
+    first_at_home(folder)
+}
+
+fn first_at_home(folder: &Path) -> Window {
+    let mut window = open(Design::default());
+    let ctx = window.ctx.clone();
+    window.state_mut().as_mut().unwrap().live_in(&ctx, folder);
+    window.state_mut().as_mut().unwrap().set_live(false);
+    window.run_steps(4);
+    window
+}
+
+fn type_and_enter(window: &mut Window, text: &str) {
+    window.run_steps(2);
+    window.get_by_label("Find an action").type_text(text);
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    settle(window);
+}
+
+fn kept(folder: &Path) -> usize {
+    let files = std::fs::read_dir(folder.join("unsaved")).unwrap();
+    files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "json")).count()
+}
+
+fn until(window: &mut Window, done: impl Fn() -> bool) {
+    for _ in 0..2000 {
+        window.step();
+        if done() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("waited in vain");
+}
+
+#[test]
+fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    assert!(window.query_by_label("Recover").is_none());
+    menu(&mut window, &["Presets", "Heuristic lenslets", "3 lenslets"]);
+    until(&mut window, || kept(folder.path()) == 1);
+    // The power is cut: a copy of the folder as it is now stands for it.
+    let later = tempfile::tempdir().unwrap();
+    std::fs::create_dir(later.path().join("unsaved")).unwrap();
+    for file in std::fs::read_dir(folder.path().join("unsaved")).unwrap() {
+        let file = file.unwrap().path();
+        std::fs::copy(&file, later.path().join("unsaved").join(file.file_name().unwrap())).unwrap();
+    }
+    drop(window);
+    assert_eq!(kept(folder.path()), 0, "a window that was closed leaves nothing behind");
+
+    let mut window = at_home(later.path());
+    assert_eq!(lenslets(&window).len(), 9);
+    window.get_by_label_contains("3 lenslets before beads:0.02");
+    click(&mut window, "Recover");
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 3);
+    assert!(studio(&window).bench().is_dirty());
+    // It is kept anew at once; saved, it is kept no more.
+    until(&mut window, || kept(later.path()) == 1);
+    menu(&mut window, &["File", "Save design as..."]);
+    answer(&mut window, &later.path().join("mine.json"), "Save");
+    until(&mut window, || kept(later.path()) == 0);
+
+    // It is among the recent designs of the next window.
+    drop(window);
+    let mut window = at_home(later.path());
+    assert!(window.query_by_label("Recover").is_none());
+    menu(&mut window, &["File", "Open recent", "mine.json"]);
+    assert_eq!(lenslets(&window).len(), 3);
+    menu(&mut window, &["File", "Open recent", "Forget these"]);
+    window.run_steps(4);
+    drop(window);
+    let window = at_home(later.path());
+    assert_eq!(lenslets(&window).len(), 9);
+}
+
+#[test]
+fn discarded_changes_are_gone_and_undecided_ones_are_offered_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let unsaved = folder.path().join("unsaved");
+    std::fs::create_dir(&unsaved).unwrap();
+    let design = serde_json::to_value(Design { seed: 5, ..Design::default() }).unwrap();
+    let file = serde_json::json!({"design": design, "path": null, "seconds": 1_000_000_000});
+    std::fs::write(unsaved.join("1-1.json"), file.to_string()).unwrap();
+    let mut window = at_home(folder.path());
+    click(&mut window, "Later");
+    assert!(window.query_by_label("Recover").is_none());
+    drop(window);
+    let mut window = at_home(folder.path());
+    click(&mut window, "Discard");
+    assert_eq!((kept(folder.path()), studio(&window).bench().design().seed), (0, 1));
+}
+
+#[test]
+fn theme_and_rooms_come_back_and_can_be_reset() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    menu(&mut window, &["View", "Theme", "Light"]);
+    menu(&mut window, &["View", "Room", "Show MTF"]);
+    window.get_by_label("Export MTF as CSV");
+    drop(window);
+    let preferences = std::fs::read_to_string(folder.path().join("preferences.json")).unwrap();
+    assert!(preferences.contains("\"Light\""), "{preferences}");
+    let layout = std::fs::read_to_string(folder.path().join("layout.json")).unwrap();
+    assert!(layout.contains("\"Optimize\""), "{layout}");
+    std::fs::write(folder.path().join("layout.json"), "{").unwrap();
+    let mut window = at_home(folder.path());
+    assert!(window.query_by_label("Recover").is_none());
+    assert_eq!(window.ctx.options(|options| options.theme_preference), egui::ThemePreference::Light);
+    menu(&mut window, &["View", "Reset layout"]);
+}
+
+#[test]
+fn actions_are_found_by_name_and_done_by_keyboard_alone() {
+    let mut window = open(Design::default());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+    type_and_enter(&mut window, "4 heur");
+    assert_eq!(lenslets(&window).len(), 4);
+    window.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::P);
+    type_and_enter(&mut window, "undo");
+    assert_eq!(lenslets(&window).len(), 9);
+    // The arrows choose, Escape leaves everything as it is.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+    window.run_steps(2);
+    window.get_by_label("Find an action").type_text("mask: diffuser");
+    window.run_steps(2);
+    window.key_press(Key::ArrowDown);
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    settle(&mut window);
+    assert!(studio(&window).bench().design().encoder.describe().contains("28 px"));
+    window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+    window.run_steps(2);
+    window.get_by_label("Find an action").type_text("no such thing");
+    window.run_steps(2);
+    window.get_by_label("Nothing is called that.");
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    assert!(window.query_by_label("Find an action").is_none());
+}
+
+#[test]
+fn the_first_window_offers_samples_and_a_tour() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = first_at_home(folder.path());
+    window.get_by_label("Welcome to Lenslet Studio");
+    click(&mut window, "Designed mask");
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 5);
+    assert!(!studio(&window).bench().is_dirty());
+    drop(window);
+    let mut window = first_at_home(folder.path());
+    assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
+    menu(&mut window, &["Help", "Take the tour"]);
+    window.get_by_label("1. Move a lenslet");
+    window.get_by_label("Try it");
+    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
+    window.get_by_label("Done");
+    for (title, room) in [
+        ("2. Read the information", "Information"),
+        ("3. Keep and compare", "Keep this design"),
+        ("4. Let the machine design", "Start run"),
+    ] {
+        click(&mut window, "Next");
+        window.get_by_label(title);
+        assert!(window.query_all_by_label(room).count() > 0, "the room of {title}");
+    }
+    click(&mut window, "Back");
+    window.get_by_label("3. Keep and compare");
+    click(&mut window, "Next");
+    click(&mut window, "Next");
+    click(&mut window, "Finish");
+    assert!(window.query_by_label("End tour").is_none());
+    menu(&mut window, &["Help", "Welcome and samples..."]);
+    click(&mut window, "Diffuser");
+    assert!(window.query_by_label("Save your changes?").is_some(), "what was changed is not lost");
+}
+
+#[test]
+fn settings_are_chosen_and_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
+    window.run_steps(4);
+    click(&mut window, "Dark");
+    click(&mut window, "wgpu");
+    click(&mut window, "Keep estimating while the design is edited");
+    assert!(studio(&window).bench().is_live());
+    window.get_by_label("Zoom");
+    click(&mut window, "Close");
+    drop(window);
+    let text = std::fs::read_to_string(folder.path().join("preferences.json")).unwrap();
+    for entry in ["\"Dark\"", "\"wgpu\"", "\"live\": true"] {
+        assert!(text.contains(entry), "{entry} in {text}");
+    }
+}
+
+#[test]
+fn sheets_tell_keys_and_versions() {
+    let mut window = open(Design::default());
+    window.key_press(Key::F1);
+    window.run_steps(4);
+    window.get_by_label("Double click");
+    click(&mut window, "Close");
+    assert!(window.query_by_label("Double click").is_none());
+    menu(&mut window, &["Help", "About Lenslet Studio"]);
+    window.get_by_label(env!("CARGO_PKG_VERSION"));
+    click(&mut window, "Close");
+}
+
+#[test]
+fn a_full_disk_is_told_and_the_window_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    // A file where the folder should be stands for a place that cannot be written to.
+    let place = folder.path().join("place");
+    std::fs::write(&place, b"").unwrap();
+    let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, false);
+    let ctx = window.ctx.clone();
+    window.state_mut().as_mut().unwrap().live_in(&ctx, &place);
+    window.run_steps(4);
+    window.get_by_label("Dismiss");
+    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
+    assert_eq!(lenslets(&window).len(), 2);
+}

@@ -1,0 +1,136 @@
+//! Random input through what assistive technology sees, with live estimates and a run going on: nothing panics, nothing
+//! grows. `LENSLET_STUDIO_SOAK_MINUTES=30` makes it long and prints what it measured.
+
+use std::time::{Duration, Instant};
+
+use egui::{Key, Modifiers, Pos2, Role, Theme, Vec2};
+use egui_kittest::kittest::NodeT;
+use lenslet_studio::workbench::{Design, RunStatus};
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::{Window, click, open_window, studio};
+
+/// What a person at random must not press: it ends the window, waits for a person, or writes where it likes.
+const LEFT_OUT: [&str; 9] =
+    ["Quit", "Browse", "Export", "Save", "Open", "Import", "Start estimate", "Discard", "Recover"];
+
+/// Memory of this process, MB; none where the system does not tell.
+fn memory() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/self/statm").ok()?;
+    let pages: f64 = text.split(' ').nth(1)?.parse().ok()?;
+    Some(pages * 4096.0 / 1e6)
+}
+
+/// Places of controls that may be used, and whether they take text.
+fn controls(window: &Window) -> Vec<(Pos2, bool)> {
+    let nodes = window.root().children_recursive();
+    let found = nodes.filter_map(|node| {
+        let inner = node.accesskit_node();
+        let text = matches!(inner.role(), Role::TextInput | Role::SpinButton);
+        let usable = text
+            || matches!(
+                inner.role(),
+                Role::Button | Role::CheckBox | Role::RadioButton | Role::ComboBox | Role::Slider | Role::Link
+            );
+        let label = inner.label().unwrap_or_default();
+        let left_out = LEFT_OUT.iter().any(|name| label.starts_with(name)) || inner.is_disabled();
+        (usable && !left_out).then(|| (node.rect().center(), text))
+    });
+    found.collect()
+}
+
+fn act(window: &mut Window, random: &mut ChaCha8Rng) {
+    let somewhere =
+        |random: &mut ChaCha8Rng| Pos2::new(random.random_range(0.0..1280.0), random.random_range(0.0..800.0));
+    match random.random_range(0..12) {
+        0 => {
+            let keys = [Key::Tab, Key::Escape, Key::Delete, Key::ArrowLeft, Key::ArrowDown, Key::Space, Key::F1];
+            window.key_press(*keys.choose(random).unwrap());
+        }
+        1 => {
+            let redo = random.random_bool(0.3);
+            let modifiers = if redo { Modifiers::COMMAND | Modifiers::SHIFT } else { Modifiers::COMMAND };
+            window.key_press_modifiers(modifiers, *[Key::Z, Key::Z, Key::A, Key::D, Key::K].choose(random).unwrap());
+        }
+        2 => {
+            // A drag, mostly over the mask.
+            let from = Pos2::new(random.random_range(10.0..430.0), random.random_range(90.0..510.0));
+            window.drag_at(from);
+            window.step();
+            for step in 1..4 {
+                window.hover_at(from + Vec2::new(random.random_range(-40.0..40.0), 9.0 * step as f32));
+                window.step();
+            }
+            window.drop_at(from + Vec2::splat(random.random_range(-60.0..60.0)));
+        }
+        3 => {
+            let place = somewhere(random);
+            window.hover_at(place);
+            let wheel = egui::Event::MouseWheel {
+                unit: egui::MouseWheelUnit::Line,
+                delta: Vec2::new(0.0, random.random_range(-3.0..3.0)),
+                phase: egui::TouchPhase::Move,
+                source: egui::MouseWheelSource::Wheel,
+                modifiers: if random.random_bool(0.3) { Modifiers::ALT } else { Modifiers::NONE },
+            };
+            window.input_mut().events.push(wheel);
+        }
+        _ => {
+            let Some((place, text)) = controls(window).choose(random).copied() else { return };
+            window.hover_at(place);
+            window.drag_at(place);
+            window.drop_at(place);
+            window.step();
+            if text {
+                let typed = ["", "0", "-3", "0.05", "12.5", "1e9", "nonsense", "\u{3b1}"].choose(random).unwrap();
+                window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+                window.input_mut().events.push(egui::Event::Text((*typed).to_owned()));
+                window.step();
+                window.key_press(Key::Enter);
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_that_can_be_pressed_breaks_the_window() {
+    let minutes = std::env::var("LENSLET_STUDIO_SOAK_MINUTES").ok().and_then(|text| text.parse::<f64>().ok());
+    let long = minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes));
+    let mut random = ChaCha8Rng::seed_from_u64(20);
+    let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, long.is_some());
+    click(&mut window, "Optimize");
+    click(&mut window, "Start run");
+    let started = Instant::now();
+    let (mut before, mut longest, mut acts) = (None, Duration::ZERO, 0);
+    loop {
+        let over = long.map_or(acts >= 400, |long| started.elapsed() >= long);
+        if over {
+            break;
+        }
+        act(&mut window, &mut random);
+        let frame = Instant::now();
+        window.step();
+        longest = longest.max(frame.elapsed());
+        acts += 1;
+        let live = studio(&window).bench().live();
+        let failures = [live.failure, studio(&window).bench().estimates().live_failure];
+        for (_, reason) in failures.into_iter().flatten() {
+            assert!(!reason.contains("internal error"), "{reason}");
+        }
+        if let Some(RunStatus::Failed(reason)) = studio(&window).bench().run().map(|run| run.status) {
+            assert!(!reason.contains("internal error"), "{reason}");
+        }
+        if long.is_some() && before.is_none() && started.elapsed() > Duration::from_mins(2) {
+            before = memory();
+        }
+    }
+    if long.is_some() {
+        let grown = memory().zip(before).map(|(now, before)| now - before);
+        println!(
+            "{acts} acts, longest frame {} ms, grown by {grown:?} MB after the first 2 minutes",
+            longest.as_millis()
+        );
+    }
+}
