@@ -14,7 +14,7 @@ use super::settings::IdealSettings;
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
 use crate::information::{
     CausalFit, CausalModel, CausalShape, FitLength, InformationError, NoiseEntropy, PatchBatch, PatchStream, Protocol,
-    paired_interval, score,
+    QuickLowerBound, paired_interval, score,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
@@ -208,6 +208,9 @@ impl<'a> Ideal<'a> {
             self.fit(&stream, (CATCH_UP * self.settings.refit, part), &seconds, watch)?;
             frame = self.frame(seconds())?;
         }
+        if is_last || self.state.frames.len().is_multiple_of(LOWER_EVERY) {
+            frame.lower = self.lower(&frame.array)?;
+        }
         self.state.frames.push(frame);
         self.state.finished = is_last;
         for _ in 0..self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step)) {
@@ -309,11 +312,20 @@ impl<'a> Ideal<'a> {
             array: array.clone(),
             bits_per_pixel: information.iter().sum::<f64>() / information.len() as f64,
             interval_95: paired_interval(&information, self.settings.seed)?,
+            lower: None,
             tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
             distinct_lenslets: distinct.lenslets.len(),
             effective_lenslets: distinct.effective_count(),
             seconds,
         })
+    }
+
+    /// What a decoder tells of fresh scenes through a mask, where the prior of the objects is known.
+    fn lower(&self, array: &LensletArray) -> Result<Option<QuickLowerBound>, IdealError> {
+        let psf = render_psf(array, self.imaging.set.planes())?;
+        let Some(channel) = self.imaging.bead_channel(psf.view(), self.patch) else { return Ok(None) };
+        let seed = derived_seed(self.settings.seed, 6);
+        Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &|| true)?)
     }
 
     /// Takes out lenslets until no more are left than are wished for by now: the closer of two where they all but
@@ -345,6 +357,10 @@ impl<'a> Ideal<'a> {
         project(&mut state.array, &self.settings, &self.limits);
     }
 }
+
+/// Frames from one bound from below to the next, and the samples that it rests on.
+const LOWER_EVERY: usize = 5;
+const LOWER_SAMPLES: usize = 512;
 
 /// Streams of seeds, so that no fit and no step repeats the draws of another.
 const FIT_SEEDS: u64 = 1 << 32;

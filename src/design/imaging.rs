@@ -1,11 +1,11 @@
 //! What a mask is designed for: objects, sensor and noise, and the measurements that they make together.
 
-use ndarray::{ArrayView3, s};
+use ndarray::{Array2, Array3, ArrayView3, s};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::error::IdealError;
-use crate::information::{AnalyticGaussian, InformationError, Moments, PatchBatch, PatchStream};
+use crate::information::{AnalyticGaussian, BeadChannel, InformationError, Moments, PatchBatch, PatchStream};
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolution, Convolver, Noise, Patches, SensorError};
 
@@ -67,6 +67,14 @@ impl<'a> Imaging<'a> {
         self.plan.with_psf(psf.slice(s![..self.set.planes(), .., ..]))
     }
 
+    /// The channel from beads to patches of measurements through a point spread function of shape (planes, rows, cols),
+    /// where the objects are beads that leave something to learn.
+    pub fn bead_channel(&self, psf: ArrayView3<'_, f64>, patch: (usize, usize)) -> Option<BeadChannel> {
+        let prior = self.set.bead_prior().filter(|prior| prior.probability < 1.0)?;
+        let spot = spots_on_sensor(&prior.spot, psf.slice(s![..self.set.planes(), .., ..]));
+        Some(BeadChannel { spot, probability: prior.probability, bias: self.bias, noise: self.noise, patch })
+    }
+
     /// Fresh patches of measurements of one part of the objects.
     pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream<'a> {
         MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
@@ -85,6 +93,17 @@ impl<'a> Imaging<'a> {
         let covariance = AnalyticGaussian::new(&self.set.autocovariance(reach), grid, patch)?;
         Ok(KnownMoments { set: self.set, bias: self.bias, noise: self.noise, covariance })
     }
+}
+
+/// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
+pub fn spots_on_sensor(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
+    let (planes, rows, cols) = psf.dim();
+    let (spot_rows, spot_cols) = spot.dim();
+    let mut on_sensor = Array3::zeros((planes, rows + spot_rows - 1, cols + spot_cols - 1));
+    for ((row, col), &photons) in spot.indexed_iter() {
+        on_sensor.slice_mut(s![.., row..row + rows, col..col + cols]).scaled_add(photons, &psf);
+    }
+    on_sensor
 }
 
 /// Mean and covariance of measurements, without drawing any.

@@ -12,7 +12,7 @@ mod state;
 pub use error::IdealError;
 pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_gradient};
 pub use ideal::{Ideal, OnIdeal};
-pub use imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed, mean_measurement};
+pub use imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed, mean_measurement, spots_on_sensor};
 pub use merge::merged;
 pub use settings::{Free, IdealSettings, Preset, Rates};
 pub use state::{Frame, IdealEvent, IdealProgress, IdealState, time_left};

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::movement::Momentum;
 use super::settings::IdealSettings;
+use crate::information::QuickLowerBound;
 use crate::optics::LensletArray;
 
 /// The mask at the beginning of a round, and what it was worth on held-out objects.
@@ -19,6 +20,9 @@ pub struct Frame {
     pub bits_per_pixel: f64,
     /// Over these patches.
     pub interval_95: [f64; 2],
+    /// Bound from below, in every fifth frame and the last, where the prior of the objects is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lower: Option<QuickLowerBound>,
     /// Mean Tamura coefficient of held-out measurements.
     pub tamura: f64,
     /// Lenslets that are neither dark nor coincident.

@@ -38,7 +38,8 @@ pub use causal::{
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use decoder::{
-    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, decoder_lower_bound,
+    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, OnFirstStep,
+    QuickLowerBound, decoder_lower_bound,
 };
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;

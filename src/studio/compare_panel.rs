@@ -147,16 +147,17 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
 
 /// What is known of a design's information, in a few characters.
 fn information(snapshot: &Snapshot) -> String {
-    match (snapshot.bracket, snapshot.upper()) {
-        (Some([lower, upper]), _) => format!("{lower:.3} - {upper:.3}"),
+    match (snapshot.lower, snapshot.upper()) {
+        (Some(lower), Some(upper)) => format!("{lower:.3} - {upper:.3}"),
         (None, Some(upper)) => format!("\u{2264} {upper:.3}"),
-        (None, None) => "-".into(),
+        (_, None) => "-".into(),
     }
 }
 
 /// Every bound of a design.
 fn bounds(snapshot: &Snapshot) -> String {
     let mut lines = Vec::new();
+    lines.extend(snapshot.lower.map(|bits| format!("At least {bits:.4}")));
     if let Some([lower, upper]) = snapshot.bracket {
         lines.push(format!("Bracket {lower:.4} to {upper:.4}"));
     }
@@ -285,9 +286,9 @@ fn scatter(ui: &mut Ui, snapshots: &[Snapshot]) {
             );
             for snapshot in snapshots {
                 let Some(tamura) = snapshot.tamura else { continue };
-                if let Some([lower, upper]) = snapshot.bracket {
+                if let (Some(lower), Some(upper)) = (snapshot.lower, snapshot.upper()) {
                     let ends: PlotPoints<'_> = vec![[tamura, lower], [tamura, upper]].into();
-                    plot.line(Line::new(format!("bracket of {}", snapshot.name), ends).color(CEILING).width(3.0));
+                    plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(CEILING).width(3.0));
                 }
                 if let Some(bits) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
                     let name = Text::new(snapshot.name.clone(), PlotPoint::new(tamura, bits), snapshot.name.clone());

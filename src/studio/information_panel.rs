@@ -75,6 +75,14 @@ impl<'a> Known<'a> {
         }
     }
 
+    /// The largest lower bound for patches and its interval.
+    fn lower(&self) -> Option<(f64, [f64; 2])> {
+        let bracket = self.bracket.as_ref().and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95?)));
+        let live = self.live.as_ref().filter(|(_, current)| *current).and_then(|(live, _)| live.lower);
+        let live = live.map(|lower| (lower.bits_per_pixel, lower.interval_95));
+        bracket.into_iter().chain(live).max_by(|one, other| one.0.total_cmp(&other.0))
+    }
+
     fn gaussian(&self) -> f64 {
         self.bounds.gaussian.bits_per_pixel
     }
@@ -107,13 +115,13 @@ pub fn interval([low, high]: [f64; 2]) -> String {
 fn headline(ui: &mut Ui, known: &Known<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
-    let (text, name, patch) = match (&known.sensor, known.bracket.as_ref().and_then(|bracket| bracket.lower)) {
+    let (text, name, patch) = match (&known.sensor, known.lower()) {
         (Some((Bracket { lower: Some(lower), upper, upper_from, .. }, [rows, cols])), _) => (
             format!("{lower:.3} \u{2013} {upper:.3}"),
             format!("whole sensor: decoder, {upper_from}"),
             format!("The information of whole measurements ({rows} x {cols} px) lies between these bounds."),
         ),
-        (_, Some(lower)) => (
+        (_, Some((lower, _))) => (
             format!("{lower:.3} \u{2013} {upper:.3}"),
             format!("decoder bound, {from}"),
             format!("The information of {rows} x {cols} px patches lies between these bounds."),
@@ -122,7 +130,7 @@ fn headline(ui: &mut Ui, known: &Known<'_>) {
             format!("\u{2264} {upper:.3}"),
             from,
             if known.bounds.ceiling.is_some() {
-                format!("Upper bound for {rows} x {cols} px patches. A bracket (Estimates) adds the lower one.")
+                format!("Upper bound for {rows} x {cols} px patches; the live estimate adds the lower one.")
             } else {
                 format!(
                     "Upper bound for {rows} x {cols} px patches; what these objects hold is not known, so no lower one is."
@@ -158,7 +166,7 @@ fn warning(ui: &mut Ui, known: &Known<'_>) {
 /// All bounds on one axis that starts at 0; where the truth can be is filled.
 fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let (upper, _) = known.upper();
-    let lower = known.bracket.as_ref().and_then(|bracket| bracket.lower);
+    let lower = known.lower().map(|(lower, _)| lower);
     let mut marks = vec![("Gaussian bound", known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
     if let Some((live, _)) = &known.live {
@@ -211,10 +219,9 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
-        if let Some((lower, range)) =
-            known.bracket.as_ref().and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95?)))
-        {
-            let hint = "What a decoder was seen to tell of fresh scenes: the information is at least this.";
+        if let Some((lower, range)) = known.lower() {
+            let hint = "What a decoder was seen to tell of fresh scenes: the information is at least this. At once by the \
+                        decoder that comes with the program; a bracket (Estimates) fits it to this design.";
             line("Lower bound", format!("{} {}", rounded(lower), interval(range)), Some(LOWER), hint);
         }
         let (value, entropies) = live_line(state, known);

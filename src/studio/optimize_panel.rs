@@ -8,7 +8,7 @@ use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points};
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
-use super::information_panel::{DENSITY, interval, rounded};
+use super::information_panel::{DENSITY, LOWER, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Preset};
@@ -268,8 +268,15 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         ui.strong(format!("\u{2264} {}", rounded(frame.bits_per_pixel)));
         ui.label(format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step)).on_hover_text(
             "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can climb \
-             because it is loose; a bracket (Estimates) tells.",
+             because it is loose; the lower bound tells.",
         );
+        // The last that was taken up to this frame.
+        if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
+            ui.colored_label(LOWER, format!("\u{2265} {}", rounded(lower.bits_per_pixel))).on_hover_text(
+                "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
+                 least this.",
+            );
+        }
     });
     let patch = patches_of(run.settings.patch);
     ui.weak(format!(
@@ -328,6 +335,12 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
             plot.add(band.fill_color(DENSITY.gamma_multiply(0.35)));
             plot.line(Line::new("information", points(&|frame| frame.bits_per_pixel)).color(DENSITY).width(2.0));
             plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(DENSITY).radius(2.0));
+            let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
+            let lower: Vec<[f64; 2]> = lower.collect();
+            if !lower.is_empty() {
+                plot.line(Line::new("lower bound", PlotPoints::from(lower.clone())).color(LOWER).width(2.0));
+                plot.points(Points::new("lower bound", PlotPoints::from(lower)).color(LOWER).radius(2.5));
+            }
         });
     for (name, axis, colour, value) in [
         (

@@ -6,7 +6,7 @@ use std::time::Duration;
 use ndarray::{Array3, Axis};
 
 use super::design::Design;
-use super::evaluation::{EvaluationError, bead_channel, ceiling_of};
+use super::evaluation::{EvaluationError, ceiling_of};
 use super::kept_fit::kept_estimate;
 use super::progress::{Watch, tell};
 use super::simulation::{imaging, open_set};
@@ -259,7 +259,8 @@ fn lower_bound(
     watch: Watch<'_>,
 ) -> Result<Option<LowerBound>, EvaluationError> {
     let design = source.design;
-    let Some(channel) = bead_channel(design, source.imaging.set, source.patch)? else { return Ok(None) };
+    let psf = design.psf(source.imaging.set.planes())?;
+    let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
     let start = if fresh { None } else { Decoder::shipped() };
     let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
     let (bound, _) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;

@@ -9,11 +9,10 @@ use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use thiserror::Error;
 
 use super::design::{Design, DesignError};
-use crate::design::{IdealError, mean_measurement};
+use crate::design::{IdealError, mean_measurement, spots_on_sensor};
 use crate::formats::FormatError;
 use crate::information::{
-    AnalyticGaussian, BeadCeiling, BeadChannel, Ceiling, GaussianBound, InformationError, NoiseEntropy,
-    bootstrap_interval,
+    AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Progress, Split};
 use crate::optics::{Mtf, modulation_transfer};
@@ -285,28 +284,4 @@ pub(super) fn ceiling_of(
         table.evaluate_exact(spots_on_sensor(&spot, seen).view(), design.bias_photons, patch, design.noise)
     });
     ceiling.transpose()
-}
-
-/// The channel from beads to the measurement, where the objects are beads that leave something to learn.
-pub(super) fn bead_channel(
-    design: &Design,
-    set: &ObjectSet,
-    patch: (usize, usize),
-) -> Result<Option<BeadChannel>, DesignError> {
-    let Some(prior) = set.bead_prior().filter(|prior| prior.probability < 1.0) else { return Ok(None) };
-    let psf = design.psf(set.planes())?;
-    let spot = spots_on_sensor(&prior.spot, psf.slice(ndarray::s![..set.planes(), .., ..]));
-    let (bias, noise) = (design.bias_photons, design.noise);
-    Ok(Some(BeadChannel { spot, probability: prior.probability, bias, noise, patch }))
-}
-
-/// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
-pub(super) fn spots_on_sensor(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
-    let (planes, rows, cols) = psf.dim();
-    let (spot_rows, spot_cols) = spot.dim();
-    let mut on_sensor = Array3::zeros((planes, rows + spot_rows - 1, cols + spot_cols - 1));
-    for ((row, col), &photons) in spot.indexed_iter() {
-        on_sensor.slice_mut(ndarray::s![.., row..row + rows, col..col + cols]).scaled_add(photons, &psf);
-    }
-    on_sensor
 }

@@ -5,9 +5,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::evaluation::spots_on_sensor;
 use crate::design::IdealError;
-use crate::design::derived_seed;
+use crate::design::{Imaging, derived_seed};
 use crate::information::{BeadChannel, InformationError};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::optics::{Lenslet, LensletArray, Limits, heuristic_layout, random_layout, render_psf};
@@ -49,15 +48,14 @@ fn channel(seed: u64) -> Result<BeadChannel, IdealError> {
     let set = ObjectSet::open(&ObjectSource::Beads { density }, &options)?;
     let array = mask(&mut random);
     let psf = render_psf(&array, 1)?;
-    let prior = set.bead_prior().ok_or(InformationError::NoLight)?;
     let noise = match random.random_range(0.0..1.0) {
         share if share < 0.7 => Noise::Shot,
         share if share < 0.85 => Noise::Read { sigma: between(&mut random, READ_NOISE) },
         _ => Noise::ShotRead { sigma: between(&mut random, READ_NOISE) },
     };
     let side = if random.random_bool(SENSOR_SHARE) { SENSOR_SIDE } else { PATCH_SIDE };
-    let spot = spots_on_sensor(&prior.spot, psf.view());
-    Ok(BeadChannel { spot, probability: prior.probability, bias, noise, patch: (side, side) })
+    let imaging = Imaging::new(&set, (array.rows, array.cols), bias, noise)?;
+    Ok(imaging.bead_channel(psf.view(), (side, side)).ok_or(InformationError::NoLight)?)
 }
 
 /// Heuristic masks, random starts of designs, and lenslets anywhere.

@@ -13,8 +13,8 @@ use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
 use super::simulation::imaging;
 use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
-    CausalFit, CausalModel, CausalRequest, Estimator, FitLength, InformationError, NoiseEntropy, PatchBatch,
-    PatchStream, Protocol, causal_model, information_map, paired_interval,
+    BeadChannel, CausalFit, CausalModel, CausalRequest, Estimator, FitLength, InformationError, NoiseEntropy,
+    PatchBatch, PatchStream, Protocol, QuickLowerBound, causal_model, information_map, paired_interval,
 };
 use crate::objects::Split;
 use crate::optics::LensletGradient;
@@ -35,6 +35,12 @@ const SCORED_LAST: usize = 384;
 const FIRST_GRADIENT: Duration = Duration::from_secs(2);
 const PULLED_OBJECTS: usize = 12;
 const PULLED_PATCHES: usize = 32;
+/// Time from the beginning of a fit from which on the lower bound is taken along; the most samples that it rests on
+/// then and once the estimate has settled, and the half width of its interval that is enough, bits per pixel.
+const FIRST_LOWER: Duration = Duration::from_millis(700);
+const LOWER_SAMPLES: usize = 256;
+const LOWER_SAMPLES_LAST: usize = 2048;
+const LOWER_HALF_WIDTH: f64 = 0.002;
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
 
@@ -64,6 +70,8 @@ pub struct LiveEstimate {
     /// How it changes with each lenslet, bits per pixel and unit of the parameter; none for other masks and in the first
     /// seconds of a fit.
     pub gradient: Option<Vec<LensletGradient>>,
+    /// Bound from below; none where the prior of the objects is not known, and in the first second of a fit.
+    pub lower: Option<QuickLowerBound>,
     /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
     pub mean_map: Array2<f32>,
     /// The same for some patches one by one, shape (n, rows, cols).
@@ -96,7 +104,8 @@ impl Refiner {
         let set = &scene.set;
         let imaging = imaging(design, set)?;
         let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
-        let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
+        let psf = design.psf(set.planes())?;
+        let convolver = imaging.convolver(psf.view())?;
         let stream = |split| imaging.stream(convolver.clone(), split, patch);
         let test = stream(Split::Test).draw(SCORED, derived_seed(design.seed, 2))?;
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
@@ -122,6 +131,8 @@ impl Refiner {
         let scorer = Scorer { design, entropy: &entropy, warm: known.is_some() };
         let started = Instant::now();
         let mut next = FIRST_SCORE;
+        let channel = imaging.bead_channel(psf.view(), patch);
+        let mut lower = None;
         let mut failure = None;
         let fitted = fit.fit_watched(&mut model, &train, None, &mut |progress, snapshot| {
             if stop() {
@@ -130,6 +141,10 @@ impl Refiner {
             if progress.elapsed >= next {
                 match scorer.score(&snapshot(), &test, progress.step, started, progress.remaining) {
                     Ok(mut estimate) => {
+                        if lower.is_none() && progress.elapsed >= FIRST_LOWER {
+                            lower = bound_from_below(channel.as_ref(), design, LOWER_SAMPLES, stop);
+                        }
+                        estimate.lower = lower;
                         if progress.elapsed >= FIRST_GRADIENT {
                             estimate.gradient = pull(design, &imaging, &snapshot());
                         }
@@ -152,12 +167,25 @@ impl Refiner {
             let more = stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(design.seed, 5))?;
             let test = joined(&test, &more)?;
             let mut estimate = scorer.score(&model, &test, steps, started, None)?;
+            estimate.lower = bound_from_below(channel.as_ref(), design, LOWER_SAMPLES_LAST, stop).or(lower);
             estimate.gradient = pull(design, &imaging, &model);
             publish(estimate);
         }
         self.last = Some((Arc::clone(scene), model));
         Ok(fitted.map(|_| ())?)
     }
+}
+
+/// What the decoder that comes with the program tells of fresh samples; none without a known prior, and where it was
+/// stopped.
+fn bound_from_below(
+    channel: Option<&BeadChannel>,
+    design: &Design,
+    samples: usize,
+    stop: &dyn Fn() -> bool,
+) -> Option<QuickLowerBound> {
+    let seed = derived_seed(design.seed, 7);
+    QuickLowerBound::new(channel?, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()).ok()?
 }
 
 /// Where information pulls the lenslets of a design, on held-out objects; none for masks without lenslets, or where numbers
@@ -204,6 +232,7 @@ impl Scorer<'_> {
             remaining,
             warm: self.warm,
             gradient: None,
+            lower: None,
             mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
             maps: maps.slice(shown).mapv(|bits| bits as f32),
             patches: test.noisy.slice(shown).to_owned(),

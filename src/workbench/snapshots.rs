@@ -33,6 +33,8 @@ pub struct Snapshot {
     pub ceiling: Option<f64>,
     /// Live estimate and its 95 % interval, bits per pixel, and whether it has settled.
     pub live: Option<(f64, [f64; 2], bool)>,
+    /// Largest lower bound of 32 x 32 px patches, bits per pixel.
+    pub lower: Option<f64>,
     /// Lower and upper bound of its last bracket of 32 x 32 px patches, bits per pixel.
     pub bracket: Option<[f64; 2]>,
 }
@@ -68,6 +70,10 @@ impl Snapshot {
             Some([estimate.lower()?, estimate.bits_per_pixel]).filter(|_| estimate.patch == [32, 32])
         });
         self.bracket = brackets.into_iter().next().or(self.bracket);
+        let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
+        let live = newest.and_then(|live| Some(live.value.lower?.bits_per_pixel));
+        let known = [live, self.bracket.map(|bracket| bracket[0])];
+        self.lower = known.into_iter().flatten().max_by(f64::total_cmp).or(self.lower);
     }
 }
 
@@ -108,6 +114,7 @@ impl Snapshots {
             gaussian: None,
             ceiling: None,
             live: None,
+            lower: None,
             bracket: None,
         };
         snapshot.take_up(live, estimates);
@@ -135,8 +142,8 @@ impl Snapshots {
             "live_high_bits_per_pixel",
             "gaussian_bound_bits_per_pixel",
             "ceiling_bits_per_pixel",
-            "bracket_lower_bits_per_pixel",
-            "bracket_upper_bits_per_pixel",
+            "lower_bound_bits_per_pixel",
+            "upper_bound_bits_per_pixel",
             "sensor_tamura",
         ];
         let known = |value: Option<f64>| value.unwrap_or(f64::NAN);
@@ -150,8 +157,8 @@ impl Snapshots {
                 known(snapshot.live.map(|live| live.1[1])),
                 known(snapshot.gaussian),
                 known(snapshot.ceiling),
-                known(snapshot.bracket.map(|bracket| bracket[0])),
-                known(snapshot.bracket.map(|bracket| bracket[1])),
+                known(snapshot.lower),
+                known(snapshot.upper()),
                 known(snapshot.tamura),
             ]
         };

@@ -40,6 +40,14 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     });
     let live = studio(&window).bench().estimates().live.unwrap();
     assert_eq!((live.revision, live.value.gradient.as_ref().unwrap().len()), (after, 2));
+    // Both bounds come without being asked for.
+    wait_for(&mut window, "the lower bound", |window| {
+        studio(window).bench().estimates().live.is_some_and(|live| live.value.lower.is_some())
+    });
+    let lower = studio(&window).bench().estimates().live.unwrap().value.lower.unwrap();
+    let ceiling = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
+    assert!(lower.bits_per_pixel > 0.7 * ceiling && lower.bits_per_pixel < ceiling, "{lower:?} {ceiling}");
+    window.get_by_label("Lower bound");
     click(&mut window, "Arrows");
     menu(&mut window, &["View", "Keep estimating"]);
     assert!(!studio(&window).bench().is_live());

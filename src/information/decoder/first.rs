@@ -6,9 +6,12 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
+use super::bound::DecoderKind::Autoregressive;
+use super::bound::decoder_lower_bound;
 use super::channel::BeadChannel;
-use super::fit::{UNROLLED, optimizer, revealed_in_training};
+use super::fit::{DecoderFit, UNROLLED, optimizer, revealed_in_training};
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::scene::Scene;
@@ -29,6 +32,38 @@ const LONGEST: f64 = 2.0;
 const RUNNING: f64 = 0.02;
 /// Steps without finite numbers in a row after which a fit is given up.
 const MAX_REFUSED: usize = 30;
+
+/// A bound from below by the decoder that comes with the program, without any fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct QuickLowerBound {
+    /// Bits per pixel of the patch.
+    pub bits_per_pixel: f64,
+    /// 95 % interval over fresh samples.
+    pub interval_95: [f64; 2],
+    /// Samples behind it.
+    pub samples: usize,
+}
+
+impl QuickLowerBound {
+    /// Tests the decoder on at most so many samples, or until half the width of the interval (bits per pixel) is this
+    /// small; none where the program has no decoder.
+    ///
+    /// # Errors
+    /// As [`decoder_lower_bound`]; cancelled where `go_on` says so.
+    pub fn new(
+        channel: &BeadChannel,
+        (samples, half_width): (usize, f64),
+        seed: u64,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<Self>, InformationError> {
+        let Some(decoder) = Decoder::shipped() else { return Ok(None) };
+        let fit = DecoderFit { half_width, max_test: samples, ..DecoderFit::of_steps(0, Autoregressive, seed) };
+        let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), watch)?;
+        let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
+        Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
+    }
+}
 
 /// How far a fit to many channels has come.
 #[derive(Clone, Copy, Debug, Default)]

@@ -22,6 +22,6 @@ mod step;
 
 pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
 pub use channel::BeadChannel;
-pub use first::FirstProgress;
+pub use first::{FirstProgress, OnFirstStep, QuickLowerBound};
 pub use fit::{DecoderFit, DecoderProgress};
 pub use layers::Decoder;

@@ -91,6 +91,7 @@ pub fn curve_of(frames: &[Frame]) -> Curve {
             frame.distinct_lenslets as f64,
             frame.effective_lenslets,
             frame.seconds,
+            frame.lower.map_or(f64::NAN, |lower| lower.bits_per_pixel),
         ]
     };
     let header = [
@@ -102,6 +103,7 @@ pub fn curve_of(frames: &[Frame]) -> Curve {
         "distinct_lenslets",
         "effective_lenslets",
         "seconds",
+        "lower_bound_bits_per_pixel",
     ];
     Curve { header: header.map(String::from).to_vec(), rows: frames.iter().map(row).collect(), names: Vec::new() }
 }
