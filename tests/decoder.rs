@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use lenslet_studio::information::{
-    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, decoder_lower_bound,
+    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, QuickLowerBound,
+    decoder_lower_bound,
 };
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, array};
@@ -183,4 +184,55 @@ fn a_bound_is_written_and_read() {
     let text = serde_json::to_string(&bound).unwrap();
     assert!(text.contains("\"decoder\":\"factorised\"") && text.contains("\"noise\":\"shot+read:1.5\""), "{text}");
     assert_eq!(serde_json::from_str::<LowerBound>(&text).unwrap(), bound);
+}
+
+/// Spots of three sharp lenslets.
+fn three_lenslets() -> Array3<f64> {
+    let bead = |row: f64, col: f64| 900.0 * (-0.4 * (row * row + col * col)).exp();
+    let places = [(4.0, 5.0), (12.0, 14.0), (15.0, 4.0)];
+    Array3::from_shape_fn((1, 20, 20), |(_, row, col)| {
+        places.iter().map(|&(r, c)| bead(row as f64 - r, col as f64 - c)).sum::<f64>() / 3.0
+    })
+}
+
+#[test]
+fn the_decoder_of_the_program_bounds_at_once_what_it_was_never_fitted_to() {
+    for (noise, bias) in
+        [(Noise::Shot, 10.0), (Noise::ShotRead { sigma: 3.0 }, 25.0), (Noise::Read { sigma: 5.0 }, 10.0)]
+    {
+        let channel = BeadChannel { spot: three_lenslets(), probability: 0.02, bias, noise, patch: (20, 24) };
+        let bound = QuickLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap().unwrap();
+        let ceiling = BeadCeiling::new(channel.probability).unwrap();
+        let ceiling = ceiling.evaluate(channel.spot.view(), bias, channel.patch, noise).unwrap().bits_per_pixel;
+        assert!(bound.interval_95[0] <= ceiling, "{noise}: {bound:?} {ceiling}");
+        assert!(bound.bits_per_pixel > 0.6 * ceiling, "{noise}: {bound:?} {ceiling}");
+        assert_eq!(bound.samples, 512);
+        // Equal seeds give equal bits.
+        assert_eq!(Some(bound), QuickLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap());
+    }
+    let channel = toy(Noise::Shot);
+    let (truth, error) = exact(&channel, 4000);
+    let bound = QuickLowerBound::new(&channel, (2048, 0.0), 5, &|| true).unwrap().unwrap();
+    assert!(bound.interval_95[0] <= truth + 3.0 * error, "{bound:?} {truth}");
+    let stopped = QuickLowerBound::new(&channel, (2048, 0.0), 5, &|| false);
+    assert!(matches!(stopped, Err(InformationError::Cancelled)), "{stopped:?}");
+}
+
+#[test]
+fn a_fit_to_many_channels_moves_all_weights_and_can_be_stopped() {
+    let channel = |number: u64| Ok(BeadChannel { probability: 0.1 + 0.01 * (number % 5) as f64, ..toy(Noise::Shot) });
+    let mut decoder = Decoder::new(2, 1).unwrap();
+    let before = decoder.clone();
+    let mut heard = 0;
+    let outcome = decoder.fit_generally(&channel, (Duration::from_hours(1), 3), &mut |progress, snapshot| {
+        heard += 1;
+        assert_eq!(progress.steps, heard);
+        assert!(progress.channels >= 16 && progress.saved_bits.is_finite());
+        assert_ne!(snapshot().weights(), before.weights());
+        if heard == 40 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert!(matches!(outcome, Err(InformationError::Cancelled)));
+    let broken = |_: u64| Ok(BeadChannel { probability: 2.0, ..toy(Noise::Shot) });
+    let outcome = decoder.fit_generally(&broken, (Duration::from_hours(1), 3), &mut |_, _| ControlFlow::Continue(()));
+    assert!(matches!(outcome, Err(InformationError::Probability { .. })));
 }

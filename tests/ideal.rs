@@ -66,6 +66,14 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1] + 0.05, "{first:?} {last:?}");
     assert!((last.array.lenslets[0].weight - 1.0).abs() < 1e-12);
+    // Every fifth frame and the last are bounded from below as well, and the gain is no climb of a loose bound.
+    for (index, frame) in state.frames.iter().enumerate() {
+        let due = index % 5 == 0 || index + 1 == state.frames.len();
+        assert_eq!(frame.lower.is_some(), due, "frame {index}");
+        assert!(frame.lower.is_none_or(|lower| lower.interval_95[0] < frame.interval_95[1]), "{frame:?}");
+    }
+    let (first, last) = (first.lower.unwrap(), last.lower.unwrap());
+    assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
 }
 
 #[test]

@@ -7,10 +7,11 @@ use egui::{Key, KeyboardShortcut, Modifiers};
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget};
 use super::layout::Pane;
+use super::optimize_panel;
 use super::palette::{Palette, Sheet};
 use super::state::{Arrange, State};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
-use crate::workbench::Command;
+use crate::workbench::{Command, DesignRun};
 
 /// Something that a menu entry or a shortcut does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +40,12 @@ pub enum Action {
     SelectAll,
     /// Deletes the selection.
     Delete,
+    /// Adds a lenslet in the middle.
+    AddLenslet,
+    /// Starts the run that the Optimize room asks for.
+    StartRun,
+    /// Ends the run; it can go on later.
+    StopRun,
     /// Puts the open design aside, to compare it.
     KeepDesign,
     /// Puts another mask in place.
@@ -155,6 +162,9 @@ impl Action {
             Self::Redo,
             Self::SelectAll,
             Self::Delete,
+            Self::AddLenslet,
+            Self::StartRun,
+            Self::StopRun,
             Self::KeepDesign,
             Self::ResetLayout,
             Self::Shortcuts,
@@ -185,6 +195,9 @@ impl Action {
             Self::Delete => "Delete selected lenslets",
             Self::Preset(preset) => return preset.full_label().into(),
             Self::Show(pane) => return format!("Show {}", pane.title()).into(),
+            Self::AddLenslet => "Add a lenslet",
+            Self::StartRun => "Start a run that optimizes the mask",
+            Self::StopRun => "Stop the run",
             Self::KeepDesign => "Keep this design to compare",
             Self::ResetLayout => "Reset layout",
             Self::Palette => "Find an action...",
@@ -203,7 +216,9 @@ impl Action {
         match self {
             Self::Undo => state.bench.undoes().is_some(),
             Self::Redo => state.bench.redoes().is_some(),
-            Self::SelectAll => state.lenslet_count() > 0,
+            Self::SelectAll | Self::AddLenslet => state.lenslet_count() > 0,
+            Self::StartRun => state.lenslet_count() > 0 && !state.run.as_ref().is_some_and(DesignRun::is_active),
+            Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
             Self::Delete => !state.selection.is_empty(),
             Self::ExportMeasurements => state.live.measurements.is_some(),
             _ => true,
@@ -275,6 +290,12 @@ impl Action {
             Self::Redo => state.bench.redo(),
             Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
             Self::Delete => state.delete_selection(),
+            Self::AddLenslet => state.add_lenslet(),
+            Self::StartRun => {
+                optimize_panel::start(state);
+                state.arrange = Some(Arrange::Show(Pane::Optimize));
+            }
+            Self::StopRun => state.bench.stop_run(),
             Self::KeepDesign => {
                 state.keep_snapshot();
                 state.arrange = Some(Arrange::Show(Pane::Compare));

@@ -14,7 +14,7 @@ use super::state::State;
 use crate::workbench::{Colormap, Command, Snapshot};
 
 /// Side of the small pictures, points.
-const THUMBNAIL: f32 = 34.0;
+const THUMBNAIL: f32 = 30.0;
 /// Coefficient at which the published optima lie.
 const PUBLISHED_TAMURA: f64 = 0.75;
 
@@ -108,8 +108,8 @@ fn open(state: &mut State, number: u64) {
 /// One row per design.
 fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
     let State { snapshots, comparison, palettes, .. } = state;
-    egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing([7.0, 3.0]).striped(true).show(ui, |ui| {
-        for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Lenslets", ""] {
+    egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing([6.0, 3.0]).striped(true).show(ui, |ui| {
+        for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
             ui.weak(title);
         }
         ui.end_row();
@@ -124,7 +124,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
                     comparison.pair[side] = (!chosen).then_some(number);
                 }
             }
-            let response = ui.add_sized([84.0, 20.0], egui::TextEdit::singleline(&mut snapshot.name));
+            let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut snapshot.name));
             name_widget(&response, &format!("Name of snapshot {number}"));
             ui.label(information(snapshot)).on_hover_text(bounds(snapshot));
             ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));

@@ -16,11 +16,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     };
     ui.horizontal(|ui| {
         if ui.button("Add lenslet").on_hover_text("In the middle of the grid; or double-click the mask").clicked() {
-            let (x, y) = ((array.cols / 2) as f64, (array.rows / 2) as f64);
-            let like = array.lenslets.last();
-            let sigma = like.map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
-            let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
-            state.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
+            state.add_lenslet();
         }
         let deletable = !state.selection.is_empty() && state.selection.len() < array.lenslets.len();
         let delete = ui.add_enabled(deletable, egui::Button::new("Delete selected"));

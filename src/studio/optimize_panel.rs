@@ -197,7 +197,8 @@ fn details(ui: &mut Ui, state: &mut State) {
 }
 
 /// Orders what the form says.
-fn start(state: &mut State) {
+/// Starts the run that the room asks for.
+pub fn start(state: &mut State) {
     let design = Arc::clone(state.bench.design());
     let form = &mut state.optimize_form;
     form.frame = None;

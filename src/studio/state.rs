@@ -334,6 +334,16 @@ impl State {
         self.selection.iter().filter_map(|&index| Some((index, *array.lenslets.get(index)?))).collect()
     }
 
+    /// Adds a lenslet in the middle of the grid, like the last one.
+    pub fn add_lenslet(&mut self) {
+        let Some(array) = self.bench.design().encoder.lenslets() else { return };
+        let (x, y) = ((array.cols / 2) as f64, (array.rows / 2) as f64);
+        let like = array.lenslets.last();
+        let sigma = like.map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
+        let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
+        self.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
+    }
+
     /// Deletes the selected lenslets.
     pub fn delete_selection(&mut self) {
         let indices: Vec<usize> = self.selection.iter().copied().collect();

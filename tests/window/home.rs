@@ -139,6 +139,17 @@ fn actions_are_found_by_name_and_done_by_keyboard_alone() {
     window.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::P);
     type_and_enter(&mut window, "undo");
     assert_eq!(lenslets(&window).len(), 9);
+    // A mask can be edited and a run started without a mouse.
+    for (text, count) in [("add a lens", 10), ("delete sel", 9)] {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+        type_and_enter(&mut window, text);
+        assert_eq!(lenslets(&window).len(), count, "{text}");
+    }
+    window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+    type_and_enter(&mut window, "start a run");
+    assert!(studio(&window).bench().run().is_some());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+    type_and_enter(&mut window, "stop the run");
     // The arrows choose, Escape leaves everything as it is.
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     window.run_steps(2);

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# Pictures of the three jobs for the README: editing a mask, a run, and designs side by side.
+# usage: screenshots.sh PROGRAM FOLDER
+set -euo pipefail
+program=$(realpath "$1")
+mkdir -p "$2"
+shots=$(realpath "$2")
+work=$(mktemp -d)
+export DISPLAY=:$((90 + RANDOM % 400)) XDG_DATA_HOME="$work/home"
+unset WAYLAND_DISPLAY
+Xvfb "$DISPLAY" -screen 0 1300x860x24 >/dev/null 2>&1 &
+xvfb=$!
+trap 'kill "${app:-}" "${manager:-}" "$xvfb" 2>/dev/null || true; rm -rf "$work"' EXIT
+sleep 2
+openbox >/dev/null 2>&1 &
+manager=$!
+"$program" >"$work/app.log" 2>&1 &
+app=$!
+sleep 6
+window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1)
+xdotool windowactivate --sync "$window"
+xdotool key Escape
+
+# Does an action by its name.
+do_action() {
+  xdotool key ctrl+k
+  sleep 1
+  xdotool type --delay 20 "$1"
+  sleep 0.5
+  xdotool key Return
+  sleep 1
+}
+shoot() { import -window "$window" "$shots/$1.png"; }
+
+sleep 20
+shoot studio
+for mask in "9 lenslets, heur" "4 lenslets, heur" "mask: 25 random"; do
+  do_action "$mask"
+  sleep 8
+  xdotool key ctrl+d
+done
+sleep 2
+shoot compare
+do_action "start a run"
+sleep "${RUN_SECONDS:-240}"
+shoot run
