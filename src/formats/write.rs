@@ -8,6 +8,9 @@ use tempfile::NamedTempFile;
 
 use super::FormatError;
 
+/// How the names of temporary files begin, which only a kill in the middle of a write leaves behind.
+pub const TEMPORARY_PREFIX: &str = ".writing-";
+
 /// Writes a file through a temporary one in the same folder: after success the file is complete and on the disk,
 /// after any failure it is as it was before, and nothing else is left in the folder.
 ///
@@ -41,7 +44,7 @@ impl SafeFile {
     pub(super) fn create(path: &Path) -> io::Result<Self> {
         let target = target(path)?;
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".writing-");
+        builder.prefix(TEMPORARY_PREFIX);
         #[cfg(unix)]
         let everyone = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o666);
         #[cfg(unix)]

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::design::Design;
 use super::threads::lock;
-use crate::formats::{FormatError, create_folder, read_json, write_json};
+use crate::formats::{FormatError, TEMPORARY_PREFIX, create_folder, read_json, write_json};
 
 /// Least time between two files.
 const EVERY: Duration = Duration::from_secs(5);
@@ -197,6 +197,10 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
     let mut found: Vec<Recovered> = entries
         .filter_map(|entry| {
             let file = entry.ok()?.path();
+            if is_half_written(&file) {
+                // Where it cannot be removed it does no harm.
+                let _ = std::fs::remove_file(&file);
+            }
             if file.extension()? != ENDING {
                 return None;
             }
@@ -210,6 +214,14 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
         .collect();
     found.sort_by_key(|recovered| std::cmp::Reverse(recovered.kept_at));
     found
+}
+
+/// Whether a file is what a write that was cut off has left; those of a minute ago may still be in hand.
+fn is_half_written(file: &Path) -> bool {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let changed = std::fs::metadata(file).and_then(|metadata| metadata.modified()).ok();
+    let age = changed.and_then(|changed| changed.elapsed().ok()).unwrap_or_default();
+    name.starts_with(TEMPORARY_PREFIX) && age > Duration::from_mins(1)
 }
 
 #[cfg(test)]
@@ -273,8 +285,14 @@ mod tests {
     fn broken_files_are_passed_over_and_a_full_disk_is_told() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("1-1.json"), b"{\"design\": 3").unwrap();
+        // What a kill in the middle of a write leaves goes when it is old.
+        let (old, new) = (folder.path().join(".writing-old"), folder.path().join(".writing-new"));
+        std::fs::write(&old, b"{").unwrap();
+        std::fs::write(&new, b"{").unwrap();
+        let hour_ago = SystemTime::now() - Duration::from_hours(1);
+        File::options().write(true).open(&old).unwrap().set_modified(hour_ago).unwrap();
         let (mut autosave, found) = Autosave::in_folder(folder.path()).unwrap();
-        assert!(found.is_empty());
+        assert!(found.is_empty() && !old.exists() && new.exists());
         // A folder where the file should be stands for a disk that cannot be written to.
         let name = autosave.lock_file.with_extension(ENDING);
         std::fs::create_dir(name).unwrap();
