@@ -11,7 +11,7 @@ use super::home::Home;
 use super::layout::{Pane, Rooms, default_layout};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
-use super::{palette, recovery, welcome};
+use super::{palette, recovery, sheets, welcome};
 use crate::objects::ObjectSource;
 use crate::workbench::{Design, Job, Outcome, Recovered, Workbench};
 
@@ -212,6 +212,7 @@ impl Studio {
         self.state.messages.log_window(&ctx);
         dialogs::show(&ctx, &mut self.state);
         palette::show(&ctx, &mut self.state);
+        sheets::show(&ctx, &mut self.state);
         welcome::show_tour(&ctx, &mut self.state);
         recovery::ask(&ctx, &mut self.state, &mut self.left_behind);
         // One question at a time.
@@ -241,7 +242,7 @@ impl Studio {
 
     fn view_menu(&mut self, ui: &mut Ui) {
         ui.menu_button("Theme", |ui| {
-            if palette::theme_choice(ui) {
+            if sheets::theme_choice(ui) {
                 ui.close();
             }
         });

@@ -4,19 +4,17 @@ use std::collections::HashMap;
 
 use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
-use ndarray::Array2;
+use ndarray::{Array2, CowArray};
 
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget, placeholder, toolbar};
-use super::information_panel::{CEILING, DENSITY, GAUSSIAN};
+use super::information_panel::{CEILING, DENSITY, GAUSSIAN, TAMURA_GUIDE};
 use super::messages::Severity;
 use super::state::State;
 use crate::workbench::{Colormap, Command, Snapshot};
 
 /// Side of the small pictures, points.
 const THUMBNAIL: f32 = 30.0;
-/// Coefficient at which the published optima lie.
-const PUBLISHED_TAMURA: f64 = 0.75;
 
 /// What the room shows.
 pub struct Comparison {
@@ -238,14 +236,14 @@ fn pair(ui: &mut Ui, state: &mut State) {
             let image = one - other;
             let (low, high) = extent(&image);
             let most = high.max(-low).max(f32::MIN_POSITIVE);
-            comparison.difference.fix_limits(Some((-most, most)));
-            (&mut comparison.difference, image)
+            comparison.difference.fix_limits((-most, most));
+            (&mut comparison.difference, CowArray::from(image))
         }
         side => {
             // Both in the same colours, so that a flip shows differences and nothing else.
             let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
-            comparison.picture.fix_limits(Some((low_a.min(low_b), high_a.max(high_b))));
-            (&mut comparison.picture, if side == Side::A { one.clone() } else { other.clone() })
+            comparison.picture.fix_limits((low_a.min(low_b), high_a.max(high_b)));
+            (&mut comparison.picture, CowArray::from(if side == Side::A { one } else { other }))
         }
     };
     let side = ui.available_width().clamp(120.0, 340.0);
@@ -279,7 +277,7 @@ fn scatter(ui: &mut Ui, snapshots: &[Snapshot]) {
         .x_axis_label("sensor Tamura coefficient")
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
-            plot.vline(VLine::new("published optima", PUBLISHED_TAMURA).color(CEILING).width(1.0));
+            plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
             plot.points(Points::new("Gaussian bound", points(&|s| s.gaussian)).color(GAUSSIAN).radius(2.5));
             plot.points(
                 Points::new("live estimate", points(&|s| s.live.map(|live| live.0))).color(DENSITY).radius(3.5),

@@ -90,8 +90,8 @@ impl ImageView {
     }
 
     /// Draws these values in the first and the last colour, instead of the smallest and the largest of each picture.
-    pub fn fix_limits(&mut self, limits: Option<(f32, f32)>) {
-        self.fixed = limits.filter(|(low, high)| low < high);
+    pub fn fix_limits(&mut self, (low, high): (f32, f32)) {
+        self.fixed = (low < high).then_some((low, high));
     }
 
     /// The choice of colours.

@@ -10,7 +10,7 @@ use crate::information::Bracket;
 use crate::workbench::{LiveEstimate, LiveInformation};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
-const TAMURA_GUIDE: f64 = 0.75;
+pub const TAMURA_GUIDE: f64 = 0.75;
 
 /// Colour of the Gaussian bound.
 pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);

@@ -20,6 +20,7 @@ mod palette;
 mod recovery;
 mod sample_panels;
 mod scene_panel;
+mod sheets;
 mod state;
 mod welcome;
 mod window;

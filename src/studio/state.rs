@@ -16,7 +16,8 @@ use super::image_view::{ImageView, Palettes};
 use super::layout::Pane;
 use super::messages::{Messages, Severity};
 use super::optimize_panel::OptimizeForm;
-use super::palette::{Palette, Sheet};
+use super::palette::Palette;
+use super::sheets::Sheet;
 use super::welcome::Guide;
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].

@@ -259,7 +259,7 @@ fn lower_bound(
     watch: Watch<'_>,
 ) -> Result<Option<LowerBound>, EvaluationError> {
     let design = source.design;
-    let psf = design.psf(source.imaging.set.planes())?;
+    let psf = seen_psf(design, source.imaging.set)?;
     let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
     let start = if fresh { None } else { Decoder::shipped() };
     let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));

@@ -6,12 +6,9 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
-use super::bound::DecoderKind::Autoregressive;
-use super::bound::decoder_lower_bound;
 use super::channel::BeadChannel;
-use super::fit::{DecoderFit, UNROLLED, optimizer, revealed_in_training};
+use super::fit::{Mover, UNROLLED, revealed_in_training};
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::scene::Scene;
@@ -27,43 +24,6 @@ const STEPS: usize = 256;
 const BATCH: usize = 2;
 /// Largest learning rate.
 const RATE: f64 = 1e-2;
-/// Gradients longer than this many times their running mean are shortened to it; weight of a step in that mean.
-const LONGEST: f64 = 2.0;
-const RUNNING: f64 = 0.02;
-/// Steps without finite numbers in a row after which a fit is given up.
-const MAX_REFUSED: usize = 30;
-
-/// A bound from below by the decoder that comes with the program, without any fit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct QuickLowerBound {
-    /// Bits per pixel of the patch.
-    pub bits_per_pixel: f64,
-    /// 95 % interval over fresh samples.
-    pub interval_95: [f64; 2],
-    /// Samples behind it.
-    pub samples: usize,
-}
-
-impl QuickLowerBound {
-    /// Tests the decoder on at most so many samples, or until half the width of the interval (bits per pixel) is this
-    /// small; none where the program has no decoder.
-    ///
-    /// # Errors
-    /// As [`decoder_lower_bound`]; cancelled where `go_on` says so.
-    pub fn new(
-        channel: &BeadChannel,
-        (samples, half_width): (usize, f64),
-        seed: u64,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<Self>, InformationError> {
-        let Some(decoder) = Decoder::shipped() else { return Ok(None) };
-        let fit = DecoderFit { half_width, max_test: samples, ..DecoderFit::of_steps(0, Autoregressive, seed) };
-        let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), watch)?;
-        let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
-        Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
-    }
-}
 
 /// How far a fit to many channels has come.
 #[derive(Clone, Copy, Debug, Default)]
@@ -103,9 +63,8 @@ impl Decoder {
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut optimizer = optimizer(self);
+        let mut mover = Mover::new(self);
         let mut progress = FirstProgress::default();
-        let (mut refused, mut mean_norm) = (0, 0.0);
         loop {
             let scenes = (0..CHANNELS as u64).map(|index| Scene::new(&channel(progress.channels + index)?));
             let scenes: Vec<Scene> = scenes.collect::<Result<_, _>>()?;
@@ -115,7 +74,7 @@ impl Decoder {
                 progress.elapsed = started.elapsed();
                 let done = progress.elapsed.as_secs_f64() / length.as_secs_f64().max(1e-9);
                 if done >= 1.0 {
-                    self.weights = optimizer.result(&self.weights).to_vec();
+                    self.weights = mover.result(self);
                     return Ok(());
                 }
                 let chosen = random.random_range(0..CHANNELS);
@@ -124,25 +83,14 @@ impl Decoder {
                 let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
                 // Sparse scenes have less to tell; without this they would count for less.
                 let prior = scene.prior_nats().max(1e-6);
-                let norm = passes.gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt() / prior;
-                if !norm.is_finite() {
-                    refused += 1;
-                    if refused == MAX_REFUSED {
-                        return Err(InformationError::Diverged { refused });
-                    }
+                if !mover.step(self, &passes.gradient, prior, RATE * rate_schedule(done))? {
                     continue;
                 }
-                refused = 0;
                 progress.steps += 1;
-                let running = RUNNING.max(1.0 / progress.steps as f64);
-                let cut = if mean_norm > 0.0 { (LONGEST * mean_norm / norm.max(1e-30)).min(1.0) } else { 1.0 };
-                mean_norm += running * (norm * cut - mean_norm);
-                let rate = RATE * rate_schedule(done);
-                optimizer.step(&mut self.weights, &passes.gradient, (cut / prior) as f32, rate as f32);
                 let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / BATCH as f64;
                 let bits = saved * scene.decoded.len() as f64 / scene.pixels() as f64;
                 progress.saved_bits += (bits - progress.saved_bits) / (progress.steps.min(2000) as f64);
-                let snapshot = || Self { weights: optimizer.result(&self.weights).to_vec(), ..self.clone() };
+                let snapshot = || Self { weights: mover.result(self), ..self.clone() };
                 if on_progress(&progress, &snapshot).is_break() {
                     return Err(InformationError::Cancelled);
                 }

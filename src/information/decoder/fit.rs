@@ -114,17 +114,62 @@ pub(super) struct Run<'a> {
     fit: &'a DecoderFit,
     scene: &'a Scene,
     started: Instant,
-    optimizer: Optimizer,
+    mover: Mover,
     steps: usize,
+    saved_per_site: f64,
+}
+
+/// Moves the weights of a decoder by gradients that are shortened where they are unusually long.
+pub(super) struct Mover {
+    optimizer: Optimizer,
+    moved: usize,
     refused: usize,
     mean_norm: f64,
-    saved_per_site: f64,
+}
+
+impl Mover {
+    pub fn new(decoder: &Decoder) -> Self {
+        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, true, |tensor| {
+            if tensor.name.starts_with("block") { Rule::Muon } else { Rule::Adam }
+        });
+        Self { optimizer, moved: 0, refused: 0, mean_norm: 0.0 }
+    }
+
+    /// One step of `rate` against the gradient in `unit`s; tells whether there was one: a gradient without finite numbers
+    /// makes none.
+    ///
+    /// # Errors
+    /// Where that has happened too often.
+    pub fn step(
+        &mut self,
+        decoder: &mut Decoder,
+        gradient: &[f32],
+        unit: f64,
+        rate: f64,
+    ) -> Result<bool, InformationError> {
+        let norm = gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt() / unit;
+        if !norm.is_finite() {
+            self.refused += 1;
+            let refused = self.refused;
+            return if refused < MAX_REFUSED { Ok(false) } else { Err(InformationError::Diverged { refused }) };
+        }
+        self.moved += 1;
+        let running = RUNNING.max(1.0 / (self.moved + self.refused) as f64);
+        let scale = if self.mean_norm > 0.0 { (LONGEST * self.mean_norm / norm.max(1e-30)).min(1.0) } else { 1.0 };
+        self.mean_norm += running * (norm * scale - self.mean_norm);
+        self.optimizer.step(&mut decoder.weights, gradient, (scale / unit) as f32, rate as f32);
+        Ok(true)
+    }
+
+    /// The averaged weights.
+    pub fn result(&self, decoder: &Decoder) -> Vec<f32> {
+        self.optimizer.result(&decoder.weights).to_vec()
+    }
 }
 
 impl<'a> Run<'a> {
     pub fn new(fit: &'a DecoderFit, scene: &'a Scene, decoder: &Decoder, started: Instant) -> Self {
-        let optimizer = optimizer(decoder);
-        Self { fit, scene, started, optimizer, steps: 0, refused: 0, mean_norm: 0.0, saved_per_site: 0.0 }
+        Self { fit, scene, started, mover: Mover::new(decoder), steps: 0, saved_per_site: 0.0 }
     }
 
     /// All steps; the decoder gets the averaged weights. Returns the number of steps.
@@ -144,8 +189,7 @@ impl<'a> Run<'a> {
                 return Err(InformationError::Cancelled);
             }
         }
-        let averaged = self.optimizer.result(&decoder.weights).to_vec();
-        decoder.weights = averaged;
+        decoder.weights = self.mover.result(decoder);
         Ok(self.steps)
     }
 
@@ -156,19 +200,11 @@ impl<'a> Run<'a> {
             DecoderKind::Factorised => passes.train(decoder, draws, |_| Reveal::Nothing),
             DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
         };
-        let norm = passes.gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
         self.steps += 1;
-        if !norm.is_finite() {
-            self.refused += 1;
-            let refused = self.refused;
-            return if refused < MAX_REFUSED { Ok(()) } else { Err(InformationError::Diverged { refused }) };
+        if self.mover.step(decoder, &passes.gradient, 1.0, rate)? {
+            let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
+            self.saved_per_site += RUNNING.max(1.0 / self.steps as f64) * (saved - self.saved_per_site);
         }
-        let running = RUNNING.max(1.0 / self.steps as f64);
-        let scale = if self.mean_norm > 0.0 { (LONGEST * self.mean_norm / norm.max(1e-30)).min(1.0) } else { 1.0 };
-        self.mean_norm += running * (norm * scale - self.mean_norm);
-        let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
-        self.saved_per_site += running * (saved - self.saved_per_site);
-        self.optimizer.step(&mut decoder.weights, &passes.gradient, scale as f32, rate as f32);
         Ok(())
     }
 
@@ -194,13 +230,6 @@ impl<'a> Run<'a> {
             tested,
         }
     }
-}
-
-/// What moves the weights of a decoder.
-pub(super) fn optimizer(decoder: &Decoder) -> Optimizer {
-    Optimizer::new(&decoder.layout, &decoder.weights, true, |tensor| {
-        if tensor.name.starts_with("block") { Rule::Muon } else { Rule::Adam }
-    })
 }
 
 /// How many sites a training sample reveals, and its weight.

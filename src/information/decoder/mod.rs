@@ -17,11 +17,13 @@ mod fit;
 mod gradient;
 mod layers;
 mod pass;
+mod quick;
 mod scene;
 mod step;
 
 pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
 pub use channel::BeadChannel;
-pub use first::{FirstProgress, OnFirstStep, QuickLowerBound};
+pub use first::{FirstProgress, OnFirstStep};
 pub use fit::{DecoderFit, DecoderProgress};
 pub use layers::Decoder;
+pub use quick::QuickLowerBound;

@@ -1,0 +1,174 @@
+//! Sheets to read and to choose on: keys and gestures, settings, versions.
+
+use egui::{RichText, Ui};
+
+use super::actions::Action;
+use super::home::ZOOM;
+use super::image_view::name_widget;
+use super::state::State;
+use super::window::RendererChoice;
+
+/// What the mouse and the keyboard do on the mask.
+const ON_THE_MASK: [(&str, &str); 10] = [
+    ("Click", "Select a lenslet; with Shift, add it to the selection"),
+    ("Drag a lenslet", "Move the selection"),
+    ("Drag the picture", "Select in a box; with Shift, add to the selection"),
+    ("Double click", "Add a lenslet"),
+    ("Arrow keys", "Move the selection by 0.1 px; with Shift, by 1 px"),
+    ("Delete", "Delete the selection"),
+    ("Wheel on a lenslet", "Weight of the selection"),
+    ("Alt + wheel", "Width of the selection"),
+    ("Right click", "What can be done with a lenslet"),
+    ("Tab", "Next lenslet or control; Space selects"),
+];
+
+/// A sheet to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sheet {
+    /// Keys and gestures.
+    Shortcuts,
+    /// What a person can choose.
+    Settings,
+    /// Versions and machine.
+    About,
+}
+
+/// Draws the sheet that is open.
+pub fn show(ctx: &egui::Context, state: &mut State) {
+    let Some(sheet) = state.sheet else { return };
+    let response = egui::Modal::new(egui::Id::unique("sheet")).show(ctx, |ui| {
+        match sheet {
+            Sheet::Shortcuts => shortcuts(ui),
+            Sheet::Settings => settings(ui, state),
+            Sheet::About => about(ui),
+        }
+        ui.add_space(8.0);
+        ui.button("Close").clicked()
+    });
+    if response.inner || response.should_close() {
+        state.sheet = None;
+    }
+}
+
+fn shortcuts(ui: &mut Ui) {
+    ui.heading("Keys and gestures");
+    ui.add_space(4.0);
+    ui.horizontal_top(|ui| {
+        let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
+        egui::Grid::new("keys").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
+            let actions: Vec<(String, String)> = Action::all()
+                .chain([Action::Palette])
+                .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
+                .collect();
+            let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Size of everything".to_owned())];
+            for (keys, what) in actions.into_iter().chain(zoom) {
+                ui.label(RichText::new(keys).strong());
+                ui.label(what);
+                ui.end_row();
+            }
+        });
+        ui.add_space(24.0);
+        egui::Grid::new("gestures").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
+            for (keys, what) in ON_THE_MASK {
+                ui.label(RichText::new(keys).strong());
+                ui.label(what);
+                ui.end_row();
+            }
+        });
+    });
+}
+
+fn settings(ui: &mut Ui, state: &mut State) {
+    ui.set_width(400.0);
+    ui.heading("Settings");
+    ui.add_space(4.0);
+    egui::Grid::new("settings").num_columns(2).spacing([16.0, 8.0]).show(ui, |ui| {
+        ui.label("Theme");
+        ui.horizontal(theme_choice);
+        ui.end_row();
+        ui.label("Size of everything");
+        // The size changes when the slider is let go: it would run away from the pointer otherwise.
+        let id = egui::Id::unique("zoom");
+        let mut zoom = ui.data(|data| data.get_temp(id)).unwrap_or_else(|| ui.ctx().zoom_factor());
+        let slider =
+            egui::Slider::new(&mut zoom, ZOOM).step_by(0.1).custom_formatter(|x, _| format!("{:.0} %", 100.0 * x));
+        let response = ui.add(slider);
+        name_widget(&response, "Zoom");
+        if response.dragged() {
+            ui.data_mut(|data| data.insert_temp(id, zoom));
+        } else if response.drag_stopped() || response.changed() {
+            ui.data_mut(|data| data.remove::<f32>(id));
+            ui.ctx().set_zoom_factor(zoom);
+        }
+        ui.end_row();
+        ui.label("Live estimates");
+        let mut live = state.bench.is_live();
+        if ui.checkbox(&mut live, "Keep estimating while the design is edited").clicked() {
+            state.bench.set_live(live);
+        }
+        ui.end_row();
+        ui.label("Window drawn by");
+        ui.horizontal(|ui| {
+            for choice in [RendererChoice::Glow, RendererChoice::Wgpu] {
+                ui.radio_value(&mut state.preferences.renderer, choice, choice.name());
+            }
+        });
+        ui.end_row();
+        ui.label("");
+        ui.weak("from the next start on");
+        ui.end_row();
+    });
+    if let Some(folder) = eframe::storage_dir("lenslet-studio") {
+        ui.weak(format!("Settings, layout, unsaved changes and runs are kept in {}", folder.display()));
+    }
+}
+
+/// System, light or dark.
+pub fn theme_choice(ui: &mut Ui) -> bool {
+    let current = ui.ctx().options(|options| options.theme_preference);
+    let themes = [
+        ("System", egui::ThemePreference::System),
+        ("Light", egui::ThemePreference::Light),
+        ("Dark", egui::ThemePreference::Dark),
+    ];
+    let mut chosen = false;
+    for (text, theme) in themes {
+        if ui.radio(current == theme, text).clicked() {
+            ui.ctx().set_theme(theme);
+            chosen = true;
+        }
+    }
+    chosen
+}
+
+fn about(ui: &mut Ui) {
+    ui.set_width(420.0);
+    ui.heading("Lenslet Studio");
+    ui.label(env!("CARGO_PKG_DESCRIPTION"));
+    ui.add_space(6.0);
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let engines =
+        [Some("processor"), cfg!(feature = "gpu").then_some("wgpu"), cfg!(feature = "cuda").then_some("CUDA")];
+    let engines: Vec<&str> = engines.into_iter().flatten().collect();
+    let facts = [
+        ("Version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
+        ("Processor", format!("{cores} threads")),
+        ("Fits run on", engines.join(", ")),
+        ("Licence", env!("CARGO_PKG_LICENSE").to_owned()),
+    ];
+    egui::Grid::new("about").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
+        for (name, value) in &facts {
+            ui.label(RichText::new(*name).strong());
+            ui.label(value);
+            ui.end_row();
+        }
+    });
+    ui.add_space(6.0);
+    ui.label("The method is that of Kabuli et al. 2026; every bound names its source in the documentation.");
+    ui.add_space(4.0);
+    if ui.button("Copy").clicked() {
+        let text: Vec<String> = facts.iter().map(|(name, value)| format!("{name}: {value}")).collect();
+        ui.ctx().copy_text(text.join("\n"));
+    }
+}
