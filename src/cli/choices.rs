@@ -118,6 +118,7 @@ impl PatchChoice {
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum EstimatorChoice {
     /// Stationary Gaussian fitted to patches.
+    #[value(alias = "gaussian-stationary")]
     Gaussian,
     /// Gaussian with the full covariance of all pixels of a patch, fitted to patches.
     GaussianFull,

@@ -9,7 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
-use super::design_args::SceneArgs;
+use super::design_args::{SceneArgs, open_design};
 use super::study::run_with_bar;
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealProgress, IdealSettings, Preset, time_left};
@@ -22,7 +22,7 @@ use crate::workbench::{
 /// Arguments of `design`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Design file to start from; flags replace its entries.
+    /// Design file to start from, or - for standard input; flags replace its entries.
     design: Option<PathBuf>,
 
     /// The mask to start from: random:COUNT, heuristic:1 to 9, depth:1 to 5, or design:FILE [default: random:25, or the
@@ -152,7 +152,7 @@ impl Arguments {
     /// The design that the run starts from.
     fn start(&self) -> anyhow::Result<Design> {
         let mut design = match &self.design {
-            Some(path) => Design::open(path)?,
+            Some(path) => open_design(path)?,
             None => Design::default(),
         };
         design.seed = self.seed.unwrap_or(design.seed);

@@ -1,7 +1,9 @@
 //! Flags that say which design a command is about.
 
-use std::path::PathBuf;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use clap::Args;
 
 use super::choices::EncoderChoice;
@@ -9,10 +11,14 @@ use crate::objects::ObjectSource;
 use crate::sensor::Noise;
 use crate::workbench::Design;
 
+/// Most bytes that are read from standard input.
+const LARGEST_DESIGN: u64 = 256 << 20;
+const STANDARD_INPUT: &str = "standard input";
+
 /// A design: a file, flags, or a file with some entries replaced by flags.
 #[derive(Args, Debug)]
 pub struct DesignArgs {
-    /// Design file; flags replace its entries. Without one, flags replace entries of the default design.
+    /// Design file, or - for standard input; flags replace its entries. Without one, flags replace entries of the default design.
     design: Option<PathBuf>,
 
     /// The mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (psf:FILE@32 resamples),
@@ -50,7 +56,7 @@ impl DesignArgs {
     /// The design, with the scene replaced where `scene` says so.
     pub fn design(&self, scene: Option<&SceneArgs>) -> anyhow::Result<Design> {
         let mut design = match &self.design {
-            Some(path) => Design::open(path)?,
+            Some(path) => open_design(path)?,
             None => Design::default(),
         };
         if let Some(seed) = self.seed {
@@ -65,6 +71,16 @@ impl DesignArgs {
         design.check()?;
         Ok(design)
     }
+}
+
+/// Reads a design from a file, or from standard input where it is called `-`.
+pub fn open_design(path: &Path) -> anyhow::Result<Design> {
+    if path != Path::new("-") {
+        return Ok(Design::open(path)?);
+    }
+    let value = serde_json::from_reader(std::io::stdin().lock().take(LARGEST_DESIGN))
+        .with_context(|| format!("{STANDARD_INPUT}: expected the JSON of a design"))?;
+    Ok(Design::from_value(value, STANDARD_INPUT)?)
 }
 
 impl SceneArgs {

@@ -15,6 +15,8 @@ use crate::workbench::{
 
 /// Most repetitions.
 const MOST_TRIALS: usize = 10_000;
+/// Most steps of a fit.
+const MOST_STEPS: usize = 100_000_000;
 
 /// Arguments of `estimate`.
 #[derive(Args, Debug)]
@@ -51,6 +53,10 @@ pub struct Arguments {
     /// Time for the fit of one pixelcnn trial, such as 60s, 5m or 1h; without it the protocol decides.
     #[arg(long)]
     budget: Option<BudgetChoice>,
+
+    /// Steps of a live or full fit, or of each fit of a bracket, in place of a time: equal seeds then give equal numbers.
+    #[arg(long, conflicts_with = "budget")]
+    steps: Option<usize>,
 
     /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
     #[arg(long)]
@@ -129,9 +135,17 @@ impl Arguments {
         if self.resume.is_some() && !kept {
             return Err(anyhow::anyhow!("--resume keeps one fit by --estimator live or full; leave it out").into());
         }
+        if let Some(steps) = self.steps {
+            check_count("--steps", steps, 1..=MOST_STEPS)?;
+            if !ours {
+                let advice = "--steps is the length of a fit by --estimator live, full or bracket; leave it out";
+                return Err(anyhow::anyhow!(advice).into());
+            }
+        }
         let design = self.design.design(Some(&self.scene))?;
+        let model = DensityModel::new(estimator, budget, self.engine.unwrap_or_default());
         let request = EstimateRequest {
-            model: DensityModel::new(estimator, budget, self.engine.unwrap_or_default()),
+            model: self.steps.map_or(model, |steps| model.of_steps(steps)),
             protocol: self.protocol,
             patch: self.patch.shape(),
             patches_train: self.patches_train,

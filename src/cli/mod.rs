@@ -10,6 +10,7 @@ mod estimate;
 mod export;
 mod first_decoder;
 mod headless;
+mod look;
 mod measure;
 mod output;
 mod study;
@@ -50,6 +51,8 @@ enum Command {
     Export(export::Arguments),
     /// Draw objects and measure them: objects, noiseless and noisy measurements as NPY or TIFF.
     Measure(measure::Arguments),
+    /// Print the numbers that the window shows beside every edit: Gaussian bound, ceiling, Tamura coefficients.
+    Look(look::Arguments),
     /// Tamura coefficient of NPY, TIFF or picture files.
     Tamura(tamura::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
@@ -122,6 +125,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Some(Command::Export(arguments)) => arguments.run(),
         Some(Command::Measure(arguments)) => arguments.run(),
+        Some(Command::Look(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
         Some(Command::Design(arguments)) => arguments.run(),

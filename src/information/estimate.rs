@@ -192,6 +192,16 @@ impl Estimate {
         self.bracket.as_ref()?.lower
     }
 
+    /// The number for people, with all that belongs to it in a line.
+    pub fn in_words(&self) -> String {
+        let [low, high] = self.interval_95;
+        let (bits, from) = (self.bits_per_pixel, self.estimator);
+        match self.lower() {
+            Some(lower) => format!("between {lower:.4} and {bits:.4} bits per pixel"),
+            None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),
+        }
+    }
+
     /// Whether the estimate lies above the ceiling, where one is known.
     pub fn above_ceiling(&self) -> bool {
         self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)

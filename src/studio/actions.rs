@@ -7,12 +7,15 @@ use egui::{Key, KeyboardShortcut, Modifiers};
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget};
 use super::layout::Pane;
-use super::optimize_panel;
 use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
+use super::{information_panel, optimize_panel};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
-use crate::workbench::{Command, DesignRun};
+use crate::workbench::{Command, DesignRun, look_command};
+
+/// Arrangements of rooms that can be remembered.
+const LAYOUTS: usize = 2;
 
 /// Something that a menu entry or a shortcut does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,6 +58,12 @@ pub enum Action {
     Show(Pane),
     /// Arranges the rooms as in a new window.
     ResetLayout,
+    /// Remembers the arrangement of the rooms under a number.
+    RememberLayout(usize),
+    /// Arranges the rooms as was remembered.
+    RecallLayout(usize),
+    /// Lets the room under the pointer fill the window, or all rooms come back.
+    Maximise,
     /// Finds actions by what they are called.
     Palette,
     /// Shows keys and gestures.
@@ -67,6 +76,12 @@ pub enum Action {
     Tour,
     /// Shows versions and the machine.
     About,
+    /// Puts the numbers of the open design into the clipboard, as JSON.
+    CopyNumbers,
+    /// Puts the command line for them into the clipboard.
+    CopyCommand,
+    /// Shows what is done beside the edits.
+    Jobs,
     /// Shows all messages.
     Messages,
     /// Closes the window.
@@ -132,11 +147,16 @@ impl Preset {
 
 impl Action {
     /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
-    const WITH_SHORTCUT: [Self; 13] = [
+    const WITH_SHORTCUT: [Self; 18] = [
         Self::SaveAs,
         Self::Palette,
+        Self::CopyCommand,
         Self::Shortcuts,
         Self::KeepDesign,
+        Self::Jobs,
+        Self::Maximise,
+        Self::RecallLayout(1),
+        Self::RecallLayout(2),
         Self::Settings,
         Self::New,
         Self::Open,
@@ -167,16 +187,26 @@ impl Action {
             Self::StartRun,
             Self::StopRun,
             Self::KeepDesign,
-            Self::ResetLayout,
+            Self::Maximise,
             Self::Shortcuts,
             Self::Settings,
             Self::Welcome,
             Self::Tour,
             Self::About,
+            Self::CopyNumbers,
+            Self::CopyCommand,
+            Self::Jobs,
             Self::Messages,
             Self::Quit,
         ];
-        plain.into_iter().chain(Preset::all().map(Self::Preset)).chain(Pane::ALL.map(Self::Show))
+        plain.into_iter().chain(Self::layouts()).chain(Preset::all().map(Self::Preset)).chain(Pane::ALL.map(Self::Show))
+    }
+
+    /// What can be done with the arrangement of the rooms.
+    pub fn layouts() -> impl Iterator<Item = Self> {
+        let numbers = 1..=LAYOUTS;
+        let remember = numbers.clone().map(Self::RememberLayout);
+        numbers.map(Self::RecallLayout).chain(remember).chain([Self::ResetLayout])
     }
 
     /// Text of the menu entry.
@@ -201,12 +231,18 @@ impl Action {
             Self::StopRun => "Stop the run",
             Self::KeepDesign => "Keep this design to compare",
             Self::ResetLayout => "Reset layout",
+            Self::RememberLayout(number) => return format!("Remember as layout {number}").into(),
+            Self::RecallLayout(number) => return format!("Use layout {number}").into(),
+            Self::Maximise => "Fill the window with a room, or back",
             Self::Palette => "Find an action...",
             Self::Shortcuts => "Keys and gestures",
             Self::Settings => "Settings...",
             Self::Welcome => "Welcome and samples...",
             Self::Tour => "Take the tour",
             Self::About => "About Lenslet Studio",
+            Self::CopyNumbers => "Copy numbers as JSON",
+            Self::CopyCommand => "Copy command line",
+            Self::Jobs => "Jobs",
             Self::Messages => "Messages",
             Self::Quit => "Quit",
         })
@@ -221,6 +257,7 @@ impl Action {
             Self::StartRun => state.lenslet_count() > 0 && !state.run.as_ref().is_some_and(DesignRun::is_active),
             Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
             Self::Delete => !state.selection.is_empty(),
+            Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
             Self::ExportMeasurements => state.live.measurements.is_some(),
             _ => true,
         }
@@ -244,6 +281,11 @@ impl Action {
             Self::Quit => (command, Key::Q),
             Self::Palette => (command | Modifiers::SHIFT, Key::P),
             Self::KeepDesign => (command, Key::D),
+            Self::CopyCommand => (command | Modifiers::SHIFT, Key::C),
+            Self::Jobs => (command, Key::J),
+            Self::Maximise => (command, Key::M),
+            Self::RecallLayout(1) => (command, Key::Num1),
+            Self::RecallLayout(2) => (command, Key::Num2),
             Self::Settings => (command, Key::Comma),
             Self::Shortcuts => (Modifiers::NONE, Key::F1),
             _ => return None,
@@ -304,6 +346,9 @@ impl Action {
             Self::Preset(preset) => preset.put(state),
             Self::Show(pane) => state.arrange = Some(Arrange::Show(pane)),
             Self::ResetLayout => state.arrange = Some(Arrange::Reset),
+            Self::RememberLayout(number) => state.arrange = Some(Arrange::Remember(number)),
+            Self::RecallLayout(number) => state.arrange = Some(Arrange::Recall(number)),
+            Self::Maximise => maximise(ctx, state),
             Self::Palette => state.palette = Some(Palette::default()),
             Self::Shortcuts => state.sheet = Some(Sheet::Shortcuts),
             Self::Settings => state.sheet = Some(Sheet::Settings),
@@ -313,10 +358,24 @@ impl Action {
                 state.arrange = Some(Arrange::Show(Pane::Mask));
             }
             Self::About => state.sheet = Some(Sheet::About),
+            Self::CopyNumbers => information_panel::copy_numbers(ctx, state),
+            Self::CopyCommand => {
+                let command = look_command(state.bench.design());
+                state.copy_command(ctx, command);
+            }
+            Self::Jobs => state.jobs.open = true,
             Self::Messages => state.messages.log_open = true,
             Self::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
         }
     }
+}
+
+/// Lets the room under the pointer fill the window; the mask where there is none; all rooms where one fills it.
+fn maximise(ctx: &egui::Context, state: &mut State) {
+    let pointer = ctx.pointer_latest_pos();
+    let under = state.capture.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
+    let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
+    state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
 }
 
 /// The File menu.
@@ -416,6 +475,8 @@ pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     entry(ui, state, Action::Delete);
     ui.separator();
     entry(ui, state, Action::KeepDesign);
+    entry(ui, state, Action::CopyNumbers);
+    entry(ui, state, Action::CopyCommand);
     ui.separator();
     entry(ui, state, Action::Settings);
 }

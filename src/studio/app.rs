@@ -7,13 +7,13 @@ use egui_tiles::Tree;
 
 use super::actions::{self, Action};
 use super::dialogs;
-use super::home::Home;
-use super::layout::{Pane, Rooms, default_layout};
+use super::home::{Home, KEPT};
+use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
-use super::{palette, recovery, sheets, welcome};
+use super::{capture, jobs_window, layout, palette, recovery, sheets, welcome};
 use crate::objects::ObjectSource;
-use crate::workbench::{Design, Job, Outcome, Recovered, Workbench};
+use crate::workbench::{Activity, ActivityState, Design, Job, Outcome, Recovered, Snapshots, Workbench};
 
 /// The window's contents.
 pub struct Studio {
@@ -99,10 +99,17 @@ impl Studio {
             }
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
-        match self.state.bench.keep_unsaved_in(&folder.join("unsaved")) {
-            Ok(found) => self.left_behind = found,
+        match Snapshots::read(&folder.join(KEPT)) {
+            Ok((snapshots, 0)) => self.state.snapshots = snapshots,
+            Ok((snapshots, broken)) => {
+                self.state.snapshots = snapshots;
+                self.tell(format!("{broken} kept designs could not be read; they are left as they are"));
+            }
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
+        self.state.bench.set_threads(self.state.preferences.threads);
+        self.state.folder = Some(folder.to_owned());
+        self.left_behind = self.state.keep_unsaved();
         match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(false) => {}
             Ok(true) => self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into()),
@@ -115,8 +122,24 @@ impl Studio {
         match self.state.arrange.take() {
             Some(Arrange::Show(pane)) => {
                 self.rooms.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
+                if self.state.maximised.is_some() {
+                    self.state.maximised = Some(pane);
+                }
             }
-            Some(Arrange::Reset) => self.rooms = default_layout(),
+            Some(Arrange::Reset) => {
+                self.rooms = default_layout();
+                self.state.maximised = None;
+            }
+            Some(Arrange::Remember(number)) => {
+                self.state.preferences.layouts.insert(number, self.rooms.clone());
+                self.tell(format!("This layout is remembered as layout {number}"));
+            }
+            Some(Arrange::Recall(number)) => {
+                if let Some(layout) = self.state.preferences.layouts.get(&number) {
+                    self.rooms = restored(layout.clone()).unwrap_or_else(default_layout);
+                    self.state.maximised = None;
+                }
+            }
             None => {}
         }
         let state = &mut self.state;
@@ -124,6 +147,7 @@ impl Studio {
             state.messages.push(Severity::Failure, failure);
         }
         let Some(home) = &mut self.home else { return };
+        home.keep_designs(state.snapshots.changes(self.closing));
         state.preferences.theme = ctx.options(|options| options.theme_preference);
         state.preferences.zoom = ctx.zoom_factor();
         state.preferences.live = state.bench.is_live();
@@ -148,7 +172,10 @@ impl Studio {
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
         for outcome in state.bench.take_outcomes() {
-            hear(state, outcome);
+            hear(state, &outcome);
+        }
+        for activity in state.bench.take_ended() {
+            hear_end(state, &activity);
         }
         state.bench.note_pointer(ctx.input(|input| input.pointer.any_down()));
         state.run = state.bench.take_up_run();
@@ -200,16 +227,23 @@ impl Studio {
     /// Draws the window.
     pub fn ui(&mut self, ui: &mut Ui) {
         self.state.hover = None;
-        Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
+        let seen: Vec<Pane> = self.state.capture.rooms.iter().map(|(pane, _)| *pane).collect();
+        capture::go_on(ui.ctx(), &mut self.state);
+        Panel::top("menu").show(ui, |ui| self.menu_bar(ui, &seen));
         self.state.messages.banner(ui);
         // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
         // room is taken first, its text drawn last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
-        egui::CentralPanel::no_frame().show(ui, |ui| self.rooms.ui(&mut Rooms(&mut self.state), ui));
+        egui::CentralPanel::no_frame().show(ui, |ui| match self.state.maximised {
+            Some(pane) => layout::show_maximised(ui, &mut self.state, pane),
+            None => self.rooms.ui(&mut Rooms(&mut self.state), ui),
+        });
         let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
         status_bar(&mut bar, &mut self.state, &self.frame_times);
         let ctx = ui.ctx().clone();
         self.state.messages.log_window(&ctx);
+        self.state.messages.toasts(&ctx);
+        jobs_window::show(&ctx, &mut self.state);
         dialogs::show(&ctx, &mut self.state);
         palette::show(&ctx, &mut self.state);
         sheets::show(&ctx, &mut self.state);
@@ -224,12 +258,12 @@ impl Studio {
         show_drop_hint(&ctx);
     }
 
-    fn menu_bar(&mut self, ui: &mut Ui) {
+    fn menu_bar(&mut self, ui: &mut Ui, seen: &[Pane]) {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button("File", |ui| actions::file_menu(ui, &mut self.state));
             ui.menu_button("Edit", |ui| actions::edit_menu(ui, &mut self.state));
             ui.menu_button("Presets", |ui| actions::presets_menu(ui, &mut self.state));
-            ui.menu_button("View", |ui| self.view_menu(ui));
+            ui.menu_button("View", |ui| self.view_menu(ui, seen));
             ui.menu_button("Help", |ui| actions::help_menu(ui, &mut self.state));
             ui.separator();
             let design = self.state.bench.design();
@@ -240,7 +274,7 @@ impl Studio {
         });
     }
 
-    fn view_menu(&mut self, ui: &mut Ui) {
+    fn view_menu(&mut self, ui: &mut Ui, seen: &[Pane]) {
         ui.menu_button("Theme", |ui| {
             if sheets::theme_choice(ui) {
                 ui.close();
@@ -251,7 +285,13 @@ impl Studio {
                 actions::entry(ui, &mut self.state, Action::Show(pane));
             }
         });
-        actions::entry(ui, &mut self.state, Action::ResetLayout);
+        ui.menu_button("Layout", |ui| {
+            for action in Action::layouts() {
+                actions::entry(ui, &mut self.state, action);
+            }
+        });
+        actions::entry(ui, &mut self.state, Action::Maximise);
+        ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state, seen));
         let mut live = self.state.bench.is_live();
         if ui
             .checkbox(&mut live, "Keep estimating")
@@ -264,6 +304,7 @@ impl Studio {
         if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
             ui.close();
         }
+        actions::entry(ui, &mut self.state, Action::Jobs);
         actions::entry(ui, &mut self.state, Action::Messages);
     }
 
@@ -349,42 +390,36 @@ impl eframe::App for Studio {
     }
 }
 
-/// Tells the person what a job has brought.
-fn hear(state: &mut State, outcome: Result<Outcome, String>) {
-    let (severity, text) = match outcome {
+/// Takes up what a job has brought, and tells the person.
+fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
+    match outcome {
         Ok(Outcome::Opened { path, .. }) => {
             state.selection.clear();
-            state.preferences.remember(&path);
-            (Severity::Done, format!("Opened {}", path.display()))
+            state.preferences.remember(path);
         }
-        Ok(Outcome::Saved { path, .. }) => {
-            state.preferences.remember(&path);
-            (Severity::Done, format!("Saved {}", path.display()))
-        }
-        Ok(Outcome::ObjectsOpened { source, notices }) => {
+        Ok(Outcome::Saved { path, .. }) => state.preferences.remember(path),
+        Ok(Outcome::ObjectsOpened { notices, .. }) => {
             for notice in notices {
                 state.messages.push(Severity::Notice, notice);
             }
-            (Severity::Done, format!("Imaging {source}"))
         }
-        Ok(Outcome::PsfImported { encoder }) => {
-            state.selection.clear();
-            (Severity::Done, format!("Using {}", encoder.describe()))
-        }
-        Ok(Outcome::Exported { files }) => {
-            state.guide.exported = true;
-            let text = match files.as_slice() {
-                [file] => format!("Exported {}", file.display()),
-                files => {
-                    let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("."));
-                    format!("Exported {} files to {}", files.len(), folder.display())
-                }
-            };
-            (Severity::Done, text)
-        }
-        Err(error) => (Severity::Failure, error),
-    };
-    state.messages.push(severity, text);
+        Ok(Outcome::PsfImported { .. }) => state.selection.clear(),
+        Ok(Outcome::Exported { .. }) => state.guide.exported = true,
+        Err(_) => {}
+    }
+    match outcome {
+        Ok(outcome) => state.messages.push(Severity::Done, outcome.sentence()),
+        Err(error) => state.messages.push(Severity::Failure, error),
+    }
+}
+
+/// Tells the person what came of an estimate or a run.
+fn hear_end(state: &mut State, activity: &Activity) {
+    match &activity.state {
+        ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),
+        ActivityState::Failed(sentence) => state.messages.push(Severity::Failure, sentence),
+        _ => {}
+    }
 }
 
 fn title(state: &State) -> String {
@@ -415,16 +450,17 @@ fn kind_of(path: &Path) -> FileKind {
 /// Left: the newest message, or the value under the pointer. Right: what is going on.
 fn status_bar(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-        let work = if let Some(busy) = &state.live.busy {
-            busy.clone()
-        } else if state.bench.has_open_jobs() {
-            "Working".into()
-        } else if state.bench.is_computing() {
-            "Computing".into()
-        } else {
-            format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
-        };
-        ui.weak(work);
+        let work = jobs_window::summary(state).unwrap_or_else(|| {
+            if state.bench.is_computing() {
+                "Computing".into()
+            } else {
+                format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
+            }
+        });
+        let work = egui::Label::new(egui::RichText::new(work).weak()).sense(egui::Sense::click());
+        if ui.add(work).on_hover_text("Click for all jobs").clicked() {
+            state.jobs.open = !state.jobs.open;
+        }
         if state.live.busy.is_some() && ui.small_button("Cancel reading").clicked() {
             state.bench.cancel();
         }

@@ -9,6 +9,7 @@ use ndarray::{Array2, CowArray};
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget, placeholder, toolbar};
 use super::information_panel::{CEILING, DENSITY, GAUSSIAN, TAMURA_GUIDE};
+use super::layout::Pane;
 use super::messages::Severity;
 use super::state::State;
 use crate::workbench::{Colormap, Command, Snapshot};
@@ -73,6 +74,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let curve = state.snapshots.table();
                 state.dialogs.ask(Purpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
             }
+            let picture = ui.small_button("Picture...").on_hover_text("This room as it is on the screen, as PNG");
+            name_widget(&picture, "Export comparison as PNG");
+            if picture.clicked() {
+                state.capture.take(Pane::Compare);
+            }
         });
     });
     if state.snapshots.entries.is_empty() {
@@ -85,7 +91,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         match wish {
             Some(Wish::Open(number)) => open(state, number),
             Some(Wish::Delete(number)) => {
-                state.snapshots.entries.retain(|snapshot| snapshot.number != number);
+                state.snapshots.delete(number);
                 state.comparison.thumbnails.remove(&number);
             }
             None => {}
@@ -101,6 +107,10 @@ fn open(state: &mut State, number: u64) {
     let Some(snapshot) = state.snapshots.get(number) else { return };
     let command = Command::ReplaceDesign { name: snapshot.name.clone(), design: snapshot.design.clone() };
     state.send(&command);
+    let revision = state.bench.revision();
+    if let Some(snapshot) = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number) {
+        snapshot.is_open_as(revision);
+    }
 }
 
 /// One row per design.
@@ -113,6 +123,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
         ui.end_row();
         for snapshot in &mut snapshots.entries {
             let number = snapshot.number;
+            snapshot.draw();
             thumbnail(ui, comparison, palettes, snapshot);
             for (side, letter) in ["A", "B"].into_iter().enumerate() {
                 let chosen = comparison.pair[side] == Some(number);
@@ -122,8 +133,12 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
                     comparison.pair[side] = (!chosen).then_some(number);
                 }
             }
-            let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut snapshot.name));
+            let mut name = snapshot.name.clone();
+            let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut name));
             name_widget(&response, &format!("Name of snapshot {number}"));
+            if response.changed() {
+                snapshot.rename(name);
+            }
             ui.label(information(snapshot)).on_hover_text(bounds(snapshot));
             ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
             let lenslets = snapshot.design.encoder.lenslets();
@@ -218,7 +233,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
         }
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
-        ui.weak("Their pictures are not computed yet.");
+        ui.weak("Not measured in this window yet: open the design once, and its measurement comes.");
         return;
     };
     if one.dim() != other.dim() {

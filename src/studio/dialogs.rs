@@ -4,15 +4,16 @@
 //! one, and the typed path is still there.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use egui::{Key, TextEdit};
-use ndarray::{Array2, Axis};
+use ndarray::{Array2, Array3, Axis};
 
 use super::messages::Severity;
 use super::state::State;
 use crate::objects::ObjectSource;
-use crate::workbench::{Colormap, Curve, Job, MeasurementFormat};
+use crate::workbench::{Colormap, Curve, IdealRecord, Job, MeasurementFormat};
 
 /// What a path is asked for.
 #[derive(Clone, Debug)]
@@ -25,6 +26,8 @@ pub enum Purpose {
     OpenObjects,
     /// Uses a picture as the PSF.
     ImportPsf,
+    /// Keeps unsaved changes in a folder.
+    KeepUnsaved,
     /// Writes the PSF in all formats and the design.
     ExportDesign,
     /// Writes the live objects and measurements.
@@ -40,6 +43,15 @@ pub enum Purpose {
         /// Its colours.
         colormap: Colormap,
     },
+    /// Writes a picture of a room.
+    ExportPicture {
+        /// Name of the room.
+        name: &'static str,
+        /// Shape (rows, cols, 3).
+        image: Array3<u8>,
+    },
+    /// Writes the record of a run.
+    ExportRecord(Arc<IdealRecord>),
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -64,9 +76,12 @@ impl Purpose {
             Self::SaveAs => "Save design as".into(),
             Self::OpenObjects => "Open objects".into(),
             Self::ImportPsf => "Import PSF".into(),
+            Self::KeepUnsaved => "Folder for unsaved changes".into(),
             Self::ExportDesign => "Export design".into(),
             Self::ExportMeasurements => "Export measurements".into(),
             Self::ExportView { name, .. } => format!("Export {name} view"),
+            Self::ExportPicture { name, .. } => format!("Export picture of {name}"),
+            Self::ExportRecord(_) => "Export record".into(),
             Self::ExportCurve { .. } => "Export curve".into(),
         }
     }
@@ -82,8 +97,11 @@ impl Purpose {
             Self::ExportDesign => {
                 "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is made if need be"
             }
+            Self::KeepUnsaved => "A folder of a disk that is there whenever the program runs; it is made if need be",
             Self::ExportMeasurements => "A folder for objects, noiseless and measurements; it is made if need be",
             Self::ExportView { .. } => "A PNG file, one pixel per pixel",
+            Self::ExportPicture { .. } => "A PNG file, as it was on the screen",
+            Self::ExportRecord(_) => "A JSON file with everything that is needed to repeat the run",
             Self::ExportCurve { .. } => "A CSV file",
         }
     }
@@ -93,6 +111,7 @@ impl Purpose {
             Self::OpenDesign | Self::OpenObjects => "Open",
             Self::ImportPsf => "Import",
             Self::SaveAs => "Save",
+            Self::KeepUnsaved => "Use",
             _ => "Export",
         }
     }
@@ -100,8 +119,12 @@ impl Purpose {
     fn picker(&self) -> Picker {
         match self {
             Self::OpenDesign | Self::OpenObjects | Self::ImportPsf => Picker::Open,
-            Self::SaveAs | Self::ExportView { .. } | Self::ExportCurve { .. } => Picker::Save,
-            Self::ExportDesign | Self::ExportMeasurements => Picker::Folder,
+            Self::SaveAs
+            | Self::ExportView { .. }
+            | Self::ExportPicture { .. }
+            | Self::ExportRecord(_)
+            | Self::ExportCurve { .. } => Picker::Save,
+            Self::ExportDesign | Self::ExportMeasurements | Self::KeepUnsaved => Picker::Folder,
         }
     }
 
@@ -109,11 +132,14 @@ impl Purpose {
     fn suggestion(&self, beside: Option<&Path>) -> String {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
         let name = match self {
-            Self::OpenDesign | Self::OpenObjects | Self::ImportPsf => return String::new(),
+            Self::OpenDesign | Self::OpenObjects | Self::ImportPsf | Self::KeepUnsaved => return String::new(),
             Self::SaveAs => beside.map_or_else(|| PathBuf::from("design.json"), Path::to_path_buf),
             Self::ExportDesign => folder.join("export"),
             Self::ExportMeasurements => folder.join("measurements"),
-            Self::ExportView { name, .. } => folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-"))),
+            Self::ExportView { name, .. } | Self::ExportPicture { name, .. } => {
+                folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-")))
+            }
+            Self::ExportRecord(_) => folder.join("run.json"),
             Self::ExportCurve { name, .. } => folder.join(name),
         };
         name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
@@ -270,6 +296,13 @@ fn answer(state: &mut State, question: &Question) {
             let image = image.clone();
             state.bench.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
         }
+        Purpose::KeepUnsaved => {
+            state.preferences.unsaved = Some(std::path::absolute(&path).unwrap_or(path));
+            // What another program left there is offered by the next window.
+            drop(state.keep_unsaved());
+        }
+        Purpose::ExportPicture { image, .. } => state.bench.submit(Job::ExportPicture { image: image.clone(), path }),
+        Purpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
         Purpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }

@@ -11,13 +11,21 @@ use super::information_panel::{DENSITY, LOWER, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
-use crate::workbench::{Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped};
+use crate::workbench::{
+    Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command,
+};
+
+/// What a copied command is good for.
+const COPY_HINT: &str = "The command line that computes this number again, with the whole design in it";
 
 /// What the form asks for.
 pub struct EstimateForm {
     kind: Estimator,
     whole_sensor: bool,
     minutes: f64,
+    steps: usize,
+    /// Whether a fit takes so many steps, which can be repeated exactly, or so much time.
+    by_steps: bool,
     /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
     chosen: Option<usize>,
 }
@@ -25,7 +33,7 @@ pub struct EstimateForm {
 impl Default for EstimateForm {
     fn default() -> Self {
         let kind = Estimator::Bracket;
-        Self { kind, whole_sensor: false, minutes: usual_minutes(kind), chosen: None }
+        Self { kind, whole_sensor: false, minutes: usual_minutes(kind), steps: 4000, by_steps: false, chosen: None }
     }
 }
 
@@ -41,10 +49,16 @@ impl EstimateForm {
         (Estimator::PixelCnn, "PixelCNN", "The published density model, default protocol"),
     ];
 
-    fn request(&self) -> EstimateRequest {
+    /// Whether the fit takes so many steps; that of the published model is ended by its protocol or by time.
+    fn counts_steps(&self) -> bool {
+        self.by_steps && self.kind != Estimator::PixelCnn
+    }
+
+    fn request(&self, engine: EngineChoice) -> EstimateRequest {
         let budget = Duration::from_secs_f64(60.0 * self.minutes);
+        let model = DensityModel::new(self.kind, Some(budget), engine);
         EstimateRequest {
-            model: DensityModel::new(self.kind, Some(budget), EngineChoice::Cpu),
+            model: if self.counts_steps() { model.of_steps(self.steps) } else { model },
             protocol: Protocol::Default,
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
             patches_train: 10_000,
@@ -117,18 +131,35 @@ fn order(ui: &mut Ui, state: &mut State) {
             })
             .response;
         name_widget(&response, "Patch");
-        let time = DragValue::new(&mut form.minutes).range(0.1..=600.0).speed(0.2).max_decimals(1).suffix(" min");
-        name_widget(&ui.add(time), "Minutes");
-        if running {
-            let cancel = ui.button("Cancel estimate");
-            if cancel.clicked() {
-                state.bench.cancel_estimate();
-            }
-        } else if ui.button("Start estimate").clicked() {
-            let request = state.estimate_form.request();
+        if form.counts_steps() {
+            let steps = DragValue::new(&mut form.steps).range(1..=10_000_000).speed(50);
+            name_widget(&ui.add(steps), "Steps of the fit");
+        } else {
+            let time = DragValue::new(&mut form.minutes).range(0.1..=600.0).speed(0.2).max_decimals(1);
+            name_widget(&ui.add(time), "Minutes");
+        }
+        let can_count = form.kind != Estimator::PixelCnn;
+        let response = ComboBox::from_id_salt("length")
+            .selected_text(if form.counts_steps() { "steps" } else { "min" })
+            .width(52.0)
+            .show_ui(ui, |ui| {
+                ui.selectable_value(&mut form.by_steps, false, "min").on_hover_text("The number depends on the machine");
+                ui.add_enabled_ui(can_count, |ui| {
+                    ui.selectable_value(&mut form.by_steps, true, "steps")
+                        .on_hover_text("The copied command gives the same number again, bit for bit");
+                });
+            })
+            .response;
+        name_widget(&response, "Length of the fit");
+        let start = ui.button("Start estimate");
+        if start.on_hover_text("Where one is computed already, this one comes after it").clicked() {
+            let request = state.estimate_form.request(state.preferences.engine);
             if let Err(refusal) = state.bench.order_estimate(request) {
                 state.messages.push(Severity::Failure, refusal);
             }
+        }
+        if running && ui.button("Cancel estimate").clicked() {
+            state.bench.cancel_estimate();
         }
     });
 }
@@ -161,6 +192,12 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
                 && let Ok(json) = serde_json::to_string_pretty(estimate)
             {
                 ui.ctx().copy_text(json);
+            }
+            let command = ui.small_button("Copy command");
+            name_widget(&command, &format!("Copy command of estimate {}", index + 1));
+            if command.on_hover_text(COPY_HINT).clicked() {
+                let order = &result.value.order;
+                state.copy_command(ui.ctx(), estimate_command(&order.design, &order.request));
             }
             let export = ui.small_button("Curve CSV...");
             name_widget(&export, &format!("Export curve of estimate {}", index + 1));

@@ -1,6 +1,7 @@
 //! What the window remembers from one day to the next: preferences and the arrangement of its rooms, each in a file of
 //! its own.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
@@ -11,14 +12,20 @@ use serde::{Deserialize, Serialize};
 use super::layout::{Pane, restored};
 use super::window::RendererChoice;
 use crate::formats::{FormatError, create_folder, read_json, write_json, write_safely};
+use crate::information::EngineChoice;
+use crate::workbench::FileChange;
 
 /// Designs that are remembered.
 const RECENT: usize = 10;
 /// Sizes of everything that one can see and read.
 pub const ZOOM: std::ops::RangeInclusive<f32> = 0.5..=4.0;
+/// Threads that one can choose.
+pub const THREADS: std::ops::RangeInclusive<usize> = 1..=256;
 /// The files.
 const PREFERENCES: &str = "preferences.json";
 const LAYOUT: &str = "layout.json";
+/// The folder of designs that were put aside.
+pub const KEPT: &str = "kept";
 
 /// What a person has chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +43,14 @@ pub struct Preferences {
     pub renderer: RendererChoice,
     /// Whether the first window has asked what to start from.
     pub welcomed: bool,
+    /// Arrangements of rooms that are remembered, by number.
+    pub layouts: BTreeMap<usize, Tree<Pane>>,
+    /// Threads for everything that computes; as many as there are cores but one where none is chosen.
+    pub threads: Option<usize>,
+    /// What computes networks of the published kind.
+    pub engine: EngineChoice,
+    /// Folder for unsaved changes in place of the usual one.
+    pub unsaved: Option<PathBuf>,
 }
 
 impl Default for Preferences {
@@ -47,6 +62,10 @@ impl Default for Preferences {
             live: true,
             renderer: RendererChoice::default(),
             welcomed: false,
+            layouts: BTreeMap::new(),
+            threads: None,
+            engine: EngineChoice::default(),
+            unsaved: None,
         }
     }
 }
@@ -68,7 +87,7 @@ pub struct Home {
     /// What the files hold.
     preferences: Preferences,
     layout: String,
-    orders: Option<Sender<(PathBuf, String)>>,
+    orders: Option<Sender<(PathBuf, Option<String>)>>,
     failures: Receiver<String>,
     thread: Option<JoinHandle<()>>,
 }
@@ -84,11 +103,17 @@ impl Home {
         if !ZOOM.contains(&preferences.zoom) {
             preferences.zoom = 1.0;
         }
+        preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
         let layout = read_json(&folder.join(LAYOUT)).ok().and_then(restored);
-        let (orders, ordered) = channel::<(PathBuf, String)>();
+        let (orders, ordered) = channel::<(PathBuf, Option<String>)>();
         let (tell, failures) = channel();
         let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
             for (path, text) in ordered {
+                let Some(text) = text else {
+                    // It may never have been written.
+                    let _ = std::fs::remove_file(&path);
+                    continue;
+                };
                 if let Err(error) = write_safely(&path, |file| file.write_all(text.as_bytes())) {
                     // Without a window nobody listens.
                     let _ = tell.send(error.to_string());
@@ -138,10 +163,21 @@ impl Home {
         self.failures.try_recv().ok()
     }
 
+    /// Writes and removes files of kept designs, on another thread.
+    pub fn keep_designs(&self, changes: Vec<FileChange>) {
+        for (name, text) in changes {
+            self.order(self.folder.join(KEPT).join(name), text);
+        }
+    }
+
     fn write(&self, name: &str, text: String) {
+        self.order(self.folder.join(name), Some(text));
+    }
+
+    fn order(&self, path: PathBuf, text: Option<String>) {
         if let Some(orders) = &self.orders {
             // The thread ends with this.
-            let _ = orders.send((self.folder.join(name), text));
+            let _ = orders.send((path, text));
         }
     }
 }

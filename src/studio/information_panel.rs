@@ -4,7 +4,11 @@ use std::sync::Arc;
 
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
-use super::image_view::{placeholder, significant};
+use serde_json::json;
+
+use super::actions::Action;
+use super::image_view::{name_widget, placeholder, significant};
+use super::messages::Severity;
 use super::state::State;
 use crate::information::Bracket;
 use crate::workbench::{LiveEstimate, LiveInformation};
@@ -43,7 +47,65 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.add_space(4.0);
         ui.separator();
         tamura(ui, state);
+        ui.horizontal(|ui| {
+            for action in [Action::CopyNumbers, Action::CopyCommand] {
+                let (text, hint) = match action {
+                    Action::CopyNumbers => ("Copy JSON", "All numbers of this design with their intervals"),
+                    _ => (
+                        "Copy command",
+                        "The command line that computes Gaussian bound, ceiling and Tamura coefficients again",
+                    ),
+                };
+                let button = ui.small_button(text).on_hover_text(hint);
+                name_widget(&button, &action.label());
+                if button.clicked() {
+                    let ctx = ui.ctx().clone();
+                    action.run(&ctx, state);
+                }
+            }
+        });
     });
+}
+
+/// Puts all numbers of the open design into the clipboard.
+pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
+    let Some(information) = state.live.information.clone() else {
+        state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
+        return;
+    };
+    let known = Known::of(state, &information.value, information.revision);
+    let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
+        json!({
+            "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.steps,
+            "settled": live.remaining.is_none(), "test_patches": live.test_patches, "warm": live.warm,
+        })
+    });
+    let (upper, upper_from) = known.upper();
+    let design = state.bench.design();
+    let numbers = json!({
+        "format": "lenslet-studio/numbers",
+        "format_version": 1,
+        "program_version": env!("CARGO_PKG_VERSION"),
+        "encoder": design.encoder.describe(),
+        "design": &**design,
+        "current": known.current,
+        "patch": known.bounds.patch,
+        "upper": upper,
+        "upper_from": upper_from,
+        "lower": known.lower().map(|lower| lower.0),
+        "lower_interval_95": known.lower().map(|lower| lower.1),
+        "gaussian_bound": known.gaussian(),
+        "gaussian_interval_95": known.bounds.interval_95,
+        "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
+        "ceiling": known.bounds.ceiling_bits(),
+        "live_estimate": live,
+        "bracket": known.bracket,
+        "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
+        "sensor_tamura": state.live.measurements.as_ref().map(|measurements| measurements.value.tamura.mean),
+        "object_tamura": state.live.scene.as_ref().map(|scene| scene.value.tamura.mean),
+    });
+    ctx.copy_text(format!("{numbers:#}\n"));
+    state.messages.push(Severity::Done, "The numbers are in the clipboard");
 }
 
 /// All that is known of the open design.

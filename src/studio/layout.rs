@@ -183,6 +183,22 @@ fn is_sound(tree: &Tree<Pane>) -> bool {
     seen.len() == tree.tiles.len()
 }
 
+/// One room that fills the window, and the way back.
+pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
+    ui.horizontal(|ui| {
+        ui.add_space(8.0);
+        ui.strong(pane.title());
+        let back = ui.small_button("Back to all rooms").on_hover_text("Or press Escape");
+        let escape = ui.memory(|memory| memory.focused().is_none())
+            && ui.input_mut(|input| input.consume_key(egui::Modifiers::NONE, egui::Key::Escape));
+        if back.clicked() || escape {
+            state.maximised = None;
+        }
+    });
+    // A room that fills the window is not dragged.
+    let _ = Rooms(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
+}
+
 /// Draws the rooms.
 pub struct Rooms<'a>(pub &'a mut State);
 
@@ -191,6 +207,7 @@ impl Behavior<Pane> for Rooms<'_> {
         let frame = egui::Frame::new().inner_margin(egui::Margin::symmetric(8, 6)).fill(ui.visuals().panel_fill);
         frame.show(ui, |ui| {
             ui.set_min_size(ui.available_size());
+            self.0.capture.rooms.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
             match pane {
                 Pane::Mask => mask_canvas::show(ui, self.0),
                 Pane::Lenslets => lenslet_table::show(ui, self.0),
@@ -208,6 +225,16 @@ impl Behavior<Pane> for Rooms<'_> {
             }
         });
         UiResponse::None
+    }
+
+    fn on_tab_button(&mut self, tiles: &mut Tiles<Pane>, tile: TileId, response: egui::Response) -> egui::Response {
+        let pane = tiles.get(tile).and_then(|tile| if let Tile::Pane(pane) = tile { Some(*pane) } else { None });
+        if let Some(pane) = pane
+            && response.double_clicked()
+        {
+            self.0.maximised = Some(pane);
+        }
+        response.on_hover_text("Drag to another place; double-click to fill the window")
     }
 
     fn tab_title_for_pane(&mut self, pane: &Pane) -> egui::WidgetText {

@@ -1,5 +1,7 @@
 //! What the studio has told: the newest shows in the status bar, all stay in the log.
 
+use std::time::{Duration, Instant};
+
 use egui::{Color32, RichText, Ui};
 
 /// How serious a message is.
@@ -17,6 +19,7 @@ pub enum Severity {
 struct Message {
     severity: Severity,
     text: String,
+    told: Instant,
 }
 
 /// All messages since the start, bounded.
@@ -32,6 +35,11 @@ pub struct Messages {
 impl Messages {
     /// Messages that are kept; older ones are dropped.
     const KEPT: usize = 500;
+    /// How long a message shows in the corner, and how many do at a time.
+    const SHOWN: Duration = Duration::from_secs(5);
+    const MOST_SHOWN: usize = 3;
+    /// Width of such a message at most, points.
+    const TOAST_WIDTH: f32 = 320.0;
 
     /// Adds a message. The same message again is not repeated.
     pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
@@ -47,7 +55,7 @@ impl Messages {
         if self.entries.len() >= Self::KEPT {
             self.entries.remove(0);
         }
-        self.entries.push(Message { severity, text });
+        self.entries.push(Message { severity, text, told: Instant::now() });
     }
 
     /// A strip with the newest failure in full, which cannot be overlooked.
@@ -70,6 +78,31 @@ impl Messages {
         }
     }
 
+    /// The newest messages in the corner, for some seconds; failures have a strip of their own.
+    pub fn toasts(&self, ctx: &egui::Context) {
+        let recent = self.entries.iter().rev().take_while(|message| message.told.elapsed() < Self::SHOWN);
+        let shown: Vec<&Message> =
+            recent.filter(|message| message.severity != Severity::Failure).take(Self::MOST_SHOWN).collect();
+        let Some(oldest) = shown.last() else { return };
+        ctx.request_repaint_after(Self::SHOWN.saturating_sub(oldest.told.elapsed()));
+        egui::Area::new(egui::Id::unique("toasts"))
+            .anchor(egui::Align2::RIGHT_BOTTOM, [-12.0, -34.0])
+            .order(egui::Order::Foreground)
+            .interactable(false)
+            .show(ctx, |ui| {
+                for message in shown.iter().rev() {
+                    egui::Frame::popup(ui.style()).show(ui, |ui| {
+                        // Painted, not a label: the status line says the same to those who listen.
+                        let font = egui::TextStyle::Body.resolve(ui.style());
+                        let text = message.text.clone();
+                        let galley = ui.painter().layout(text, font, colour(ui, message.severity), Self::TOAST_WIDTH);
+                        let (rect, _) = ui.allocate_exact_size(galley.size(), egui::Sense::hover());
+                        ui.painter().galley(rect.min, galley, Color32::PLACEHOLDER);
+                    });
+                }
+            });
+    }
+
     /// The newest message on one line; a click opens the log.
     pub fn status_line(&mut self, ui: &mut Ui) {
         let Some(message) = self.entries.last() else {
@@ -86,7 +119,9 @@ impl Messages {
     /// The window with all messages, newest first.
     pub fn log_window(&mut self, ctx: &egui::Context) {
         let mut open = self.log_open;
-        egui::Window::new("Messages").open(&mut open).default_size([520.0, 260.0]).show(ctx, |ui| {
+        let corner = ctx.content_rect().left_bottom() + egui::vec2(12.0, -36.0);
+        let window = egui::Window::new("Messages").open(&mut open).default_size([520.0, 260.0]);
+        window.pivot(egui::Align2::LEFT_BOTTOM).default_pos(corner).show(ctx, |ui| {
             if self.entries.is_empty() {
                 ui.weak("Nothing has been told yet.");
             }

@@ -2,6 +2,7 @@
 
 mod actions;
 mod app;
+mod capture;
 mod compare_panel;
 mod dialogs;
 mod estimates_panel;
@@ -10,6 +11,7 @@ mod home;
 mod image_view;
 mod information_map_panel;
 mod information_panel;
+mod jobs_window;
 mod layout;
 mod lenslet_table;
 mod mask_canvas;

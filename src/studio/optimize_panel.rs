@@ -13,7 +13,7 @@ use super::messages::Severity;
 use super::state::State;
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Preset};
 use crate::optics::{Encoder, random_layout};
-use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of, patches_of, spoken};
+use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of, patches_of, run_command, spoken};
 
 /// Time that the result of a run is scored for.
 const SCORE: Duration = Duration::from_mins(1);
@@ -313,6 +313,19 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         if export.clicked() {
             let curve = curve_of(&run.frames);
             state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+        }
+        if let Some(record) = &run.record {
+            let export =
+                ui.small_button("Record...").on_hover_text("Everything that is needed to repeat the run, as JSON");
+            name_widget(&export, "Export record of run");
+            if export.clicked() {
+                state.dialogs.ask(Purpose::ExportRecord(Arc::clone(record)), state.bench.path());
+            }
+        }
+        let copy = ui.small_button("Copy command").on_hover_text("The command line that makes the same run again");
+        name_widget(&copy, "Copy command of run");
+        if copy.clicked() {
+            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings));
         }
     });
 }

@@ -3,10 +3,12 @@
 use egui::{RichText, Ui};
 
 use super::actions::Action;
-use super::home::ZOOM;
+use super::dialogs::Purpose;
+use super::home::{THREADS, ZOOM};
 use super::image_view::name_widget;
 use super::state::State;
 use super::window::RendererChoice;
+use crate::information::EngineChoice;
 
 /// What the mouse and the keyboard do on the mask.
 const ON_THE_MASK: [(&str, &str); 10] = [
@@ -107,6 +109,30 @@ fn settings(ui: &mut Ui, state: &mut State) {
             state.bench.set_live(live);
         }
         ui.end_row();
+        ui.label("Threads that compute");
+        threads(ui, state);
+        ui.end_row();
+        ui.label("PixelCNN computed by");
+        ui.horizontal(|ui| {
+            for engine in EngineChoice::built() {
+                ui.radio_value(&mut state.preferences.engine, engine, engine.to_string());
+            }
+        });
+        ui.end_row();
+        ui.label("Unsaved changes in");
+        ui.horizontal(|ui| {
+            if ui.button("Other folder...").clicked() {
+                state.dialogs.ask(Purpose::KeepUnsaved, None);
+                state.sheet = None;
+            }
+            let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Usual folder"));
+            if usual.clicked() {
+                state.preferences.unsaved = None;
+                // What another program left there is offered by the next window.
+                drop(state.keep_unsaved());
+            }
+        });
+        ui.end_row();
         ui.label("Window drawn by");
         ui.horizontal(|ui| {
             for choice in [RendererChoice::Glow, RendererChoice::Wgpu] {
@@ -118,9 +144,34 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.weak("from the next start on");
         ui.end_row();
     });
-    if let Some(folder) = eframe::storage_dir("lenslet-studio") {
-        ui.weak(format!("Settings, layout, unsaved changes and runs are kept in {}", folder.display()));
+    if let Some(folder) = &state.folder {
+        ui.weak(format!("Settings, layout, kept designs and runs are in {}", folder.display()));
+        let unsaved = state.preferences.unsaved.clone().unwrap_or_else(|| folder.join("unsaved"));
+        ui.weak(format!("Unsaved changes are in {}", unsaved.display()));
     }
+}
+
+/// How many threads compute.
+fn threads(ui: &mut Ui, state: &mut State) {
+    ui.horizontal(|ui| {
+        let mut chosen = state.preferences.threads;
+        let mut all = chosen.is_none();
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let spare = cores.saturating_sub(1).max(1);
+        if ui.checkbox(&mut all, "All but one").on_hover_text("One is left to the window").changed() {
+            chosen = (!all).then_some(spare);
+        }
+        if let Some(count) = &mut chosen {
+            name_widget(&ui.add(egui::DragValue::new(count).range(THREADS)), "Threads");
+            if *count > cores {
+                ui.weak(format!("this machine has {cores}"));
+            }
+        }
+        if chosen != state.preferences.threads {
+            state.preferences.threads = chosen;
+            state.bench.set_threads(chosen);
+        }
+    });
 }
 
 /// System, light or dark.

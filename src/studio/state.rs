@@ -5,14 +5,16 @@ use std::path::PathBuf;
 
 use crate::optics::Lenslet;
 use crate::workbench::{
-    Colormap, Command, Curve, Design, DesignRun, Estimates, Job, Live, LiveInformation, Snapshots, Workbench,
+    Colormap, Command, Curve, Design, DesignRun, Estimates, Job, Live, LiveInformation, Recovered, Snapshots, Workbench,
 };
 
+use super::capture::Capture;
 use super::compare_panel::Comparison;
 use super::dialogs::{Dialogs, Purpose};
 use super::estimates_panel::EstimateForm;
 use super::home::Preferences;
 use super::image_view::{ImageView, Palettes};
+use super::jobs_window::JobsWindow;
 use super::layout::Pane;
 use super::messages::{Messages, Severity};
 use super::optimize_panel::OptimizeForm;
@@ -68,12 +70,20 @@ pub struct State {
     pub comparison: Comparison,
     /// What a person has chosen, from one day to the next.
     pub preferences: Preferences,
+    /// Where everything is kept that outlives the window, if anywhere.
+    pub folder: Option<PathBuf>,
     /// How the rooms are to be arranged.
     pub arrange: Option<Arrange>,
     /// The open palette.
     pub palette: Option<Palette>,
     /// The open sheet.
     pub sheet: Option<Sheet>,
+    /// The list of jobs.
+    pub jobs: JobsWindow,
+    /// Pictures of rooms.
+    pub capture: Capture,
+    /// The room that fills the window, if one does.
+    pub maximised: Option<Pane>,
     /// What newcomers are shown.
     pub guide: Guide,
     /// Seed of the last random start.
@@ -102,6 +112,10 @@ pub enum Arrange {
     Show(Pane),
     /// All go back to where they are in a new window.
     Reset,
+    /// The arrangement is remembered under this number.
+    Remember(usize),
+    /// The arrangement of this number comes back.
+    Recall(usize),
 }
 
 /// A question about unsaved changes.
@@ -267,9 +281,13 @@ impl State {
             snapshots: Snapshots::default(),
             comparison: Comparison::default(),
             preferences: Preferences::default(),
+            folder: None,
             arrange: None,
             palette: None,
             sheet: None,
+            jobs: JobsWindow::default(),
+            capture: Capture::default(),
+            maximised: None,
             guide: Guide::default(),
             random_start: None,
         }
@@ -343,6 +361,30 @@ impl State {
         let sigma = like.map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
         let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
         self.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
+    }
+
+    /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind there.
+    pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
+        let Some(home) = &self.folder else { return Vec::new() };
+        let folder = self.preferences.unsaved.clone().unwrap_or_else(|| home.join("unsaved"));
+        match self.bench.keep_unsaved_in(&folder) {
+            Ok(found) => found,
+            Err(error) => {
+                self.messages.push(Severity::Failure, error.to_string());
+                Vec::new()
+            }
+        }
+    }
+
+    /// Puts a command line into the clipboard, or tells why there is none.
+    pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
+        match command {
+            Ok(text) => {
+                ctx.copy_text(text);
+                self.messages.push(Severity::Done, "The command line is in the clipboard");
+            }
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
     }
 
     /// Deletes the selected lenslets.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::activity::{Activities, Activity, ActivityKind};
 use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimation::EstimateRequest;
@@ -13,7 +14,7 @@ use super::history::{Gesture, History, Version};
 use super::ideal::{DesignRun, Designer, KeptRun, RunStatus, Start};
 use super::jobs::{Job, Outcome};
 use super::recovery::{Autosave, Recovered};
-use super::threads::Wake;
+use super::threads::{Threads, Wake};
 use super::worker::{Live, Worker};
 use crate::design::IdealSettings;
 use crate::formats::FormatError;
@@ -32,6 +33,8 @@ pub struct Workbench {
     saved_contents: u64,
     history: History,
     path: Option<PathBuf>,
+    threads: Threads,
+    activities: Activities,
     worker: Worker,
     designer: Designer,
     /// Runs so far.
@@ -53,7 +56,8 @@ impl Workbench {
         wake: impl Fn() + Send + Sync + 'static,
     ) -> std::io::Result<Self> {
         let wake: Wake = Arc::new(wake);
-        let worker = Worker::start(Arc::clone(&wake))?;
+        let (threads, activities) = (Threads::default(), Activities::default());
+        let worker = Worker::start(Arc::clone(&wake), &threads, activities.clone())?;
         let design = Arc::new(design);
         worker.evaluate(1, Arc::clone(&design));
         Ok(Self {
@@ -64,7 +68,9 @@ impl Workbench {
             history: History::default(),
             path,
             worker,
-            designer: Designer::new(wake),
+            designer: Designer::new(wake, threads.clone(), activities.clone()),
+            threads,
+            activities,
             runs: 0,
             following: false,
             autosave: None,
@@ -109,6 +115,11 @@ impl Workbench {
         self.worker.estimator().estimates()
     }
 
+    /// Chooses how many threads compute, from the next computation on; all cores but one where it is none.
+    pub fn set_threads(&self, count: Option<usize>) {
+        self.threads.set(count);
+    }
+
     /// Whether live estimates are computed.
     pub fn is_live(&self) -> bool {
         self.worker.estimator().is_live()
@@ -122,13 +133,33 @@ impl Workbench {
     /// Orders an estimate of the design as it is now.
     ///
     /// # Errors
-    /// One sentence where another one is computed.
+    /// One sentence where too many wait.
     pub fn order_estimate(&self, request: EstimateRequest) -> Result<(), String> {
         let (design, revision) = (Arc::clone(&self.design), self.revision);
         self.worker.estimator().order(EstimateOrder { design, revision, request })
     }
 
-    /// Stops the ordered estimate.
+    /// What is being done, waits to be done, or was done, oldest first.
+    pub fn activities(&self) -> Vec<Arc<Activity>> {
+        self.activities.all()
+    }
+
+    /// Estimates and runs that ended since the last call, oldest first.
+    pub fn take_ended(&self) -> Vec<Arc<Activity>> {
+        self.activities.take_ended()
+    }
+
+    /// Stops an activity, if it can be stopped.
+    pub fn stop(&self, activity: &Activity) {
+        match activity.kind {
+            ActivityKind::File => {}
+            ActivityKind::Objects => self.cancel(),
+            ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
+            ActivityKind::Run => self.stop_run(),
+        }
+    }
+
+    /// Stops the estimate that is being computed.
     pub fn cancel_estimate(&self) {
         self.worker.estimator().cancel();
     }
@@ -376,7 +407,6 @@ impl Workbench {
                 *outcome = Err(error.to_string());
             }
         }
-        outcomes.extend(self.worker.estimator().take_failures().into_iter().map(Err));
         outcomes
     }
 }

@@ -174,8 +174,8 @@ impl Design {
     }
 }
 
-const FORMAT: &str = "lenslet-studio/design";
-const FORMAT_VERSION: u64 = 1;
+pub(super) const FORMAT: &str = "lenslet-studio/design";
+pub(super) const FORMAT_VERSION: u64 = 1;
 
 /// What stands in a design file. The PSF is for other programs: opening renders it anew from the encoder.
 #[derive(Serialize)]

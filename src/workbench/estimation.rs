@@ -39,14 +39,14 @@ pub enum DensityModel {
     Causal {
         /// [`Estimator::Live`] or [`Estimator::Full`].
         estimator: Estimator,
-        /// Time for the fit of each trial.
-        budget: Duration,
+        /// Length of the fit of each trial.
+        length: FitLength,
     },
     /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound and the ceiling above, a
     /// decoder below. One trial, whatever is asked for.
     Bracket {
-        /// Time for the fits of density model and decoder together.
-        budget: Duration,
+        /// Time for the fits of density model and decoder together, or steps of each.
+        length: FitLength,
     },
 }
 
@@ -54,14 +54,35 @@ impl DensityModel {
     /// The model of an estimator, fitted for `budget`. Without one a PixelCNN is fitted for as long as its protocol says,
     /// the others for their [usual](Estimator::usual_budget) time; estimators that are not fitted for a time ignore it.
     pub fn new(estimator: Estimator, budget: Option<Duration>, engine: EngineChoice) -> Self {
-        let time = budget.or(estimator.usual_budget()).unwrap_or_default();
+        let length = FitLength::Time(budget.or(estimator.usual_budget()).unwrap_or_default());
         match estimator {
             Estimator::GaussianStationary => Self::Stationary,
             Estimator::GaussianFull => Self::Full,
             Estimator::GaussianAnalytic => Self::Analytic,
             Estimator::PixelCnn => Self::PixelCnn { budget, engine },
-            Estimator::Live | Estimator::Full => Self::Causal { estimator, budget: time },
-            Estimator::Bracket => Self::Bracket { budget: time },
+            Estimator::Live | Estimator::Full => Self::Causal { estimator, length },
+            Estimator::Bracket => Self::Bracket { length },
+        }
+    }
+
+    /// The same with fits of so many steps, which give the same bits whenever they are repeated on one machine; models that
+    /// are not fitted for a time stay as they are.
+    #[must_use]
+    pub fn of_steps(self, steps: usize) -> Self {
+        let length = FitLength::Steps(steps);
+        match self {
+            Self::Causal { estimator, .. } => Self::Causal { estimator, length },
+            Self::Bracket { .. } => Self::Bracket { length },
+            other => other,
+        }
+    }
+
+    /// Length of its fits, where that was asked for.
+    pub fn length(&self) -> Option<FitLength> {
+        match self {
+            Self::Stationary | Self::Full | Self::Analytic => None,
+            Self::PixelCnn { budget, .. } => budget.map(FitLength::Time),
+            Self::Causal { length, .. } | Self::Bracket { length } => Some(*length),
         }
     }
 
@@ -138,10 +159,10 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
                 DensityModel::Full => fitted(&source, request, Covariance::Full, seed, watch),
                 DensityModel::Analytic => analytic(&source, request, seed, watch),
                 DensityModel::PixelCnn { budget, engine } => network(&source, request, (budget, engine), seed, watch),
-                DensityModel::Causal { estimator, budget } => causal(&source, request, estimator, budget, seed, watch),
-                DensityModel::Bracket { budget } => {
-                    let budget = budget.mul_f64(density_share(&set));
-                    causal(&source, request, Estimator::Bracket, budget, seed, watch)
+                DensityModel::Causal { estimator, length } => causal(&source, request, estimator, length, seed, watch),
+                DensityModel::Bracket { length } => {
+                    let length = share_of(length, density_share(&set));
+                    causal(&source, request, Estimator::Bracket, length, seed, watch)
                 }
             }
         })
@@ -157,9 +178,9 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         notes: set.notices().to_vec(),
     };
     let mut estimate = match request.model {
-        DensityModel::Bracket { budget } => {
+        DensityModel::Bracket { length } => {
             let upper = analytic(&source, request, design.seed, watch)?;
-            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), request.fresh, watch)?;
+            let lower = lower_bound(&source, share_of(length, 1.0 - density_share(&set)), request.fresh, watch)?;
             Estimate::bracketed(&trials, &upper, lower.as_ref(), provenance)?
         }
         _ => Estimate::new(&trials, provenance)?,
@@ -222,7 +243,7 @@ fn causal(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     estimator: Estimator,
-    budget: Duration,
+    length: FitLength,
     seed: u64,
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
@@ -237,12 +258,12 @@ fn causal(
         keeper: None,
         moments: Some(&moments(design, source.imaging, patch)?),
         noise: design.noise,
-        length: FitLength::Time(budget),
+        length,
         start: None,
         estimator,
         seed,
     };
-    let what = || (design, set.fingerprint(), patch, estimator, budget, request.patches_test, seed);
+    let what = || (design, set.fingerprint(), patch, estimator, length, request.patches_test, seed);
     Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
 }
 
@@ -251,10 +272,18 @@ fn density_share(set: &ObjectSet) -> f64 {
     if set.bead_prior().is_some() { 0.25 } else { 1.0 }
 }
 
+/// A share of a time; steps are not shared.
+fn share_of(length: FitLength, share: f64) -> FitLength {
+    match length {
+        FitLength::Time(time) => FitLength::Time(time.mul_f64(share)),
+        steps @ FitLength::Steps(_) => steps,
+    }
+}
+
 /// The decoder's bound from below, where the prior of the objects is known.
 fn lower_bound(
     source: &PatchSource<'_>,
-    budget: Duration,
+    length: FitLength,
     fresh: bool,
     watch: Watch<'_>,
 ) -> Result<Option<LowerBound>, EvaluationError> {
@@ -262,7 +291,11 @@ fn lower_bound(
     let psf = seen_psf(design, source.imaging.set)?;
     let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
     let start = if fresh { None } else { Decoder::shipped() };
-    let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
+    let (kind, seed) = (DecoderKind::Autoregressive, derived_seed(design.seed, 4));
+    let fit = match length {
+        FitLength::Time(budget) => DecoderFit::within(budget, kind, seed),
+        FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, seed),
+    };
     let (bound, _) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
     Ok(Some(bound))
 }

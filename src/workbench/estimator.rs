@@ -1,22 +1,26 @@
 //! Estimates that take longer than an edit may: the live estimate, refined for as long as the design stays as it is, and
 //! estimates that were ordered, one at a time. Both run on one named thread, orders first.
 
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
+use super::activity::{Activities, ActivityKind, Entry};
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
-use super::threads::{SpareCores, Wake, lock};
+use super::threads::{SpareCores, Threads, Wake, lock};
 use super::worker::Stamped;
-use crate::information::Estimate;
+use crate::information::{Estimate, FitLength};
 
 /// Points of the curve of a fit that are kept; beyond, every second one is dropped.
 const CURVE_POINTS: usize = 600;
+/// Orders that may wait.
+const MOST_ORDERS: usize = 50;
 /// Time between two tellings of progress.
 const TELL_EVERY: Duration = Duration::from_millis(100);
 
@@ -31,9 +35,11 @@ pub struct EstimateOrder {
     pub request: EstimateRequest,
 }
 
-/// An order that is being computed or waits.
+/// An order that is being computed.
 #[derive(Clone, Debug)]
 pub struct RunningEstimate {
+    /// Its number in the list of activities.
+    pub number: u64,
     /// The density model.
     pub model: DensityModel,
     /// Revision of the design.
@@ -47,6 +53,8 @@ pub struct RunningEstimate {
 /// A finished order with the curves of its fits.
 #[derive(Clone, Debug)]
 pub struct FinishedEstimate {
+    /// What was asked for.
+    pub order: EstimateOrder,
     /// The result.
     pub estimate: Estimate,
     /// Curves of the fits, oldest first.
@@ -75,7 +83,8 @@ struct Shared {
     mailbox: Mutex<Mailbox>,
     arrived: Condvar,
     estimates: Mutex<Estimates>,
-    failures: Mutex<Vec<String>>,
+    threads: Threads,
+    activities: Activities,
     /// Newest revision that is known; a live estimate of an older one is given up.
     newest: AtomicU64,
     /// The order in hand is to stop.
@@ -92,7 +101,8 @@ struct Shared {
 #[derive(Default)]
 struct Mailbox {
     refine: Option<Refine>,
-    order: Option<EstimateOrder>,
+    /// Oldest first; the first one is in hand.
+    orders: VecDeque<(EstimateOrder, Entry)>,
 }
 
 /// A design whose live estimate is wanted.
@@ -108,12 +118,13 @@ impl Estimator {
     ///
     /// # Errors
     /// Where the operating system gives no thread.
-    pub fn start(wake: Wake) -> std::io::Result<Self> {
+    pub fn start(wake: Wake, threads: Threads, activities: Activities) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),
             estimates: Mutex::default(),
-            failures: Mutex::default(),
+            threads,
+            activities,
             newest: AtomicU64::new(0),
             cancelled: AtomicBool::new(false),
             live: AtomicBool::new(true),
@@ -155,44 +166,46 @@ impl Estimator {
         }
     }
 
-    /// Asks for an estimate; refused while another one waits or is computed.
+    /// Asks for an estimate; it is computed after those that were asked for before.
     ///
     /// # Errors
-    /// One sentence where another order is in hand.
+    /// One sentence where too many wait.
     pub fn order(&self, order: EstimateOrder) -> Result<(), String> {
-        let mut estimates = lock(&self.shared.estimates);
-        if estimates.running.is_some() {
-            return Err("one estimate is computed at a time; cancel the running one first".into());
+        let mut mailbox = lock(&self.shared.mailbox);
+        if mailbox.orders.len() >= MOST_ORDERS {
+            return Err(format!("{MOST_ORDERS} estimates wait already; stop some, or let them come to their end"));
         }
-        estimates.running = Some(RunningEstimate {
-            model: order.request.model,
-            revision: order.revision,
-            progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None },
-            curve: Vec::new(),
-        });
-        drop(estimates);
-        self.shared.cancelled.store(false, Ordering::Relaxed);
-        lock(&self.shared.mailbox).order = Some(order);
+        let name = format!("Estimate ({}) of {}", order.request.model.estimator(), order.design.encoder.describe());
+        let entry = self.shared.activities.add(ActivityKind::Estimate, name);
+        mailbox.orders.push_back((order, entry));
+        drop(mailbox);
         self.shared.arrived.notify_one();
         Ok(())
     }
 
     /// Stops the order in hand.
     pub fn cancel(&self) {
-        self.shared.cancelled.store(true, Ordering::Relaxed);
         if let Some(running) = &mut lock(&self.shared.estimates).running {
             running.progress.step = "stopping".into();
+            self.shared.cancelled.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Stops the order of this number in the list of activities, whether it is in hand or waits.
+    pub fn cancel_numbered(&self, number: u64) {
+        let mut mailbox = lock(&self.shared.mailbox);
+        let before = mailbox.orders.len();
+        mailbox.orders.retain(|(_, entry)| entry.number() != number);
+        let waited = mailbox.orders.len() < before;
+        drop(mailbox);
+        if !waited && lock(&self.shared.estimates).running.as_ref().is_some_and(|running| running.number == number) {
+            self.cancel();
         }
     }
 
     /// What there is.
     pub fn estimates(&self) -> Estimates {
         lock(&self.shared.estimates).clone()
-    }
-
-    /// Why orders failed, since the last call.
-    pub fn take_failures(&self) -> Vec<String> {
-        std::mem::take(&mut *lock(&self.shared.failures))
     }
 }
 
@@ -204,27 +217,31 @@ impl Drop for Estimator {
 }
 
 enum Task {
-    Order(EstimateOrder),
+    Order(EstimateOrder, Entry),
     Refine(Refine),
 }
 
 fn run(shared: &Shared) {
-    let cores = SpareCores::new("estimate");
+    let mut cores = SpareCores::new("estimate", shared.threads.clone());
     let mut refiner = Refiner::default();
     while let Some(task) = next_task(shared) {
         let done = cores.run(|| match &task {
-            Task::Order(order) => shared.compute(order),
-            Task::Refine(wanted) => shared.refine(&mut refiner, wanted),
-        });
-        if let Err(text) = done {
-            match task {
-                Task::Order(_) => shared.fail(text),
-                Task::Refine(wanted) => {
-                    refiner = Refiner::default();
-                    lock(&shared.estimates).live_failure = Some((wanted.revision, text));
-                }
+            Task::Order(order, entry) => shared.compute(order, entry).map(Some),
+            Task::Refine(wanted) => {
+                shared.refine(&mut refiner, wanted);
+                Ok(None)
             }
+        });
+        match (task, done.unwrap_or_else(|text| Err(Some(text)))) {
+            (Task::Order(_, entry), Ok(Some(text))) => entry.end(Ok(text)),
+            (Task::Order(_, entry), Err(Some(text))) => entry.end(Err(text)),
+            (Task::Refine(wanted), Err(Some(text))) => {
+                refiner = Refiner::default();
+                lock(&shared.estimates).live_failure = Some((wanted.revision, text));
+            }
+            _ => {}
         }
+        lock(&shared.estimates).running = None;
         (shared.wake)();
     }
 }
@@ -236,8 +253,16 @@ fn next_task(shared: &Shared) -> Option<Task> {
         if shared.quit.load(Ordering::Relaxed) {
             return None;
         }
-        if let Some(order) = mailbox.order.take() {
-            return Some(Task::Order(order));
+        if let Some((order, entry)) = mailbox.orders.pop_front() {
+            shared.cancelled.store(false, Ordering::Relaxed);
+            lock(&shared.estimates).running = Some(RunningEstimate {
+                number: entry.number(),
+                model: order.request.model,
+                revision: order.revision,
+                progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None },
+                curve: Vec::new(),
+            });
+            return Some(Task::Order(order, entry));
         }
         if shared.wants_live()
             && let Some(refine) = mailbox.refine.take()
@@ -261,8 +286,11 @@ impl Shared {
         self.live.load(Ordering::Relaxed) && !self.held.load(Ordering::Relaxed)
     }
 
-    fn compute(&self, order: &EstimateOrder) {
-        let mut told = Instant::now();
+    /// Computes an order; returns its result in words, or why it failed, or nothing where it was stopped.
+    fn compute(&self, order: &EstimateOrder, entry: &Entry) -> Result<String, Option<String>> {
+        entry.begin();
+        let began = Instant::now();
+        let mut told = began;
         let mut watch = |progress: &EstimateProgress| {
             if self.quit.load(Ordering::Relaxed) || self.cancelled.load(Ordering::Relaxed) {
                 return ControlFlow::Break(());
@@ -274,6 +302,11 @@ impl Shared {
                     thin_out(&mut running.curve);
                     running.progress = progress.clone();
                 }
+                let left = match order.request.model.length() {
+                    Some(FitLength::Time(time)) => Some(time.saturating_sub(began.elapsed())),
+                    _ => None,
+                };
+                entry.tell(&progress.step, Some(progress.done as f64 / progress.total.max(1) as f64), left);
                 (self.wake)();
             }
             ControlFlow::Continue(())
@@ -282,19 +315,13 @@ impl Shared {
             Ok(estimate) => {
                 let mut estimates = lock(&self.estimates);
                 let curve = estimates.running.take().map(|running| running.curve).unwrap_or_default();
-                let value = Arc::new(FinishedEstimate { estimate, curve });
+                let text = estimate.in_words();
+                let value = Arc::new(FinishedEstimate { order: order.clone(), estimate, curve });
                 estimates.finished.push(Stamped { revision: order.revision, value });
+                Ok(text)
             }
-            Err(error) if error.is_cancelled() => {
-                lock(&self.estimates).running = None;
-            }
-            Err(error) => self.fail(error.to_string()),
+            Err(error) => Err((!error.is_cancelled()).then(|| error.to_string())),
         }
-    }
-
-    fn fail(&self, sentence: String) {
-        lock(&self.estimates).running = None;
-        lock(&self.failures).push(sentence);
     }
 
     fn refine(&self, refiner: &mut Refiner, wanted: &Refine) {
@@ -315,7 +342,7 @@ impl Shared {
         let stop = || {
             let superseded = revision < self.newest.load(Ordering::Relaxed) && published.get();
             let unwanted = self.quit.load(Ordering::Relaxed) || !self.wants_live();
-            superseded || unwanted || lock(&self.mailbox).order.is_some()
+            superseded || unwanted || !lock(&self.mailbox).orders.is_empty()
         };
         match refiner.refine(&wanted.design, &wanted.scene, &mut publish, &stop) {
             Ok(()) => {}

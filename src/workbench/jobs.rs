@@ -1,6 +1,6 @@
 //! Jobs that touch files: the same for window and command line.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
@@ -8,7 +8,9 @@ use ndarray::{Array2, Array3};
 use super::colormap::Colormap;
 use super::design::Design;
 use super::export::{self, Curve};
+use super::ideal::IdealRecord;
 use super::stacks::{self, MeasurementFormat};
+use crate::formats::write_png_rgb;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, import_psf};
 
@@ -69,6 +71,20 @@ pub enum Job {
         /// The file.
         path: PathBuf,
     },
+    /// Writes a picture in colours.
+    ExportPicture {
+        /// Shape (rows, cols, 3).
+        image: Array3<u8>,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Writes the record of a run.
+    ExportRecord {
+        /// The record.
+        record: Arc<IdealRecord>,
+        /// The file.
+        path: PathBuf,
+    },
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -114,7 +130,44 @@ pub enum Outcome {
     },
 }
 
+impl Outcome {
+    /// What has happened, for people.
+    pub fn sentence(&self) -> String {
+        match self {
+            Self::Opened { path, .. } => format!("Opened {}", path.display()),
+            Self::Saved { path, .. } => format!("Saved {}", path.display()),
+            Self::ObjectsOpened { source, .. } => format!("Imaging {source}"),
+            Self::PsfImported { encoder } => format!("Using {}", encoder.describe()),
+            Self::Exported { files } => match files.as_slice() {
+                [file] => format!("Exported {}", file.display()),
+                files => {
+                    let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("."));
+                    format!("Exported {} files to {}", files.len(), folder.display())
+                }
+            },
+        }
+    }
+}
+
 impl Job {
+    /// What it is, for people.
+    pub fn name(&self) -> String {
+        match self {
+            Self::OpenDesign(path) => format!("Open {}", path.display()),
+            Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
+            Self::OpenObjects { design } => format!("Read {}", design.objects),
+            Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
+            Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
+            Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
+            Self::ExportView { path, .. }
+            | Self::ExportPicture { path, .. }
+            | Self::ExportRecord { path, .. }
+            | Self::ExportCurve { path, .. } => {
+                format!("Export {}", path.display())
+            }
+        }
+    }
+
     /// Does the work. [`Job::OpenObjects`] only proves that the objects can be opened; the worker keeps them instead.
     ///
     /// # Errors
@@ -154,6 +207,14 @@ impl Job {
             }
             Self::ExportView { image, limits, colormap, path } => {
                 colormap.write_png(image.view(), *limits, path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+            Self::ExportPicture { image, path } => {
+                write_png_rgb(path, image.view()).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+            Self::ExportRecord { record, path } => {
+                record.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
             Self::ExportCurve { curve, path } => {

@@ -16,8 +16,8 @@ use super::progress::{Watch, tell};
 use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_picture_or_array};
 use crate::information::{
-    CausalRequest, Covariance, Estimate, Estimator, FitLength, GaussianRequest, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, PixelCnnRequest, Provenance, Trial, gaussian_estimate, pixelcnn_estimate,
+    CausalRequest, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
+    PatchStream, PixelCnnRequest, Provenance, Trial, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -302,7 +302,7 @@ impl MeasuredImages {
         watch: Watch<'_>,
     ) -> Result<Trial, MeasuredError> {
         let test = self.cut(test, patch, request.patches_test, derived_seed(seed, 2), "the test")?;
-        if let DensityModel::Causal { estimator, budget } = request.model {
+        if let DensityModel::Causal { estimator, length } = request.model {
             // Images are few, so that long fits would learn them by heart.
             let (validation, train) =
                 train.split_at(if train.len() > 1 { train.len().div_ceil(VALIDATION_SHARE) } else { 0 });
@@ -321,12 +321,12 @@ impl MeasuredImages {
                 keeper: None,
                 moments: None,
                 noise,
-                length: FitLength::Time(budget),
+                length,
                 start: None,
                 estimator,
                 seed,
             };
-            let what = || (self.fingerprint(), patch, noise, estimator, budget, request.patches_test, seed);
+            let what = || (self.fingerprint(), patch, noise, estimator, length, request.patches_test, seed);
             return Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?);
         }
         let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;

@@ -1,6 +1,7 @@
 //! The workbench: the open design, the commands that change it, the worker that computes what it does, and files.
 //! It knows no window.
 
+mod activity;
 mod bench;
 mod colormap;
 mod command;
@@ -18,6 +19,7 @@ mod measured;
 mod progress;
 mod recovery;
 mod refinement;
+mod repeat;
 mod samples;
 mod simulation;
 mod snapshots;
@@ -26,6 +28,7 @@ pub mod study;
 mod threads;
 mod worker;
 
+pub use activity::{Activity, ActivityKind, ActivityState};
 pub use bench::Workbench;
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
@@ -46,8 +49,9 @@ pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use recovery::Recovered;
 pub use refinement::LiveEstimate;
+pub use repeat::{estimate_command, look_command, run_command};
 pub use samples::{SAMPLES, Sample};
 pub use simulation::{Simulated, Simulator};
-pub use snapshots::{Snapshot, Snapshots};
+pub use snapshots::{FileChange, Snapshot, Snapshots};
 pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

@@ -1,14 +1,22 @@
 //! Designs that were put aside to be compared, with the numbers they had.
 
+use std::path::Path;
 use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use ndarray::{Array2, Axis};
+use serde::{Deserialize, Serialize};
 
 use super::design::Design;
 use super::estimator::Estimates;
 use super::evaluation::Optics;
 use super::export::Curve;
 use super::worker::Live;
+use crate::formats::{FormatError, create_folder, read_json};
+use crate::objects::ObjectSource;
+
+/// Least time between two writings of changed numbers.
+const WRITE_EVERY: Duration = Duration::from_secs(3);
 
 /// A design that was put aside.
 #[derive(Clone)]
@@ -19,8 +27,11 @@ pub struct Snapshot {
     pub name: String,
     /// The design.
     pub design: Arc<Design>,
-    /// Its revision; while it is the open one, its numbers go on getting better.
-    revision: u64,
+    /// Its revision, if it was open in this window; while it is, its numbers go on getting better.
+    revision: Option<u64>,
+    /// Name of its file, and whether that is behind.
+    file: String,
+    changed: bool,
     /// PSF and transfer function.
     pub optics: Option<Arc<Optics>>,
     /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols).
@@ -47,7 +58,44 @@ impl Snapshot {
     }
 
     fn take_up(&mut self, live: &Live, estimates: &Estimates) {
-        let revision = self.revision;
+        let Some(revision) = self.revision else { return };
+        let before = self.kept();
+        self.take_up_numbers(revision, live, estimates);
+        self.changed |= self.kept() != before;
+    }
+
+    /// The PSF, for snapshots of another day.
+    pub fn draw(&mut self) {
+        if self.optics.is_none() {
+            let planes = if let ObjectSource::Volume { planes, .. } = self.design.objects { planes } else { 1 };
+            // A design that cannot be drawn shows no picture; opening it tells why.
+            self.optics = Optics::of(&self.design, planes).ok().map(Arc::new);
+        }
+    }
+
+    /// Another name.
+    pub fn rename(&mut self, name: String) {
+        self.changed |= self.name != name;
+        self.name = name;
+    }
+
+    /// It is the open design now, of this revision.
+    pub fn is_open_as(&mut self, revision: u64) {
+        self.revision = Some(revision);
+    }
+
+    fn kept(&self) -> Numbers {
+        Numbers {
+            tamura: self.tamura,
+            gaussian: self.gaussian,
+            ceiling: self.ceiling,
+            live: self.live,
+            lower: self.lower,
+            bracket: self.bracket,
+        }
+    }
+
+    fn take_up_numbers(&mut self, revision: u64, live: &Live, estimates: &Estimates) {
         if let Some(optics) = live.optics.as_ref().filter(|optics| optics.revision == revision) {
             self.optics = Some(Arc::clone(&optics.value));
         }
@@ -77,13 +125,40 @@ impl Snapshot {
     }
 }
 
+/// What was computed of a snapshot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Numbers {
+    tamura: Option<f64>,
+    gaussian: Option<f64>,
+    ceiling: Option<f64>,
+    live: Option<(f64, [f64; 2], bool)>,
+    lower: Option<f64>,
+    bracket: Option<[f64; 2]>,
+}
+
+/// A snapshot as it stands in its file.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    name: String,
+    design: Design,
+    #[serde(flatten)]
+    numbers: Numbers,
+}
+
 /// All designs that were put aside, oldest first.
 #[derive(Default)]
 pub struct Snapshots {
     /// The designs.
     pub entries: Vec<Snapshot>,
     last: u64,
+    /// Files of designs that were deleted.
+    deleted: Vec<String>,
+    /// When files were last written.
+    written: Option<Instant>,
 }
+
+/// What is to become of a file: its new text, or none where it is to go.
+pub type FileChange = (String, Option<String>);
 
 impl Snapshots {
     /// Most designs that are kept.
@@ -103,11 +178,15 @@ impl Snapshots {
             return Err(format!("{} designs are put aside; delete some before you keep another", Self::MOST));
         }
         self.last += 1;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let mut snapshot = Snapshot {
             number: self.last,
             name: format!("Design {}", self.last),
             design: Arc::clone(design),
-            revision,
+            revision: Some(revision),
+            // Sorted by name, files are in the order in which designs were kept.
+            file: format!("{:024}-{}.json", now.as_nanos(), std::process::id()),
+            changed: true,
             optics: None,
             measurement: None,
             tamura: None,
@@ -120,6 +199,71 @@ impl Snapshots {
         snapshot.take_up(live, estimates);
         self.entries.push(snapshot);
         Ok(())
+    }
+
+    /// The designs that were kept in a folder by this program or another, and how many files there could not be read.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    pub fn read(folder: &Path) -> Result<(Self, usize), FormatError> {
+        create_folder(folder)?;
+        let mut files: Vec<_> = std::fs::read_dir(folder)
+            .map_err(|error| FormatError::from_read(folder, error))?
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .filter(|file| file.extension().is_some_and(|ending| ending == "json"))
+            .collect();
+        files.sort();
+        let found = files.len();
+        let mut all = Self::default();
+        for path in files.iter().take(Self::MOST) {
+            let Ok(Kept { name, design, numbers }) = read_json(path) else { continue };
+            let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
+            all.last += 1;
+            let Numbers { tamura, gaussian, ceiling, live, lower, bracket } = numbers;
+            all.entries.push(Snapshot {
+                number: all.last,
+                name,
+                design: Arc::new(design),
+                revision: None,
+                file: file.to_string_lossy().into_owned(),
+                changed: false,
+                optics: None,
+                measurement: None,
+                tamura,
+                gaussian,
+                ceiling,
+                live,
+                lower,
+                bracket,
+            });
+        }
+        let read = all.entries.len();
+        Ok((all, found.min(Self::MOST) - read))
+    }
+
+    /// Forgets one, its file as well.
+    pub fn delete(&mut self, number: u64) {
+        let gone = self.entries.extract_if(.., |snapshot| snapshot.number == number);
+        self.deleted.extend(gone.map(|snapshot| snapshot.file));
+    }
+
+    /// What is to be written since the last time, every few seconds or `at_once`.
+    pub fn changes(&mut self, at_once: bool) -> Vec<FileChange> {
+        if !at_once && self.written.is_some_and(|at| at.elapsed() < WRITE_EVERY) {
+            return Vec::new();
+        }
+        let mut changes: Vec<FileChange> =
+            std::mem::take(&mut self.deleted).into_iter().map(|file| (file, None)).collect();
+        for snapshot in self.entries.iter_mut().filter(|snapshot| snapshot.changed) {
+            snapshot.changed = false;
+            let (name, design, numbers) = (snapshot.name.clone(), Design::clone(&snapshot.design), snapshot.kept());
+            let text = serde_json::to_string(&Kept { name, design, numbers }).ok();
+            changes.extend(text.map(|text| (snapshot.file.clone(), Some(text))));
+        }
+        if !changes.is_empty() {
+            self.written = Some(Instant::now());
+        }
+        changes
     }
 
     /// Takes up the newest numbers of designs that are still open.

@@ -10,11 +10,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
+use super::activity::{Activities, ActivityKind, Entry};
 use super::design::Design;
 use super::estimator::Estimator;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
 use super::jobs::{Job, Outcome};
-use super::threads::{SpareCores, Wake, lock};
+use super::threads::{SpareCores, Threads, Wake, lock};
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};
@@ -67,13 +68,15 @@ struct Shared {
     cancelled: AtomicBool,
     /// Where designs go for their live estimate.
     estimator: Estimator,
+    threads: Threads,
+    activities: Activities,
     wake: Wake,
 }
 
 #[derive(Default)]
 struct Mailbox {
     evaluate: Option<(u64, Arc<Design>)>,
-    jobs: VecDeque<Job>,
+    jobs: VecDeque<(Job, Entry)>,
     quit: bool,
 }
 
@@ -90,13 +93,15 @@ impl Worker {
     ///
     /// # Errors
     /// Where the operating system gives no thread.
-    pub(super) fn start(wake: Wake) -> std::io::Result<Self> {
+    pub(super) fn start(wake: Wake, threads: &Threads, activities: Activities) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),
             results: Mutex::default(),
             cancelled: AtomicBool::new(false),
-            estimator: Estimator::start(Arc::clone(&wake))?,
+            estimator: Estimator::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
+            threads: threads.clone(),
+            activities,
             wake,
         });
         let own = Arc::clone(&shared);
@@ -114,7 +119,9 @@ impl Worker {
     /// Hands over a job.
     pub fn submit(&self, job: Job) {
         lock(&self.shared.results).open_jobs += 1;
-        lock(&self.shared.mailbox).jobs.push_back(job);
+        let kind = if matches!(job, Job::OpenObjects { .. }) { ActivityKind::Objects } else { ActivityKind::File };
+        let entry = self.shared.activities.add(kind, job.name());
+        lock(&self.shared.mailbox).jobs.push_back((job, entry));
         self.shared.arrived.notify_one();
     }
 
@@ -160,33 +167,38 @@ impl Drop for Worker {
 #[allow(clippy::large_enum_variant, reason = "one task at a time")]
 enum Task {
     Evaluate(u64, Arc<Design>),
-    Job(Job),
+    Job(Job, Entry),
 }
 
 fn run(shared: &Shared) {
-    let cores = SpareCores::new("computation");
+    let mut cores = SpareCores::new("computation", shared.threads.clone());
     let mut evaluator = Evaluator::default();
     let mut job_is_due = false;
     while let Some(task) = next_task(shared, &mut job_is_due) {
-        let done = cores.run(|| match task {
-            Task::Evaluate(revision, ref design) => evaluator.evaluate(revision, design, shared),
-            Task::Job(ref job) => {
-                let outcome = evaluator.run_job(job, shared);
-                let mut results = lock(&shared.results);
-                results.outcomes.push(outcome);
+        let done = cores.run(|| match &task {
+            Task::Evaluate(revision, design) => {
+                evaluator.evaluate(*revision, design, shared);
+                None
+            }
+            Task::Job(job, entry) => {
+                entry.begin();
+                Some(evaluator.run_job(job, entry, shared))
             }
         });
-        if let Err(text) = done {
+        let answer = done.unwrap_or_else(|text| {
             // What the computation had built may be half done.
             evaluator = Evaluator::default();
             let mut results = lock(&shared.results);
             results.live.busy = None;
-            match task {
-                Task::Evaluate(revision, _) => results.live.failure = Some((revision, text)),
-                Task::Job(_) => {
-                    results.outcomes.push(Err(text));
-                }
+            if let Task::Evaluate(revision, _) = task {
+                results.live.failure = Some((revision, text));
+                return None;
             }
+            Some(Err(text))
+        });
+        if let (Task::Job(_, entry), Some(answer)) = (task, answer) {
+            entry.end(answer.as_ref().map(Outcome::sentence).map_err(Clone::clone));
+            lock(&shared.results).outcomes.push(answer);
         }
         (shared.wake)();
     }
@@ -202,8 +214,8 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
         }
         if mailbox.quit || *job_is_due || mailbox.evaluate.is_none() {
             *job_is_due = false;
-            if let Some(job) = mailbox.jobs.pop_front() {
-                return Some(Task::Job(job));
+            if let Some((job, entry)) = mailbox.jobs.pop_front() {
+                return Some(Task::Job(job, entry));
             }
         }
         if let Some((revision, design)) = mailbox.evaluate.take() {
@@ -212,6 +224,11 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
         }
         mailbox = shared.arrived.wait(mailbox).unwrap_or_else(PoisonError::into_inner);
     }
+}
+
+/// Tells how far the reading of objects is.
+fn tell(entry: &Entry, progress: Progress) {
+    entry.tell(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
 }
 
 /// What is kept between evaluations.
@@ -244,7 +261,19 @@ impl Evaluator {
         let planes = self.scene.as_ref().filter(|scene| scene.serves(design)).map_or(1, |scene| scene.set.planes());
         let optics = self.optics(design, planes, revision, shared)?;
         let superseded = |newer: &Design| !Scene::same_objects(design, newer);
-        let scene = self.scene(design, revision, shared, &superseded)?;
+        let entry = std::cell::OnceCell::new();
+        let told = |progress: Progress| {
+            let entry = entry.get_or_init(|| {
+                let entry = shared.activities.add(ActivityKind::Objects, format!("Read {}", design.objects));
+                entry.begin();
+                entry
+            });
+            tell(entry, progress);
+        };
+        let scene = self.scene(design, revision, shared, &superseded, &told)?;
+        if let Some(entry) = entry.into_inner() {
+            entry.end(Ok(scene.set.describe()));
+        }
         // Opening the objects may have told that they have more planes.
         let optics = if scene.set.planes() > planes {
             self.optics(design, scene.set.planes(), revision, shared)?
@@ -306,6 +335,7 @@ impl Evaluator {
         revision: u64,
         shared: &Shared,
         superseded: &dyn Fn(&Design) -> bool,
+        told: &dyn Fn(Progress),
     ) -> Result<Arc<Scene>, EvaluationError> {
         if let Some(scene) = self.scene.as_ref().filter(|scene| scene.serves(design)) {
             return Ok(Arc::clone(scene));
@@ -314,6 +344,7 @@ impl Evaluator {
         let newest = std::cell::Cell::new(revision);
         let watch = |progress: Progress| {
             lock(&shared.results).live.busy = Some(progress.to_string());
+            told(progress);
             // The mask may be edited while objects are read: the PSF follows at once.
             let waiting = lock(&shared.mailbox).evaluate.clone();
             if let Some((newer, wanted)) = waiting.filter(|(newer, _)| *newer > newest.get()) {
@@ -336,13 +367,15 @@ impl Evaluator {
         Ok(scene)
     }
 
-    fn run_job(&mut self, job: &Job, shared: &Shared) -> Result<Outcome, String> {
+    fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Result<Outcome, String> {
         match job {
             // The one job that leaves something behind for evaluations: the objects, if they can be opened.
             Job::OpenObjects { design } => {
                 let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
                 // Edits go on while objects are read; they do not make them useless.
-                let scene = self.scene(design, revision, shared, &|_| false).map_err(|error| error.to_string())?;
+                let scene = self
+                    .scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress))
+                    .map_err(|error| error.to_string())?;
                 Convolution::new(scene.set.field(), design.encoder.grid())
                     .map_err(|error| format!("{}: {error}", design.objects))?;
                 Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })

@@ -10,7 +10,7 @@ use lenslet_studio::workbench::Design;
 use super::{Window, answer, click, lenslets, menu, open, open_window, settle, studio};
 
 /// A window that lives in a folder, not for the first time.
-fn at_home(folder: &Path) -> Window {
+pub fn at_home(folder: &Path) -> Window {
     let preferences = folder.join("preferences.json");
     if !preferences.exists() {
         std::fs::write(preferences, "{\"welcomed\": true}").unwrap();

@@ -6,6 +6,7 @@ mod estimates;
 mod home;
 mod runs;
 mod soak;
+mod work;
 
 use std::path::Path;
 

@@ -54,6 +54,18 @@ pub enum EngineChoice {
     Burn(BurnDevice),
 }
 
+impl EngineChoice {
+    /// Those that this program was built with; whether a card is there is told when one is opened.
+    pub fn built() -> Vec<Self> {
+        let burn = [
+            Some(BurnDevice::Ndarray),
+            cfg!(feature = "gpu").then_some(BurnDevice::Wgpu),
+            cfg!(feature = "cuda").then_some(BurnDevice::Cuda),
+        ];
+        std::iter::once(Self::Cpu).chain(burn.into_iter().flatten().map(Self::Burn)).collect()
+    }
+}
+
 /// A device that burn computes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BurnDevice {

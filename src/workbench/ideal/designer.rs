@@ -5,12 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::record::IdealRecord;
 use super::run::{KeptRun, KeptStart, run_ideal, start_of};
 use super::score::judge_of;
 use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::information::{EngineChoice, Estimate, Protocol};
 use crate::optics::LensletArray;
-use crate::workbench::threads::{SpareCores, Wake, lock};
+use crate::workbench::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::threads::{SpareCores, Threads, Wake, lock};
 use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
 
 /// Time between two tellings of a fit's progress; steps of the mask are all told.
@@ -61,6 +63,8 @@ pub struct DesignRun {
     pub start_number: (usize, usize),
     /// Results of the starts that came to their end, the best first.
     pub ranked: Vec<RankedStart>,
+    /// All that is needed to repeat the run, as of its last refit.
+    pub record: Option<Arc<IdealRecord>>,
 }
 
 /// The result of one start.
@@ -99,6 +103,7 @@ impl DesignRun {
             left: None,
             start_number: (1, starts),
             ranked: Vec::new(),
+            record: None,
         }
     }
 
@@ -133,11 +138,15 @@ struct Shared {
     stopped: AtomicBool,
     /// Where states survive the program.
     folder: Mutex<Option<KeptRun>>,
+    threads: Threads,
+    activities: Activities,
+    /// The run's place among them.
+    entry: Mutex<Option<Entry>>,
     wake: Wake,
 }
 
 impl Designer {
-    pub fn new(wake: Wake) -> Self {
+    pub fn new(wake: Wake, threads: Threads, activities: Activities) -> Self {
         Self {
             shared: Arc::new(Shared {
                 run: Mutex::default(),
@@ -147,6 +156,9 @@ impl Designer {
                 resumed: Condvar::new(),
                 stopped: AtomicBool::new(false),
                 folder: Mutex::default(),
+                threads,
+                activities,
+                entry: Mutex::default(),
                 wake,
             }),
         }
@@ -217,6 +229,11 @@ impl Designer {
             return Err(BUSY.into());
         }
         let settings = run.settings.clone();
+        let starts = run.start_number.1;
+        let from = if starts > 1 { format!("{starts} starts") } else { run.start.encoder.describe() };
+        let entry = self.shared.activities.add(ActivityKind::Run, format!("Optimize {from}"));
+        entry.begin();
+        *lock(&self.shared.entry) = Some(entry);
         *lock(&self.shared.run) = Some(run);
         self.shared.stopped.store(false, Ordering::Relaxed);
         *lock(&self.shared.paused) = false;
@@ -226,6 +243,7 @@ impl Designer {
         spawned.map(|_| ()).map_err(|error| {
             let sentence = format!("no thread for the run: {error}");
             self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
+            self.shared.end_entry(Err(sentence.clone()));
             sentence
         })
     }
@@ -240,6 +258,9 @@ impl Designer {
                 run.status = status;
             }
         });
+        if let Some(entry) = &*lock(&self.shared.entry) {
+            entry.pause(pause);
+        }
     }
 
     /// Ends the run at its next step; it can go on later.
@@ -265,7 +286,7 @@ impl Shared {
     }
 
     fn compute(&self, settings: &IdealSettings, score: Duration) {
-        let done = SpareCores::new("run").run(|| self.run_all(settings, score));
+        let done = SpareCores::new("run", self.threads.clone()).run(|| self.run_all(settings, score));
         let status = match done {
             Ok(Ok(())) => RunStatus::Finished,
             Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,
@@ -273,10 +294,30 @@ impl Shared {
             Err(panic) => RunStatus::Failed(panic),
         };
         self.change(|run| {
-            run.status = status;
+            run.status = status.clone();
             run.doing = None;
             run.left = None;
         });
+        match (&status, self.result_in_words()) {
+            (RunStatus::Finished, Some(text)) => self.end_entry(Ok(text)),
+            (RunStatus::Failed(sentence), _) => self.end_entry(Err(sentence.clone())),
+            // Dropped without an end, it was stopped.
+            _ => *lock(&self.entry) = None,
+        }
+    }
+
+    fn end_entry(&self, outcome: Result<String, String>) {
+        if let Some(entry) = lock(&self.entry).take() {
+            entry.end(outcome);
+        }
+        (self.wake)();
+    }
+
+    /// The best result so far.
+    fn result_in_words(&self) -> Option<String> {
+        let run = lock(&self.run);
+        let best = run.as_ref()?.ranked.first()?;
+        Some(format!("{}: {}", best.design.encoder.describe(), best.estimate.in_words()))
     }
 
     fn run_all(&self, settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
@@ -319,6 +360,8 @@ impl Shared {
         }
         let mut keep = |ideal: &Ideal<'_>| {
             *lock(&self.kept) = Some(ideal.to_bytes()?);
+            let record = Arc::new(IdealRecord::new(&start.design, ideal));
+            self.change(|run| run.record = Some(record));
             if let Some(folder) = &folder {
                 let _ = folder.store(ideal);
             }
@@ -330,7 +373,8 @@ impl Shared {
             folder.end();
         }
         self.change(|run| {
-            run.frames = Arc::new(record.frames);
+            run.frames = Arc::new(record.frames.clone());
+            run.record = Some(Arc::new(record));
             run.left = None;
         });
         let estimate = self.score(&design, score)?;
@@ -356,7 +400,9 @@ impl Shared {
         };
         estimate(design, &request, &mut |progress| {
             let share = progress.done as f64 / progress.total.max(1) as f64;
-            self.change(|run| run.doing = Some((format!("scoring the result: {}", progress.step), share)));
+            let step = format!("Scoring the result: {}", progress.step);
+            self.tell(&step, share, None);
+            self.change(|run| run.doing = Some((step, share)));
             self.go_on()
         })
     }
@@ -370,8 +416,21 @@ impl Shared {
         if self.stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
+    fn tell(&self, step: &str, share: f64, left: Option<Duration>) {
+        if let Some(entry) = &*lock(&self.entry) {
+            entry.tell(step, Some(share), left);
+        }
+    }
+
     fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
         let state = progress.state;
+        let bits = state
+            .frames
+            .last()
+            .map_or(String::new(), |frame| format!(", at most {:.3} bits per pixel", frame.bits_per_pixel));
+        let step = format!("Step {} of {}{bits}", state.step, settings.steps);
+        let left = time_left(state, settings, progress.seconds);
+        self.tell(&step, state.step as f64 / settings.steps.max(1) as f64, left);
         self.change(|run| {
             let more_frames = run.frames.len() != state.frames.len();
             if run.step != state.step || more_frames {
@@ -384,7 +443,7 @@ impl Shared {
             }
             run.doing = progress.fitting.map(|share| ("fitting".into(), share));
             run.seconds = progress.seconds;
-            run.left = time_left(state, settings, progress.seconds);
+            run.left = left;
         });
     }
 }

@@ -1,0 +1,262 @@
+//! What the workbench does beside the edits, as a list for people: what it is, how far it is, what it told on the way, and
+//! what came of it.
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use super::threads::lock;
+
+/// Finished activities that are kept; the oldest ones are dropped.
+const KEPT: usize = 100;
+/// Lines of a log that are kept.
+const LINES: usize = 60;
+
+/// Where an activity is done, and how it is stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ActivityKind {
+    /// Reading or writing a file; it is done before one can stop it.
+    File,
+    /// Reading objects.
+    Objects,
+    /// An estimate that was ordered.
+    Estimate,
+    /// A run that optimizes the mask.
+    Run,
+}
+
+/// How an activity stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ActivityState {
+    /// Others come first.
+    Waiting,
+    /// It is being done.
+    Running,
+    /// It waits to be told to go on.
+    Paused,
+    /// It is done, and what came of it.
+    Done(String),
+    /// It could not be done, and why.
+    Failed(String),
+    /// A person stopped it, or closed the program.
+    Stopped,
+}
+
+/// One thing that the workbench does or has done.
+#[derive(Clone, Debug)]
+pub struct Activity {
+    /// Tells it from all others.
+    pub number: u64,
+    /// Where it is done.
+    pub kind: ActivityKind,
+    /// What it is, for people.
+    pub name: String,
+    /// How it stands.
+    pub state: ActivityState,
+    /// What it is at.
+    pub step: String,
+    /// How much of that is done, 0 to 1, where it can be told.
+    pub share: Option<f64>,
+    /// Time that is left, where it can be told.
+    pub left: Option<Duration>,
+    /// What it told: seconds since its beginning, and the last word of each step.
+    pub log: Vec<(f64, String)>,
+    began: Instant,
+    /// How long it took, once it is over.
+    took: Option<Duration>,
+}
+
+impl Activity {
+    /// Whether it waits or is being done.
+    pub fn is_open(&self) -> bool {
+        matches!(self.state, ActivityState::Waiting | ActivityState::Running | ActivityState::Paused)
+    }
+
+    /// Whether it can be stopped.
+    pub fn can_stop(&self) -> bool {
+        self.is_open() && self.kind != ActivityKind::File
+    }
+
+    /// Time since its beginning, or from its beginning to its end.
+    pub fn time(&self) -> Duration {
+        self.took.unwrap_or_else(|| self.began.elapsed())
+    }
+
+    /// Adds a line to the log. Lines that begin alike, up to their first number or comma, are one step, of which the last
+    /// word stays.
+    fn note(&mut self, text: &str) {
+        let step = |text: &str| text.split(|c: char| c == ',' || c.is_ascii_digit()).next().map(str::to_owned);
+        let seconds = self.began.elapsed().as_secs_f64();
+        let full = self.log.len() >= LINES;
+        match self.log.last_mut() {
+            Some((_, last)) if full || step(last) == step(text) => text.clone_into(last),
+            _ => self.log.push((seconds, text.to_owned())),
+        }
+    }
+}
+
+#[derive(Default)]
+struct List {
+    /// Oldest first; shared, so that looking at them costs nothing.
+    entries: Vec<Arc<Activity>>,
+    /// Long ones that ended since they were asked for.
+    ended: Vec<Arc<Activity>>,
+    last: u64,
+}
+
+/// All activities of a workbench. Clones are the same list.
+#[derive(Clone, Default)]
+pub(super) struct Activities(Arc<Mutex<List>>);
+
+impl Activities {
+    /// Notes one that waits to be done.
+    pub fn add(&self, kind: ActivityKind, name: impl Into<String>) -> Entry {
+        let mut list = lock(&self.0);
+        list.last += 1;
+        let number = list.last;
+        if list.entries.len() >= KEPT
+            && let Some(oldest) = list.entries.iter().position(|activity| !activity.is_open())
+        {
+            list.entries.remove(oldest);
+        }
+        list.entries.push(Arc::new(Activity {
+            number,
+            kind,
+            name: name.into(),
+            state: ActivityState::Waiting,
+            step: String::new(),
+            share: None,
+            left: None,
+            log: Vec::new(),
+            began: Instant::now(),
+            took: None,
+        }));
+        Entry { list: self.clone(), number }
+    }
+
+    /// All that are kept, oldest first.
+    pub fn all(&self) -> Vec<Arc<Activity>> {
+        lock(&self.0).entries.clone()
+    }
+
+    /// Estimates and runs that ended since the last call, oldest first.
+    pub fn take_ended(&self) -> Vec<Arc<Activity>> {
+        std::mem::take(&mut lock(&self.0).ended)
+    }
+
+    fn change(&self, number: u64, change: impl FnOnce(&mut Activity)) {
+        let mut list = lock(&self.0);
+        let List { entries, ended, .. } = &mut *list;
+        let Some(entry) = entries.iter_mut().find(|activity| activity.number == number) else { return };
+        let was_open = entry.is_open();
+        change(Arc::make_mut(entry));
+        if was_open && !entry.is_open() {
+            let activity = Arc::make_mut(entry);
+            activity.took = Some(activity.began.elapsed());
+            activity.left = None;
+            if matches!(activity.kind, ActivityKind::Estimate | ActivityKind::Run) {
+                ended.push(Arc::clone(entry));
+            }
+        }
+    }
+}
+
+/// The one who does an activity and tells of it. One that is dropped without an end was stopped.
+pub(super) struct Entry {
+    list: Activities,
+    number: u64,
+}
+
+impl Entry {
+    /// Its number in the list.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Its turn has come.
+    pub fn begin(&self) {
+        self.list.change(self.number, |activity| {
+            activity.began = Instant::now();
+            activity.state = ActivityState::Running;
+        });
+    }
+
+    /// Waits to be told to go on, or goes on.
+    pub fn pause(&self, pause: bool) {
+        self.list.change(self.number, |activity| {
+            if activity.is_open() {
+                activity.state = if pause { ActivityState::Paused } else { ActivityState::Running };
+            }
+        });
+    }
+
+    /// Tells what is being done, how much of it is, and the time that is left.
+    pub fn tell(&self, step: &str, share: Option<f64>, left: Option<Duration>) {
+        self.list.change(self.number, |activity| {
+            activity.note(step);
+            step.clone_into(&mut activity.step);
+            (activity.share, activity.left) = (share.map(|share| share.clamp(0.0, 1.0)), left);
+        });
+    }
+
+    /// Tells what came of it.
+    pub fn end(self, outcome: Result<String, String>) {
+        self.list.change(self.number, |activity| {
+            let (Ok(text) | Err(text)) = &outcome;
+            activity.note(text);
+            activity.state = match outcome {
+                Ok(text) => ActivityState::Done(text),
+                Err(text) => ActivityState::Failed(text),
+            };
+        });
+    }
+}
+
+impl Drop for Entry {
+    fn drop(&mut self) {
+        self.list.change(self.number, |activity| {
+            if activity.is_open() {
+                activity.state = ActivityState::Stopped;
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_activity_goes_from_waiting_to_its_end_and_keeps_the_last_word_of_each_step() {
+        let list = Activities::default();
+        let entry = list.add(ActivityKind::Estimate, "Bracket");
+        assert_eq!(list.all()[0].state, ActivityState::Waiting);
+        entry.begin();
+        for (step, share) in [("Reading objects", 0.0), ("Fitting, 9 s left", 0.1), ("Fitting, 1 s left", 1.7)] {
+            entry.tell(step, Some(share), Some(Duration::from_secs(1)));
+        }
+        let now = &list.all()[0];
+        assert!(now.can_stop() && now.share == Some(1.0) && now.left.is_some());
+        entry.pause(true);
+        assert_eq!(list.all()[0].state, ActivityState::Paused);
+        assert!(list.take_ended().is_empty());
+        entry.end(Err("too bright".into()));
+        let ended = list.take_ended();
+        assert_eq!(ended[0].state, ActivityState::Failed("too bright".into()));
+        assert!(!ended[0].is_open() && ended[0].left.is_none() && ended[0].time() == list.all()[0].time());
+        let log: Vec<&str> = ended[0].log.iter().map(|(_, text)| text.as_str()).collect();
+        assert_eq!(log, ["Reading objects", "Fitting, 1 s left", "too bright"]);
+        assert!(list.take_ended().is_empty(), "told once");
+    }
+
+    #[test]
+    fn what_is_dropped_was_stopped_and_open_ones_are_never_forgotten() {
+        let list = Activities::default();
+        let open = list.add(ActivityKind::Run, "Run");
+        for _ in 0..2 * KEPT {
+            drop(list.add(ActivityKind::File, "Save"));
+        }
+        let all = list.all();
+        assert_eq!((all.len(), all[0].number, &all[1].state), (KEPT, open.number(), &ActivityState::Stopped));
+        assert!(list.take_ended().is_empty(), "files answer by themselves");
+    }
+}

@@ -1,0 +1,192 @@
+//! Command lines that compute again what the window shows.
+//!
+//! They hold the whole design: by flags where it is one of the published layouts, and otherwise as JSON on standard input,
+//! so that they come out the same in any folder and on any day.
+
+use serde_json::json;
+
+use super::design::{Design, DesignError};
+use super::estimation::{DensityModel, EstimateRequest};
+use crate::design::{Free, IdealSettings};
+use crate::information::{FitLength, Protocol};
+use crate::objects::ObjectSource;
+use crate::optics::{Encoder, heuristic_layout};
+
+/// Longest text of a design that is put into a command line, bytes.
+const LONGEST: usize = 40_000;
+
+/// The command for the numbers that stand beside every edit: Gaussian bound, ceiling, Tamura coefficients.
+///
+/// # Errors
+/// One sentence where the design is too large for a command line.
+pub fn look_command(design: &Design) -> Result<String, String> {
+    with_design("look", "--lenslets", design, "--json")
+}
+
+/// The command for an estimate of a design. It gives the same bits on the same machine where the fit was one of so many
+/// steps, and where nothing is fitted for a time.
+///
+/// # Errors
+/// As [`look_command`].
+pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<String, String> {
+    let mut flags = vec![format!("--estimator {}", request.model.estimator())];
+    if request.protocol == Protocol::Paper {
+        flags.push("--protocol paper".into());
+    }
+    flags.push(format!("--patch {}", patch_name(request.patch)));
+    flags.extend(request.model.length().map(|length| match length {
+        FitLength::Steps(steps) => format!("--steps {steps}"),
+        FitLength::Time(time) => format!("--budget {}s", time.as_secs_f64()),
+    }));
+    if let DensityModel::PixelCnn { engine, .. } = request.model {
+        flags.push(format!("--engine {engine}"));
+    }
+    flags.push(format!("--patches-train {} --patches-test {}", request.patches_train, request.patches_test));
+    if request.fresh {
+        flags.push("--fresh".into());
+    }
+    flags.push(format!("--trials {} --json", request.trials));
+    with_design("estimate", "--lenslets", design, &flags.join(" "))
+}
+
+/// The command for a run of IDEAL from a design; it writes into the folder `run`.
+///
+/// # Errors
+/// As [`look_command`].
+pub fn run_command(start: &Design, settings: &IdealSettings) -> Result<String, String> {
+    let mut flags = vec![format!("--preset {} --steps {}", settings.preset, settings.steps)];
+    flags.push(format!("--patch {}", patch_name(settings.patch)));
+    if settings.free != Free::default() {
+        let Free { positions, widths, weights } = settings.free;
+        let names = [(positions, "positions"), (widths, "widths"), (weights, "weights")];
+        let names: Vec<&str> = names.into_iter().filter(|(free, _)| *free).map(|(_, name)| name).collect();
+        flags.push(format!("--free {}", names.join(",")));
+    }
+    if !settings.locked.is_empty() {
+        let numbers: Vec<String> = settings.locked.iter().map(|index| (index + 1).to_string()).collect();
+        flags.push(format!("--lock {}", numbers.join(",")));
+    }
+    if settings.min_separation_px > 0.0 {
+        flags.push(format!("--min-separation {}", settings.min_separation_px));
+    }
+    flags.extend(settings.lenslets.map(|count| format!("--lenslets {count}")));
+    if settings.anisotropic {
+        flags.push("--anisotropic".into());
+    }
+    flags.push("--out run".into());
+    // A run takes its seed from the design.
+    let start = Design { seed: settings.seed, ..start.clone() };
+    with_design("design", "--start", &start, &flags.join(" "))
+}
+
+fn patch_name(patch: Option<(usize, usize)>) -> String {
+    patch.map_or_else(|| "sensor".into(), |(rows, cols)| format!("{rows}x{cols}"))
+}
+
+/// A command about a design; `mask` is its flag for masks by name.
+fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Result<String, String> {
+    let design = Design { objects: anywhere(&design.objects), ..design.clone() };
+    let published = (1..=9).find(|&count| design.encoder == Encoder::Lenslets(heuristic_layout(count)));
+    if let Some(count) = published.filter(|_| design.limits == Design::default().limits) {
+        let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &design;
+        let scene = format!(
+            "--objects {} --mean-photons {mean_photons} --bias {bias_photons} --noise {noise} --seed {seed}",
+            quoted(&objects.to_string())
+        );
+        return Ok(format!("lenslet-studio {command} {mask} heuristic:{count} {scene} {flags}"));
+    }
+    let text = design.to_json().map_err(|error| error.to_string())?;
+    if text.len() > LONGEST {
+        return Err(format!(
+            "the PSF of this design is too large for a command line; save the design and run \
+             `lenslet-studio {command} FILE {flags}`"
+        ));
+    }
+    Ok(format!("lenslet-studio {command} - {flags} <<'END'\n{text}\nEND"))
+}
+
+/// Objects by a path that means the same in every folder.
+fn anywhere(objects: &ObjectSource) -> ObjectSource {
+    let whole = |path: &std::path::Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    match objects {
+        ObjectSource::Idx(path) => ObjectSource::Idx(whole(path)),
+        ObjectSource::Cifar(path) => ObjectSource::Cifar(whole(path)),
+        ObjectSource::Images(path) => ObjectSource::Images(whole(path)),
+        ObjectSource::Stack(path) => ObjectSource::Stack(whole(path)),
+        drawn => drawn.clone(),
+    }
+}
+
+/// A word for a POSIX shell.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:+,@=".contains(c);
+    if word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
+impl Design {
+    /// The design as the text of a design file, on one line and without the PSF that it renders to.
+    ///
+    /// # Errors
+    /// [`DesignError`] where the design cannot be computed.
+    pub fn to_json(&self) -> Result<String, DesignError> {
+        self.check()?;
+        let mut value = json!({ "format": super::design::FORMAT, "format_version": super::design::FORMAT_VERSION });
+        let own = serde_json::to_value(self).unwrap_or_default();
+        if let (Some(all), serde_json::Value::Object(own)) = (value.as_object_mut(), own) {
+            all.extend(own);
+        }
+        Ok(value.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::design::Preset;
+    use crate::information::{EngineChoice, Estimator};
+    use crate::optics::random_layout;
+
+    fn request(model: DensityModel) -> EstimateRequest {
+        EstimateRequest {
+            model,
+            protocol: Protocol::Default,
+            patch: Some((32, 32)),
+            patches_train: 10_000,
+            patches_test: 1_500,
+            fresh: false,
+            trials: 1,
+            keep: None,
+        }
+    }
+
+    #[test]
+    fn published_layouts_are_named_and_paths_are_quoted() {
+        let mut design = Design { objects: ObjectSource::Idx("/data/it's here".into()), ..Design::default() };
+        let model = DensityModel::new(Estimator::Bracket, Some(Duration::from_secs(90)), EngineChoice::Cpu);
+        let text = estimate_command(&design, &request(model)).unwrap();
+        assert!(text.starts_with("lenslet-studio estimate --lenslets heuristic:9 --objects 'idx:/data/it'\\''s here'"));
+        assert!(text.contains("--estimator bracket --patch 32x32 --budget 90s"), "{text}");
+        let text = estimate_command(&design, &request(model.of_steps(700))).unwrap();
+        assert!(text.contains("--steps 700") && !text.contains("--budget"), "{text}");
+        design.objects = ObjectSource::Stack("here.npy".into());
+        let text = look_command(&design).unwrap();
+        assert!(text.contains("--objects stack:/"), "a path that means the same in every folder: {text}");
+    }
+
+    #[test]
+    fn other_designs_come_along_whole() {
+        let encoder = Encoder::Lenslets(random_layout(25, 3));
+        let design = Design { encoder, seed: 9, ..Design::default() };
+        let mut settings = IdealSettings::new(Preset::Default, 11);
+        settings.locked = vec![0, 4];
+        settings.free.widths = false;
+        let text = run_command(&design, &settings).unwrap();
+        let (head, rest) = text.split_once(" <<'END'\n").unwrap();
+        assert!(head.starts_with("lenslet-studio design - --preset default --steps"), "{head}");
+        assert!(head.contains("--free positions,weights --lock 1,5") && head.ends_with("--out run"), "{head}");
+        let value = serde_json::from_str(rest.strip_suffix("\nEND").unwrap()).unwrap();
+        assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design });
+    }
+}

@@ -1,0 +1,257 @@
+//! Long work in a list, numbers that can be repeated, and arrangements of the window.
+
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+
+use egui::{Color32, ColorImage, OutputCommand, ViewportCommand};
+use lenslet_studio::workbench::ActivityState;
+
+use super::estimates::wait_for;
+use super::home::at_home;
+use super::*;
+
+/// Clicks and returns what was put into the clipboard.
+fn copied(window: &mut Window, name: &str) -> String {
+    window.get_by_label(name).click();
+    for _ in 0..8 {
+        window.step();
+        let commands = &window.output().platform_output.commands;
+        if let Some(OutputCommand::CopyText(text)) = commands.first() {
+            return text.clone();
+        }
+    }
+    panic!("{name}: nothing was copied");
+}
+
+/// What a command line of the window prints, run by a shell in another folder.
+#[cfg(unix)]
+fn run_line(line: &str) -> serde_json::Value {
+    let folder = tempfile::tempdir().unwrap();
+    let line = line.replacen("lenslet-studio", env!("CARGO_BIN_EXE_lenslet-studio"), 1);
+    let shell =
+        Command::new("sh").args(["-c", &line]).current_dir(folder.path()).stdin(Stdio::null()).output().unwrap();
+    assert!(shell.status.success(), "{line}\n{}", String::from_utf8_lossy(&shell.stderr));
+    serde_json::from_slice(&shell.stdout).unwrap()
+}
+
+/// Types a number into a field.
+fn type_number(window: &mut Window, name: &str, text: &str) {
+    click(window, name);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label(name).type_text(text);
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+}
+
+/// Asks for fits of the density model of so many steps.
+fn ask_for_steps(window: &mut Window, steps: &str) {
+    click(window, "Estimates");
+    click(window, "Estimator");
+    click(window, "Full");
+    click(window, "Length of the fit");
+    click(window, "steps");
+    type_number(window, "Steps of the fit", steps);
+}
+
+fn states(window: &Window) -> Vec<ActivityState> {
+    studio(window).bench().activities().iter().map(|activity| activity.state.clone()).collect()
+}
+
+#[test]
+#[cfg(unix)]
+fn copied_commands_give_the_same_numbers_bit_for_bit() {
+    // A mask that no flag names, so that the whole design comes along.
+    let design =
+        Design { encoder: Encoder::Lenslets(lenslet_studio::optics::random_layout(3, 5)), ..Design::default() };
+    let mut window = open(design);
+    let live = studio(&window).bench().live();
+    let (information, measurements) = (live.information.unwrap(), live.measurements.unwrap());
+    let numbers: serde_json::Value = serde_json::from_str(&copied(&mut window, "Copy numbers as JSON")).unwrap();
+    let shown = information.value.gaussian.bits_per_pixel;
+    assert_eq!(numbers["gaussian_bound"].as_f64(), Some(shown));
+    assert_eq!(numbers["design"]["seed"], 1);
+    let line = copied(&mut window, "Copy command line");
+    let looked = run_line(&line);
+    assert_eq!(looked["information"]["gaussian_bound"].as_f64(), Some(shown), "{line}");
+    assert_eq!(looked["information"]["ceiling"].as_f64(), information.value.ceiling_bits());
+    assert_eq!(looked["sensor_tamura"].as_f64(), Some(measurements.value.tamura.mean));
+
+    ask_for_steps(&mut window, "12");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
+    let finished = studio(&window).bench().estimates().finished;
+    let estimate = &finished[0].value.estimate;
+    let line = copied(&mut window, "Copy command of estimate 1");
+    assert!(line.contains("--estimator full --patch 32x32 --steps 12"), "{line}");
+    let repeated = run_line(&line);
+    assert_eq!(repeated["bits_per_pixel"].as_f64(), Some(estimate.bits_per_pixel), "whatever the number of threads");
+}
+
+#[test]
+fn jobs_wait_for_each_other_can_be_stopped_and_keep_their_log() {
+    let mut window = open(Design::default());
+    ask_for_steps(&mut window, "100000");
+    click(&mut window, "Start estimate");
+    ask_for_steps(&mut window, "8");
+    click(&mut window, "Start estimate");
+    window.key_press_modifiers(Modifiers::COMMAND, Key::J);
+    window.run_steps(3);
+    wait_for(&mut window, "the first", |window| {
+        let states = states(window);
+        states == [ActivityState::Running, ActivityState::Waiting]
+    });
+    window.get_by_label("waits for others");
+    click(&mut window, "Stop job 1");
+    wait_for(&mut window, "the second", |window| matches!(states(window).last(), Some(ActivityState::Done(_))));
+    assert_eq!(states(&window)[0], ActivityState::Stopped);
+    assert!(window.query_by_label("Stop job 1").is_none() && window.query_by_label("Stop job 2").is_none());
+    // What came of it is told beside the list, and the log names the steps.
+    assert!(window.query_all_by_label_contains("bits per pixel").count() >= 2);
+    click(&mut window, "Log of job 2");
+    let log = copied(&mut window, "Copy log of job 2");
+    assert!(log.contains("Estimate (full) of 9 lenslets") && log.contains("Scoring test patches"), "{log}");
+    // A failure is one sentence, in the list and as a message.
+    let folder = tempfile::tempdir().unwrap();
+    menu(&mut window, &["File", "Open design..."]);
+    answer(&mut window, &folder.path().join("nothing.json"), "Open");
+    let Some(ActivityState::Failed(sentence)) = states(&window).pop() else { panic!("{:?}", states(&window)) };
+    assert!(sentence.contains("nothing.json"), "{sentence}");
+    assert!(window.query_all_by_label(&sentence).count() >= 2);
+}
+
+#[test]
+fn a_run_stands_among_the_jobs_and_can_be_repeated() {
+    let mut window = open(Design::default());
+    click(&mut window, "Optimize");
+    type_number(&mut window, "Steps", "10");
+    click(&mut window, "Start run");
+    wait_for(&mut window, "the second refit", |window| {
+        studio(window).bench().run().is_some_and(|run| run.frames.len() >= 2)
+    });
+    let line = copied(&mut window, "Copy command of run");
+    assert!(line.starts_with("lenslet-studio design --start heuristic:9") && line.contains("--steps 10"), "{line}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.json");
+    click(&mut window, "Export record of run");
+    answer(&mut window, &file, "Export");
+    let record: serde_json::Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+    assert_eq!(record["settings"]["steps"], 10);
+    assert!(!record["frames"].as_array().unwrap().is_empty() && record["objects_fingerprint"].is_string());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::J);
+    window.run_steps(3);
+    click(&mut window, "Stop job 1");
+    wait_for(&mut window, "the end", |window| states(window)[0] == ActivityState::Stopped);
+}
+
+#[test]
+fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    menu(&mut window, &["View", "Room", "Show Compare"]);
+    menu(&mut window, &["View", "Layout", "Remember as layout 1"]);
+    menu(&mut window, &["View", "Layout", "Reset layout"]);
+    assert!(window.query_by_label("Keep this design").is_none());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Num1);
+    window.run_steps(4);
+    window.get_by_label("Keep this design");
+    // The room under the pointer fills the window, until Escape.
+    let at = window.get_by_role_and_label(Role::Image, "Measurement").rect().center();
+    let before = window.get_by_role_and_label(Role::Image, "Measurement").rect().width();
+    window.hover_at(at);
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::M);
+    window.run_steps(4);
+    assert!(window.get_by_role_and_label(Role::Image, "Measurement").rect().width() > 1.5 * before);
+    assert!(window.query_by_label("Lenslet 1").is_none());
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    window.get_by_label("Lenslet 1");
+    // The other day the layout is still there.
+    drop(window);
+    let mut window = at_home(folder.path());
+    menu(&mut window, &["View", "Layout", "Reset layout"]);
+    menu(&mut window, &["View", "Layout", "Use layout 1"]);
+    window.get_by_label("Keep this design");
+}
+
+#[test]
+fn kept_designs_are_there_the_other_day() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+    settle(&mut window);
+    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+    settle(&mut window);
+    let bound = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
+    let written = |folder: &Path| std::fs::read_dir(folder.join("kept")).map_or(0, Iterator::count);
+    wait_for(&mut window, "both files", |_| written(folder.path()) == 2);
+    std::fs::write(folder.path().join("kept/broken.json"), "{").unwrap();
+    drop(window);
+    let mut window = at_home(folder.path());
+    window.get_by_label("1 kept designs could not be read; they are left as they are");
+    menu(&mut window, &["View", "Room", "Show Compare"]);
+    window.get_by_label("PSF of Design 1");
+    window.get_by_label(&format!("\u{2264} {bound:.3}"));
+    menu(&mut window, &["More of snapshot 2", "Open"]);
+    assert_eq!(lenslets(&window).len(), 2);
+    menu(&mut window, &["More of snapshot 1", "Delete"]);
+    wait_for(&mut window, "the file to go", |_| written(folder.path()) == 2);
+}
+
+#[test]
+fn a_room_is_kept_as_a_picture() {
+    let mut window = open(Design::default());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+    settle(&mut window);
+    window.get_by_label("Export comparison as PNG").click();
+    let mut taken = false;
+    for _ in 0..40 {
+        window.step();
+        let output = &window.output().viewport_output[&egui::ViewportId::ROOT];
+        let command = output.commands.iter().find_map(|command| match command {
+            ViewportCommand::Screenshot(callback) => Some(callback.clone()),
+            _ => None,
+        });
+        if let Some(callback) = command {
+            // What a real window would answer.
+            callback.complete(Arc::new(ColorImage::filled([1280, 800], Color32::from_rgb(10, 20, 30))));
+            taken = true;
+            break;
+        }
+    }
+    assert!(taken, "no picture was asked for");
+    window.run_steps(4);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("compare.png");
+    answer(&mut window, &file, "Export");
+    let picture = lenslet_studio::formats::read_grey(&file).unwrap();
+    let (rows, cols) = picture.dim();
+    assert!((200..800).contains(&rows) && (200..800).contains(&cols), "{rows} x {cols}: a room, not the window");
+}
+
+#[test]
+fn threads_engine_and_folder_are_chosen_and_remembered() {
+    let folder = tempfile::tempdir().unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
+    window.run_steps(3);
+    click(&mut window, "All but one");
+    type_number(&mut window, "Threads", "2");
+    click(&mut window, "burn:ndarray");
+    click(&mut window, "Other folder...");
+    answer(&mut window, elsewhere.path(), "Use");
+    menu(&mut window, &["Presets", "Heuristic lenslets", "3 lenslets"]);
+    let designs = |folder: &Path| {
+        let files = std::fs::read_dir(folder).unwrap().filter_map(|file| Some(file.ok()?.path()));
+        files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count()
+    };
+    wait_for(&mut window, "the unsaved design", |_| designs(elsewhere.path()) == 1);
+    assert_eq!(designs(&folder.path().join("unsaved")), 0);
+    drop(window);
+    let known = std::fs::read_to_string(folder.path().join("preferences.json")).unwrap();
+    let known: serde_json::Value = serde_json::from_str(&known).unwrap();
+    assert_eq!((known["threads"].as_u64(), known["engine"].as_str()), (Some(2), Some("burn:ndarray")));
+    assert_eq!(known["unsaved"].as_str(), elsewhere.path().to_str());
+}
