@@ -57,7 +57,7 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
         steps: 300,
         refit_every: 5,
         first_fit: 150,
-        rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.03, weight: 1e-3 },
+        rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.03, weight: 1e-3, relative_weight: 0.0 },
         ..settings()
     };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);

@@ -64,7 +64,8 @@ impl Momentum {
                 };
             }
             if settings.free.weights {
-                lenslet.weight += rate * settings.rates.weight * moves[5];
+                let step = settings.rates.weight.max(settings.rates.relative_weight * lenslet.weight);
+                lenslet.weight += rate * step * moves[5];
             }
         }
         project(array, settings, limits);

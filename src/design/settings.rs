@@ -50,6 +50,9 @@ pub struct Rates {
     pub variance: f64,
     /// Of weights, which sum to 1.
     pub weight: f64,
+    /// Least step of a weight as a share of it: bright lenslets gain and lose by steps that matter to them.
+    #[serde(default)]
+    pub relative_weight: f64,
 }
 
 /// Parameters that may change.
@@ -128,7 +131,12 @@ impl IdealSettings {
             last_fit: 2000,
             warm: false,
             // Grid units of the published code are 31/32 px.
-            rates: Rates { position: 3e-2 * GRID_UNIT, variance: 1e-3 * GRID_UNIT * GRID_UNIT, weight: 1e-4 },
+            rates: Rates {
+                position: 3e-2 * GRID_UNIT,
+                variance: 1e-3 * GRID_UNIT * GRID_UNIT,
+                weight: 1e-4,
+                relative_weight: 0.0,
+            },
             settle: 0.0,
             free: Free::default(),
             locked: Vec::new(),
@@ -151,7 +159,8 @@ impl IdealSettings {
                 refit: 150,
                 last_fit: 1500,
                 warm: true,
-                rates: Rates { position: 0.015, variance: 5e-3, weight: 1.2e-4 },
+                // A lenslet of 25 equal ones moves its weight by as much either way.
+                rates: Rates { position: 0.015, variance: 5e-3, weight: 1.2e-4, relative_weight: 3e-3 },
                 settle: 0.4,
                 ..paper
             },
@@ -177,8 +186,13 @@ impl IdealSettings {
                 return wrong(name, count.to_string(), "1 to a million");
             }
         }
-        let Rates { position, variance, weight } = self.rates;
-        for (name, rate) in [("rates.position", position), ("rates.variance", variance), ("rates.weight", weight)] {
+        let Rates { position, variance, weight, relative_weight } = self.rates;
+        for (name, rate) in [
+            ("rates.position", position),
+            ("rates.variance", variance),
+            ("rates.weight", weight),
+            ("rates.relative_weight", relative_weight),
+        ] {
             if !(0.0..=10.0).contains(&rate) {
                 return wrong(name, rate.to_string(), "0 to 10");
             }

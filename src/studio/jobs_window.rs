@@ -19,9 +19,10 @@ pub struct JobsWindow {
 /// Draws the window where it is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let mut open = state.jobs.open;
-    let corner = ctx.content_rect().right_bottom() - egui::vec2(12.0, 36.0);
+    // Beside the rooms from which jobs are started, not over them.
+    let corner = ctx.content_rect().center_bottom() - egui::vec2(0.0, 36.0);
     let window = egui::Window::new("Jobs").open(&mut open).default_size([440.0, 320.0]);
-    window.pivot(egui::Align2::RIGHT_BOTTOM).default_pos(corner).show(ctx, |ui| {
+    window.pivot(egui::Align2::CENTER_BOTTOM).default_pos(corner).show(ctx, |ui| {
         let all = state.bench.activities();
         if all.is_empty() {
             ui.weak("Nothing has been asked for yet. Estimates, runs, and files that are read or written stand here.");

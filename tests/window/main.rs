@@ -11,7 +11,7 @@ mod work;
 use std::path::Path;
 
 use egui::{Key, Modifiers, Rect, Role, Theme, Vec2, pos2};
-use egui_kittest::Harness;
+use egui_kittest::{Harness, LazyRenderer, TestRenderer};
 use egui_kittest::kittest::Queryable;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet};
@@ -34,7 +34,16 @@ fn open_themed(design: Design, size: Vec2, theme: Theme) -> Window {
 }
 
 fn open_window(design: Design, size: Vec2, theme: Theme, live: bool) -> Window {
-    let builder = Harness::builder().with_size(size).with_theme(theme).with_max_steps(64);
+    open_drawn_by(LazyRenderer::default(), design, (size, theme), live)
+}
+
+fn open_drawn_by(
+    renderer: impl TestRenderer + 'static,
+    design: Design,
+    (size, theme): (Vec2, Theme),
+    live: bool,
+) -> Window {
+    let builder = Harness::builder().with_size(size).with_theme(theme).with_max_steps(64).renderer(renderer);
     let mut window = builder.with_step_dt(1.0 / 60.0).build_ui_state(
         move |ui, studio: &mut Option<Studio>| {
             let studio = studio.get_or_insert_with(|| {
