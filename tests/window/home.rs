@@ -127,7 +127,7 @@ fn theme_and_rooms_come_back_and_can_be_reset() {
     let mut window = at_home(folder.path());
     assert!(window.query_by_label("Recover").is_none());
     assert_eq!(window.ctx.options(|options| options.theme_preference), egui::ThemePreference::Light);
-    menu(&mut window, &["View", "Reset layout"]);
+    menu(&mut window, &["View", "Layout", "Reset layout"]);
 }
 
 #[test]

@@ -106,7 +106,8 @@ fn act(window: &mut Window, random: &mut ChaCha8Rng) {
             window.drag_at(place);
             window.drop_at(place);
             window.step();
-            if text {
+            // A key pressed before may have opened a question meanwhile.
+            if text && window.query_by_label("Path").is_none() {
                 let typed = ["", "0", "-3", "0.05", "12.5", "1e9", "nonsense", "\u{3b1}"].choose(random).unwrap();
                 window.key_press_modifiers(Modifiers::COMMAND, Key::A);
                 window.input_mut().events.push(egui::Event::Text((*typed).to_owned()));
