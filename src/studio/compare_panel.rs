@@ -7,10 +7,12 @@ use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
 use super::dialogs::Purpose;
+use super::hand::Hand;
 use super::image_view::{ImageView, name_widget, placeholder, toolbar};
 use super::information_panel::{CEILING, DENSITY, GAUSSIAN, TAMURA_GUIDE};
 use super::messages::Severity;
 use super::state::State;
+use super::viewport::Viewport;
 use crate::workbench::{Colormap, Command, Snapshot};
 
 /// Side of the small pictures, points.
@@ -24,6 +26,8 @@ pub struct Comparison {
     what: What,
     picture: ImageView,
     difference: ImageView,
+    /// Which part of them is seen.
+    viewport: Viewport,
     thumbnails: HashMap<u64, TextureHandle>,
 }
 
@@ -49,6 +53,7 @@ impl Default for Comparison {
             what: What::Psf,
             picture: ImageView::new("Comparison", "", Colormap::Viridis),
             difference: ImageView::new("Difference", "", Colormap::Diverging),
+            viewport: Viewport::default(),
             thumbnails: HashMap::new(),
         }
     }
@@ -212,8 +217,11 @@ fn pair(ui: &mut Ui, state: &mut State) {
         for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
             let response = ui.selectable_label(comparison.what == what, text);
             name_widget(&response, &format!("Compare {text}"));
-            if response.clicked() {
+            if response.clicked() && comparison.what != what {
                 comparison.what = what;
+                // Levels of one quantity mean nothing for another.
+                comparison.picture.forget_levels();
+                comparison.difference.forget_levels();
             }
         }
     });
@@ -231,6 +239,8 @@ fn pair(ui: &mut Ui, state: &mut State) {
         let finite = image.iter().copied().filter(|value| value.is_finite());
         finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
     };
+    // All three are views of one place.
+    let viewport = comparison.viewport;
     let (view, image) = match comparison.side {
         Side::Difference => {
             let image = one - other;
@@ -246,13 +256,16 @@ fn pair(ui: &mut Ui, state: &mut State) {
             (&mut comparison.picture, CowArray::from(if side == Side::A { one } else { other }))
         }
     };
+    toolbar(ui, |ui| view.colour_controls(ui, palettes));
     let side = ui.available_width().clamp(120.0, 340.0);
     ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
-        let (placement, response) = view.show(ui, palettes, image.view(), version, false, Sense::hover());
-        if let Some(position) = response.hover_pos() {
-            *hover = view.describe_pixel(image.view(), placement.to_pixels(position));
+        view.viewport = viewport;
+        let shown = view.show(ui, palettes, image.view(), version, false, Hand::Looks);
+        if let Some(position) = shown.response.hover_pos() {
+            *hover = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
         }
     });
+    comparison.viewport = view.viewport;
 }
 
 fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {

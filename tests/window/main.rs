@@ -5,6 +5,7 @@ mod compare;
 mod estimates;
 mod home;
 mod runs;
+mod seeing;
 mod soak;
 
 use std::path::Path;
