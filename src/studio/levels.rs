@@ -152,14 +152,16 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut Levels, logarithmi
     ui.horizontal(|ui| {
         let (low, high) = limits;
         let speed = f64::from(high - low) * 0.005;
-        let mut field = |value: &mut f32, range: std::ops::RangeInclusive<f32>, what: &str| {
+        let field = |ui: &mut Ui, value: &mut f32, range: std::ops::RangeInclusive<f32>, what: &str| {
             let field = DragValue::new(value).range(range).speed(speed).max_decimals(6);
             let field = field.custom_formatter(|value, _| significant(value));
             let response = ui.add(field).on_hover_text(format!("The {what} value that has a colour of its own"));
             name_widget(&response, &format!("{name} {what} value"));
         };
-        field(&mut limits.0, f32::MIN..=below(high), "lowest");
-        field(&mut limits.1, above(low)..=f32::MAX, "highest");
+        ui.weak("from");
+        field(ui, &mut limits.0, f32::MIN..=below(high), "lowest");
+        ui.weak("to");
+        field(ui, &mut limits.1, above(low)..=f32::MAX, "highest");
         if !picture.unit.is_empty() {
             ui.weak(picture.unit);
         }

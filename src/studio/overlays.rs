@@ -13,8 +13,10 @@ const MOST_VALUES: usize = 600;
 /// A scale bar is at most this long, points, and takes at most this share of the picture.
 const LONGEST_BAR: f32 = 110.0;
 const LONGEST_SHARE: f32 = 0.4;
-/// Dark behind what is drawn in white, and around it.
+/// Dark around what is drawn in white.
 const SHADE: Color32 = Color32::from_black_alpha(150);
+/// Dark behind a scale bar; values below would be mistaken for its own.
+const PLATE: Color32 = Color32::from_black_alpha(225);
 
 /// Writes the values of the pixels in sight into them, where they are large enough; `colour` tells what is below.
 pub fn pixel_values(
@@ -39,7 +41,11 @@ pub fn pixel_values(
             let size = (0.88 * placement.scale / (0.56 * text.len() as f32)).min(13.0);
             let font = FontId::proportional(size.floor());
             let place = placement.to_screen(col as f64, row as f64);
-            painter.text(place, Align2::CENTER_CENTER, text, font, contrasting(colour(value)));
+            // A number that is cut in two is read as another.
+            let half = vec2(0.28 * text.len() as f32, 0.5) * font.size;
+            if seen.contains_rect(Rect::from_center_size(place, 2.0 * half)) {
+                painter.text(place, Align2::CENTER_CENTER, text, font, contrasting(colour(value)));
+            }
         }
     }
 }
@@ -86,7 +92,7 @@ pub fn scale_bar(painter: &Painter, seen: Rect, length: f32, text: &str) {
     if plate.width() > seen.width() - 8.0 {
         return;
     }
-    painter.rect_filled(plate, 3.0, SHADE);
+    painter.rect_filled(plate, 3.0, PLATE);
     painter.galley(pos2(plate.center().x - galley.size().x / 2.0, plate.top() + 2.0), galley, Color32::WHITE);
     let (left, y) = (plate.center().x - length / 2.0, plate.bottom() - 5.0);
     painter.hline(left..=left + length, y, Stroke::new(2.0, Color32::WHITE));

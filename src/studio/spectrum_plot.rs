@@ -47,7 +47,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .include_x(0.0)
         .include_x(0.5)
         .allow_scroll(false)
+        .x_grid_spacer(tenths)
         .y_grid_spacer(decades)
+        .x_axis_formatter(|mark: GridMark, _| format!("{:.1}", mark.value))
         .y_axis_formatter(|mark: GridMark, _| power_mark(mark.value))
         .label_formatter(|position| {
             let HoverPosition::NearDataPoint { plot_name, position, .. } = position else { return None };
@@ -97,6 +99,13 @@ fn middle(image: ArrayView2<'_, f32>) -> ArrayView2<'_, f32> {
     let (tall, wide) = (rows.min(LARGEST_SIDE), cols.min(LARGEST_SIDE));
     let (top, left) = ((rows - tall) / 2, (cols - wide) / 2);
     image.slice_move(s![top..top + tall, left..left + wide])
+}
+
+/// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
+fn tenths(input: GridInput) -> Vec<GridMark> {
+    let (low, high) = input.bounds;
+    let tenths = (10.0 * low).ceil() as i32..=(10.0 * high).floor() as i32;
+    tenths.map(|tenth| GridMark { value: 0.1 * f64::from(tenth), step_size: 0.25 }).collect()
 }
 
 /// Marks at 1, 2 and 5 times the powers of ten, of an axis of logarithms.
