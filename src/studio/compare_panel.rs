@@ -213,7 +213,8 @@ fn pair(ui: &mut Ui, state: &mut State) {
         if ui.button("Flip").on_hover_text("From A to B and back").clicked() {
             comparison.side = if comparison.side == Side::A { Side::B } else { Side::A };
         }
-        ui.separator();
+    });
+    toolbar(ui, |ui| {
         for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
             let response = ui.selectable_label(comparison.what == what, text);
             name_widget(&response, &format!("Compare {text}"));
@@ -224,6 +225,9 @@ fn pair(ui: &mut Ui, state: &mut State) {
                 comparison.difference.forget_levels();
             }
         }
+        let shown =
+            if comparison.side == Side::Difference { &mut comparison.difference } else { &mut comparison.picture };
+        shown.colour_controls(ui, palettes);
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
         ui.weak("Their pictures are not computed yet.");
@@ -256,7 +260,6 @@ fn pair(ui: &mut Ui, state: &mut State) {
             (&mut comparison.picture, CowArray::from(if side == Side::A { one } else { other }))
         }
     };
-    toolbar(ui, |ui| view.colour_controls(ui, palettes));
     let side = ui.available_width().clamp(120.0, 340.0);
     ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
         view.viewport = viewport;

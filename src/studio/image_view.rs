@@ -303,6 +303,9 @@ impl ImageView {
             }
         }
         painter.add(mesh);
+        // Its white end is seen on a light ground, too.
+        let frame = ui.visuals().widgets.noninteractive.bg_stroke;
+        painter.rect_stroke(bar, 0.0, frame, egui::StrokeKind::Outside);
         let font = egui::FontId::proportional(10.0);
         let colour = ui.visuals().weak_text_color();
         let (low, high) = (f64::from(self.limits.0), f64::from(self.limits.1));

@@ -32,12 +32,18 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     };
     let mtf = &optics.value.mtf;
     toolbar(ui, |ui| {
-        for (view, text, hint) in [
-            (MtfView::Cuts, "Cuts", "Transfer function along the horizontal and the vertical"),
-            (MtfView::Map, "Map", "The whole transfer function"),
-            (MtfView::Spectrum, "Spectrum", "Power spectrum of the shown measurement, and that of its noise"),
+        for (view, text, name, hint) in [
+            (MtfView::Cuts, "Cuts", "Show MTF cuts", "Transfer function along the horizontal and the vertical"),
+            (MtfView::Map, "Map", "Show MTF map", "The whole transfer function"),
+            (
+                MtfView::Spectrum,
+                "Spectrum",
+                "Show spectrum",
+                "Power spectrum of the shown measurement, and that of its noise",
+            ),
         ] {
-            ui.selectable_value(&mut state.mtf_view, view, text).on_hover_text(hint);
+            let response = ui.selectable_value(&mut state.mtf_view, view, text).on_hover_text(hint);
+            name_widget(&response, name);
         }
         match state.mtf_view {
             MtfView::Cuts => {

@@ -99,9 +99,13 @@ impl Viewport {
         let fitted = f64::from(fit.width()) / dim.1.max(1) as f64;
         // A linked picture may have brought this one beyond its own limit.
         let most = (LARGEST_PIXEL / fitted).max(self.zoom).max(1.0);
-        let zoom = (self.zoom * factor).min(most);
+        let wanted = self.zoom * factor;
+        if !wanted.is_finite() {
+            return self;
+        }
+        let zoom = wanted.min(most);
         // The last step out ends where all of the picture is seen, not a hair's breadth before.
-        if !zoom.is_finite() || zoom <= 1.0 || (factor < 1.0 && zoom < 1.002) {
+        if zoom <= 1.0 || (factor < 1.0 && zoom < 1.002) {
             return Self::default();
         }
         let (x, y) = self.placement(fit, dim).to_pixels(pointer);
@@ -207,7 +211,7 @@ mod tests {
     fn pixels_do_not_grow_without_end() {
         let viewport = Viewport::default().zoomed(1e6, fit().center(), fit(), DIM);
         assert!((f64::from(viewport.placement(fit(), DIM).scale) - LARGEST_PIXEL).abs() < 1e-2);
-        assert_eq!(viewport.zoomed(f64::NAN, fit().center(), fit(), DIM), Viewport::default());
+        assert_eq!(viewport.zoomed(f64::NAN, fit().center(), fit(), DIM), viewport);
     }
 
     #[test]

@@ -180,6 +180,17 @@ fn object_and_measurement_are_linked_until_they_are_not() {
 }
 
 #[test]
+fn a_pointer_that_rests_on_a_linked_picture_asks_for_no_frames() {
+    let mut window = open(Design::default());
+    let place = rect_of(&window, "Measurement").center();
+    turn(&mut window, place, 2.0, Modifiers::NONE);
+    window.run_steps(60);
+    assert!(told_of(&window, "Measurement").contains("Object"));
+    let delay = window.output().viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap();
+    assert!(delay > std::time::Duration::from_secs(1), "the next frame is asked for in {delay:?}");
+}
+
+#[test]
 fn the_link_is_remembered() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("preferences.json"), "{\"welcomed\": true}").unwrap();
@@ -219,8 +230,24 @@ fn the_mask_is_zoomed_with_ctrl_and_still_edited_without() {
     let after = view_of(&window, "PSF");
     assert!(after.1 > x + 20.0 / (scale * zoom) && after.2 < y, "{after:?}");
     assert_eq!(lenslets(&window), start, "and no lenslet");
+    let moved = window.get_by_label("Lenslet 1").rect().center();
+    assert!((moved - place - vec2(-40.0, 20.0)).length() < 8.0, "{moved:?} {place:?}");
+    // So does the left one while Space is held.
+    let space = |pressed| egui::Event::Key {
+        key: Key::Space,
+        physical_key: None,
+        pressed,
+        repeat: false,
+        modifiers: Modifiers::NONE,
+    };
+    window.input_mut().events.push(space(true));
+    window.step();
+    let corner = rect_of(&window, "PSF").left_bottom() + vec2(30.0, -60.0);
+    drag(&mut window, corner, vec2(20.0, 0.0), egui::PointerButton::Primary);
+    window.input_mut().events.push(space(false));
+    window.step();
+    assert!(view_of(&window, "PSF").1 < after.1 - 10.0 / (scale * zoom), "{:?}", view_of(&window, "PSF"));
     let now = window.get_by_label("Lenslet 1").rect().center();
-    assert!((now - place - vec2(-40.0, 20.0)).length() < 8.0, "{now:?} {place:?}");
     // Lenslets are dragged as ever, by what they are larger now.
     let scale = rect_of(&window, "PSF").width() / 32.0;
     drag(&mut window, now, vec2(50.0, 0.0), egui::PointerButton::Primary);
@@ -294,7 +321,7 @@ fn scale_bars_shrink_as_pixels_grow() {
     turn(&mut window, place, 10.0, Modifiers::NONE);
     assert!(value_of(&window, "Object").ends_with("scale bar 2 px"), "{}", value_of(&window, "Object"));
     menu(&mut window, &["View", "Room", "Show MTF"]);
-    click(&mut window, "Map");
+    click(&mut window, "Show MTF map");
     assert!(value_of(&window, "MTF map").contains("cycles/px"), "{}", value_of(&window, "MTF map"));
 }
 
@@ -303,7 +330,7 @@ fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     menu(&mut window, &["View", "Room", "Show MTF"]);
-    click(&mut window, "Spectrum");
+    click(&mut window, "Show spectrum");
     let file = folder.path().join("spectrum.csv");
     click(&mut window, "Export spectrum as CSV");
     answer(&mut window, &file, "Export");
