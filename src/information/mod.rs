@@ -21,6 +21,7 @@ mod likelihood;
 mod pixelcnn;
 mod poisson;
 mod poisson_gaussian;
+mod power_spectrum;
 mod progress;
 mod stationary;
 #[cfg(test)]
@@ -52,6 +53,7 @@ pub use pixelcnn::{
     PixelCnnShape, TrainingPatches, pixelcnn_estimate,
 };
 pub use poisson::poisson_entropy;
+pub use power_spectrum::{PowerSpectrum, power_spectrum};
 pub use progress::{FitProgress, OnProgress};
 pub use stationary::StationaryGaussian;
 pub use trial::{Estimator, Trial, TrialSettings};

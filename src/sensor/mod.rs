@@ -2,12 +2,14 @@
 
 mod convolution;
 mod error;
+mod field;
 pub mod noise;
 mod patches;
 mod poisson;
 
 pub use convolution::{BlurWorkspace, Convolution, Convolver, ObjectSpectra};
 pub use error::SensorError;
+pub use field::field_offset;
 pub use noise::Noise;
 pub use patches::Patches;
 pub use poisson::{ln_factorial, sample_poisson};

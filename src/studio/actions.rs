@@ -7,6 +7,7 @@ use egui::{Key, KeyboardShortcut, Modifiers};
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget};
 use super::layout::Pane;
+use super::mtf_panel::MtfView;
 use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
@@ -433,8 +434,9 @@ pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
 /// One entry per picture that there is.
 fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
     let mut pictures = Vec::new();
-    let mut picture = |view: &ImageView, image| {
-        pictures.push(Purpose::ExportView { name: view.name(), image, limits: view.limits(), colormap: view.colormap });
+    let mut picture = |view: &ImageView, image: ndarray::Array2<f32>| {
+        let limits = view.limits_of(image.view());
+        pictures.push(Purpose::ExportView { name: view.name(), image, limits, colormap: view.colormap });
     };
     if let Some(optics) = &state.live.optics {
         picture(&state.views.psf, optics.value.image.clone());
@@ -449,7 +451,7 @@ fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
         let shown = state.sample.min(stack.len_of(ndarray::Axis(0)) - 1);
         picture(&state.views.measurement, stack.index_axis(ndarray::Axis(0), shown).to_owned());
     }
-    if let Some(optics) = state.live.optics.as_ref().filter(|_| state.mtf_as_map) {
+    if let Some(optics) = state.live.optics.as_ref().filter(|_| state.mtf_view == MtfView::Map) {
         picture(&state.views.mtf, optics.value.mtf.map.clone());
     }
     for purpose in pictures {

@@ -7,11 +7,13 @@ use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
 use super::dialogs::Purpose;
+use super::hand::Hand;
 use super::image_view::{ImageView, name_widget, placeholder, toolbar};
 use super::information_panel::{CEILING, DENSITY, GAUSSIAN, TAMURA_GUIDE};
 use super::layout::Pane;
 use super::messages::Severity;
 use super::state::State;
+use super::viewport::Viewport;
 use crate::workbench::{Colormap, Command, Snapshot};
 
 /// Side of the small pictures, points.
@@ -25,6 +27,8 @@ pub struct Comparison {
     what: What,
     picture: ImageView,
     difference: ImageView,
+    /// Which part of them is seen.
+    viewport: Viewport,
     thumbnails: HashMap<u64, TextureHandle>,
 }
 
@@ -50,6 +54,7 @@ impl Default for Comparison {
             what: What::Psf,
             picture: ImageView::new("Comparison", "", Colormap::Viridis),
             difference: ImageView::new("Difference", "", Colormap::Diverging),
+            viewport: Viewport::default(),
             thumbnails: HashMap::new(),
         }
     }
@@ -223,14 +228,21 @@ fn pair(ui: &mut Ui, state: &mut State) {
         if ui.button("Flip").on_hover_text("From A to B and back").clicked() {
             comparison.side = if comparison.side == Side::A { Side::B } else { Side::A };
         }
-        ui.separator();
+    });
+    toolbar(ui, |ui| {
         for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
             let response = ui.selectable_label(comparison.what == what, text);
             name_widget(&response, &format!("Compare {text}"));
-            if response.clicked() {
+            if response.clicked() && comparison.what != what {
                 comparison.what = what;
+                // Levels of one quantity mean nothing for another.
+                comparison.picture.forget_levels();
+                comparison.difference.forget_levels();
             }
         }
+        let shown =
+            if comparison.side == Side::Difference { &mut comparison.difference } else { &mut comparison.picture };
+        shown.colour_controls(ui, palettes);
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
         ui.weak("Not measured in this window yet: open the design once, and its measurement comes.");
@@ -246,6 +258,8 @@ fn pair(ui: &mut Ui, state: &mut State) {
         let finite = image.iter().copied().filter(|value| value.is_finite());
         finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
     };
+    // All three are views of one place.
+    let viewport = comparison.viewport;
     let (view, image) = match comparison.side {
         Side::Difference => {
             let image = one - other;
@@ -263,11 +277,13 @@ fn pair(ui: &mut Ui, state: &mut State) {
     };
     let side = ui.available_width().clamp(120.0, 340.0);
     ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
-        let (placement, response) = view.show(ui, palettes, image.view(), version, false, Sense::hover());
-        if let Some(position) = response.hover_pos() {
-            *hover = view.describe_pixel(image.view(), placement.to_pixels(position));
+        view.viewport = viewport;
+        let shown = view.show(ui, palettes, image.view(), version, false, Hand::Looks);
+        if let Some(position) = shown.response.hover_pos() {
+            *hover = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
         }
     });
+    comparison.viewport = view.viewport;
 }
 
 fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {

@@ -41,6 +41,8 @@ pub struct Preferences {
     pub live: bool,
     /// What draws the window from the next start on.
     pub renderer: RendererChoice,
+    /// Whether object and measurement show the same place.
+    pub link_views: bool,
     /// Whether the first window has asked what to start from.
     pub welcomed: bool,
     /// Arrangements of rooms that are remembered, by number.
@@ -61,6 +63,7 @@ impl Default for Preferences {
             zoom: 1.0,
             live: true,
             renderer: RendererChoice::default(),
+            link_views: true,
             welcomed: false,
             layouts: BTreeMap::new(),
             threads: None,

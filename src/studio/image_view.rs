@@ -1,8 +1,12 @@
-//! A picture of values: colours, colour bar with units, value under the pointer. It never changes the values.
+//! A picture of values: colours, colour bar with units, zoom and pan, value under the pointer. It never changes the values.
 
 use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2};
 use ndarray::ArrayView2;
 
+use super::hand::Hand;
+use super::levels::{self, Histogram, Levels};
+use super::overlays;
+use super::viewport::{Placement, Viewport};
 use crate::workbench::Colormap;
 
 /// The colours of every map, made once.
@@ -24,10 +28,13 @@ impl Palettes {
     }
 }
 
+/// Tells one picture from another.
+pub type Version = (u64, usize);
+
 /// What a drawn picture was made of; it is drawn anew only when this changes.
 #[derive(Clone, Copy, PartialEq)]
 struct Drawn {
-    version: (u64, usize),
+    version: Version,
     colormap: Colormap,
     limits: (f32, f32),
 }
@@ -40,34 +47,35 @@ pub struct ImageView {
     unit: &'static str,
     /// The colours.
     pub colormap: Colormap,
+    /// Which part of it is seen.
+    pub viewport: Viewport,
+    /// What a pixel is wide, and the unit of that.
+    pixel: (f64, &'static str),
     texture: Option<TextureHandle>,
     drawn: Option<Drawn>,
-    /// Values in the first and the last colour.
+    /// How limits are found, and whether the histogram's heights are logarithms.
+    levels: Levels,
+    logarithmic: bool,
+    /// Values in the first and the last colour, and what they were found from.
     limits: (f32, f32),
-    /// The same where they are not those of the picture.
-    fixed: Option<(f32, f32)>,
+    levelled: Option<(Version, Levels)>,
+    /// Limits that this picture shares with others.
+    common: Option<(f32, f32)>,
+    /// Counted while it is looked at.
+    histogram: Option<(Version, Histogram)>,
+    histogram_wanted: bool,
 }
 
-/// Where a picture lies on the screen.
-#[derive(Clone, Copy)]
-pub struct Placement {
-    /// The whole picture.
-    pub rect: Rect,
-    /// Points per pixel.
-    pub scale: f32,
-}
-
-impl Placement {
-    /// Screen position of pixel coordinates (x, y), pixel centres at integers.
-    pub fn to_screen(self, x: f64, y: f64) -> Pos2 {
-        self.rect.min + vec2(x as f32 + 0.5, y as f32 + 0.5) * self.scale
-    }
-
-    /// Pixel coordinates (x, y) of a screen position.
-    pub fn to_pixels(self, position: Pos2) -> (f64, f64) {
-        let offset = (position - self.rect.min) / self.scale;
-        (f64::from(offset.x) - 0.5, f64::from(offset.y) - 0.5)
-    }
+/// A picture as it was drawn.
+pub struct Shown {
+    /// Where it lies.
+    pub placement: Placement,
+    /// The part of the screen on which it is seen.
+    pub seen: Rect,
+    /// What the pointer does on it.
+    pub response: egui::Response,
+    /// Whether it was zoomed or panned in this frame.
+    pub moved: bool,
 }
 
 impl ImageView {
@@ -76,7 +84,22 @@ impl ImageView {
 
     /// A view called `name` of values in `unit`.
     pub fn new(name: &'static str, unit: &'static str, colormap: Colormap) -> Self {
-        Self { name, unit, colormap, texture: None, drawn: None, limits: (0.0, 1.0), fixed: None }
+        Self {
+            name,
+            unit,
+            colormap,
+            viewport: Viewport::default(),
+            pixel: (1.0, "px"),
+            texture: None,
+            drawn: None,
+            levels: Levels::default(),
+            logarithmic: false,
+            limits: (0.0, 1.0),
+            levelled: None,
+            common: None,
+            histogram: None,
+            histogram_wanted: false,
+        }
     }
 
     /// Its name.
@@ -84,21 +107,36 @@ impl ImageView {
         self.name
     }
 
-    /// Values in the first and the last colour.
-    pub fn limits(&self) -> (f32, f32) {
-        self.limits
+    /// Values in the first and the last colour of a picture that it shows or would show, shape (rows, cols).
+    pub fn limits_of(&self, image: ArrayView2<'_, f32>) -> (f32, f32) {
+        self.levels.limits(image, self.common)
     }
 
-    /// Draws these values in the first and the last colour, instead of the smallest and the largest of each picture.
+    /// Draws these values in the first and the last colour, instead of the smallest and the largest of each picture;
+    /// limits that a person has set go before.
     pub fn fix_limits(&mut self, (low, high): (f32, f32)) {
-        self.fixed = (low < high).then_some((low, high));
+        let common = (low < high).then_some((low, high));
+        if self.common != common {
+            self.common = common;
+            self.levelled = None;
+        }
     }
 
-    /// The choice of colours.
-    pub fn colormap_menu(&mut self, ui: &mut Ui) {
+    /// Forgets limits that a person has set: another quantity is to be shown.
+    pub fn forget_levels(&mut self) {
+        self.levels = Levels::default();
+    }
+
+    /// Says what a pixel is wide, where that is not one pixel.
+    pub fn set_pixel(&mut self, width: f64, unit: &'static str) {
+        self.pixel = (width, unit);
+    }
+
+    /// The choice of colours, and of the values that have them.
+    pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &Palettes) {
         let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
             .selected_text(self.colormap.to_string())
-            .width(84.0)
+            .width(76.0)
             .show_ui(ui, |ui| {
                 for map in Colormap::ALL {
                     ui.selectable_value(&mut self.colormap, map, map.to_string());
@@ -106,43 +144,104 @@ impl ImageView {
             })
             .response;
         name_widget(&response, &format!("{} colours", self.name));
+        let button =
+            ui.small_button("Levels").on_hover_text("Histogram, and which values have the first and the last colour");
+        name_widget(&button, &format!("{} levels", self.name));
+        let popup = egui::Popup::from_toggle_button_response(&button)
+            .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside)
+            .accessible_name(format!("Levels of {}", self.name));
+        let open = popup.is_open();
+        if open && !self.histogram_wanted {
+            // The picture is counted when it is drawn.
+            ui.ctx().request_repaint();
+        }
+        self.histogram_wanted = open;
+        popup.show(|ui| match &self.histogram {
+            Some((_, histogram)) => {
+                let (name, unit) = (self.name, self.unit);
+                let colours = palettes.of(self.colormap);
+                let edited = levels::Edited { name, unit, colours, histogram, limits: self.limits };
+                levels::editor(ui, &edited, &mut self.levels, &mut self.logarithmic);
+            }
+            None => {
+                ui.weak("There is no picture yet.");
+            }
+        });
     }
 
     /// Shows the picture as large as the room allows, with its colour bar. `version` tells one picture from another;
-    /// a `stale` one is dimmed. Returns its place and what the pointer does on it.
+    /// a `stale` one is dimmed.
     pub fn show(
         &mut self,
         ui: &mut Ui,
         palettes: &Palettes,
         image: ArrayView2<'_, f32>,
-        version: (u64, usize),
+        version: Version,
         stale: bool,
-        sense: Sense,
-    ) -> (Placement, egui::Response) {
+        hand: Hand,
+    ) -> Shown {
         let (rows, cols) = image.dim();
         let room = ui.available_rect_before_wrap();
         let space = vec2((room.width() - Self::BAR).max(16.0), room.height().max(16.0));
         let scale = (space.x / cols as f32).min(space.y / rows as f32);
         let extent = vec2(cols as f32, rows as f32) * scale;
         let corner = room.min + vec2(((space.x - extent.x) / 2.0).max(0.0), ((space.y - extent.y) / 2.0).max(0.0));
-        let rect = Rect::from_min_size(corner.round(), extent);
-        let response = ui.allocate_rect(rect.intersect(room), sense);
-        let role = egui::Role::Image;
-        response.widget_info(|| egui::WidgetInfo::labeled(role, true, self.name));
+        let fit = Rect::from_min_size(corner.round(), extent);
+        // A picture that is zoomed fills the room; one that is not may be larger than it by a point.
+        let stage = Rect::from_min_size(room.min, space).union(fit).intersect(room);
+        let seen = self.viewport.placement(fit, image.dim()).rect.intersect(stage);
+        let response = ui.allocate_rect(seen, Sense::click_and_drag());
+        let before = self.viewport;
+        self.viewport = hand.moves(self.viewport, ui, &response, fit, image.dim());
+        let placement = self.viewport.placement(fit, image.dim());
+        let seen = placement.rect.intersect(stage);
+        self.update_limits(image, version);
         self.update_texture(ui.ctx(), palettes, image, version);
         let painter = ui.painter_at(room);
         if let Some(texture) = &self.texture {
             let tint = if stale { Color32::from_white_alpha(215) } else { Color32::WHITE };
-            let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-            painter.image(texture.id(), rect, whole, tint);
+            // Only what is seen: far beyond the screen, single precision would no longer tell pixels apart.
+            let part = |position: Pos2| ((position - placement.rect.min) / placement.rect.size()).to_pos2();
+            painter.image(texture.id(), seen, Rect::from_min_max(part(seen.min), part(seen.max)), tint);
         }
-        self.colour_bar(ui, palettes, rect, room);
-        (Placement { rect, scale }, response)
+        self.colour_bar(ui, palettes, seen, room);
+        let palette = palettes.of(self.colormap);
+        let above = ui.painter_at(seen);
+        overlays::pixel_values(&above, placement, seen, image, |value| palette[Colormap::index(value, self.limits)]);
+        let bar = overlays::scale_bar_length(seen.width(), placement.scale, self.pixel);
+        if let Some((length, text)) = &bar {
+            overlays::scale_bar(&above, seen, *length, text);
+        }
+        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, self.name));
+        ui.ctx().accesskit_node_builder(response.id, |node| {
+            let (x, y) = self.viewport.centre(image.dim());
+            let zoom = self.viewport.zoom();
+            let bar = bar.map_or_else(String::new, |(_, text)| format!(", scale bar {text}"));
+            node.set_value(format!("zoom {zoom:.2}, x {x:.2} px, y {y:.2} px in the middle{bar}"));
+        });
+        self.fit_button(ui, seen);
+        Shown { placement, seen, response, moved: self.viewport != before }
+    }
+
+    /// The way back to all of the picture, in a corner of it while a part is seen.
+    fn fit_button(&mut self, ui: &mut Ui, seen: Rect) {
+        if self.viewport.is_fitted() {
+            return;
+        }
+        let place = Rect::from_min_size(seen.right_top() + vec2(-38.0, 6.0), vec2(32.0, 20.0));
+        let tip = format!("Shows all of the picture, which is {:.1} times as large now", self.viewport.zoom());
+        let response = ui.put(place, egui::Button::new("Fit").small()).on_hover_text(tip);
+        name_widget(&response, &format!("Fit {}", self.name));
+        if response.clicked() {
+            self.viewport = Viewport::default();
+            ui.ctx().request_repaint();
+        }
     }
 
     /// One line about the pixel under the pointer.
     pub fn describe_pixel(&self, image: ArrayView2<'_, f32>, (x, y): (f64, f64)) -> Option<String> {
-        let (col, row) = (x.round(), y.round());
+        // Adding 0 makes 0 of -0.
+        let (col, row) = (x.round() + 0.0, y.round() + 0.0);
         if col < 0.0 || row < 0.0 {
             return None;
         }
@@ -150,22 +249,25 @@ impl ImageView {
         Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, significant(f64::from(*value)), self.unit))
     }
 
+    /// Finds the limits of a picture, and counts its values while the histogram is open.
+    fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: (u64, usize)) {
+        let found_from = (version, self.levels);
+        if self.levelled != Some(found_from) {
+            self.limits = self.limits_of(image);
+            self.levelled = Some(found_from);
+        }
+        if self.histogram_wanted && self.histogram.as_ref().is_none_or(|(counted, _)| *counted != version) {
+            self.histogram = Some((version, Histogram::of(image)));
+        }
+    }
+
     fn update_texture(
         &mut self,
         ctx: &egui::Context,
         palettes: &Palettes,
         image: ArrayView2<'_, f32>,
-        version: (u64, usize),
+        version: Version,
     ) {
-        if self.drawn.is_none_or(|drawn| drawn.version != version) {
-            let finite = image.iter().copied().filter(|value| value.is_finite());
-            let (low, high) =
-                finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-            // A minimum that is as good as 0 reads better as 0.
-            let low = if low > 0.0 && low < 1e-3 * high { 0.0 } else { low };
-            self.limits = if low < high { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) };
-        }
-        self.limits = self.fixed.unwrap_or(self.limits);
         let wanted = Drawn { version, colormap: self.colormap, limits: self.limits };
         if self.drawn == Some(wanted) {
             return;
@@ -201,6 +303,9 @@ impl ImageView {
             }
         }
         painter.add(mesh);
+        // Its white end is seen on a light ground, too.
+        let frame = ui.visuals().widgets.noninteractive.bg_stroke;
+        painter.rect_stroke(bar, 0.0, frame, egui::StrokeKind::Outside);
         let font = egui::FontId::proportional(10.0);
         let colour = ui.visuals().weak_text_color();
         let (low, high) = (f64::from(self.limits.0), f64::from(self.limits.1));
@@ -265,13 +370,5 @@ mod tests {
         {
             assert_eq!(significant(value), text);
         }
-    }
-
-    #[test]
-    fn screen_and_pixels_are_inverse() {
-        let placement = Placement { rect: Rect::from_min_size(pos2(11.0, 7.0), vec2(320.0, 320.0)), scale: 10.0 };
-        let (x, y) = placement.to_pixels(placement.to_screen(3.25, 30.0));
-        assert!((x - 3.25).abs() < 1e-5 && (y - 30.0).abs() < 1e-5);
-        assert_eq!(placement.to_screen(0.0, 0.0), pos2(16.0, 12.0), "pixel centres are at integers");
     }
 }

@@ -1,8 +1,9 @@
 //! Where in a patch the information of the live estimate comes from.
 
-use egui::{Sense, Ui};
+use egui::Ui;
 use ndarray::Axis;
 
+use super::hand::Hand;
 use super::image_view::{name_widget, placeholder, toolbar};
 use super::state::State;
 
@@ -10,7 +11,7 @@ use super::state::State;
 pub fn show(ui: &mut Ui, state: &mut State) {
     let live = state.estimates.live.clone();
     toolbar(ui, |ui| {
-        state.views.information.colormap_menu(ui);
+        state.views.information.colour_controls(ui, &state.palettes);
         let count = live.as_ref().map_or(0, |live| live.value.maps.len_of(Axis(0)));
         let mean = ui.selectable_label(state.map_sample.is_none(), "Mean").on_hover_text(
             "Mean over held-out patches: pixels are taken row by row, so the first ones of a patch tell most",
@@ -51,9 +52,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     let view = &mut state.views.information;
-    let (placement, response) = view.show(ui, &state.palettes, image, version, stale, Sense::hover());
-    if let Some(position) = response.hover_pos() {
-        let (x, y) = placement.to_pixels(position);
+    let shown = view.show(ui, &state.palettes, image, version, stale, Hand::Looks);
+    if let Some(position) = shown.response.hover_pos() {
+        let (x, y) = shown.placement.to_pixels(position);
         let photons = chosen.and_then(|sample| {
             let (row, col) = (y.round().max(0.0) as usize, x.round().max(0.0) as usize);
             live.value.patches.get((sample, row, col)).copied()

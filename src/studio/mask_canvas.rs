@@ -2,14 +2,16 @@
 //!
 //! Click selects (Shift adds), drag moves the selection, a drag on the picture draws a box, a double click adds,
 //! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
-//! width.
+//! width. Ctrl and wheel (or a pinch) zooms; a drag with the middle button, or while Space is held, moves the zoomed picture.
 
 use std::collections::BTreeSet;
 
 use egui::{Color32, Key, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
-use super::image_view::{Placement, placeholder, toolbar};
+use super::hand::{Hand, is_panning};
+use super::image_view::{placeholder, toolbar};
 use super::state::{MaskDrag, State};
+use super::viewport::Placement;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
 use crate::workbench::{Command, LensletChange};
 
@@ -31,7 +33,7 @@ const MIN_HANDLE: f32 = 7.0;
 /// Shows the canvas.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
-        state.views.psf.colormap_menu(ui);
+        state.views.psf.colour_controls(ui, &state.palettes);
         let arrows = ui.checkbox(&mut state.arrows, "Arrows");
         arrows.on_hover_text(
             "Where the gradient of the live estimate would move each lenslet, the longest by 3 px. The live estimate is an \
@@ -54,8 +56,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let stale = !state.is_current(optics.revision);
     let image = optics.value.image.view();
     let version = (optics.revision, 0);
-    let (placement, response) =
-        state.views.psf.show(ui, &state.palettes, image, version, stale, Sense::click_and_drag());
+    let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, Hand::Edits);
+    let (placement, response) = (shown.placement, shown.response);
+    if !state.views.psf.viewport.is_fitted() {
+        // Lenslets that are out of sight lie under other things.
+        ui.set_clip_rect(shown.seen);
+    }
     if let Some(position) = response.hover_pos() {
         state.hover = state.views.psf.describe_pixel(image, placement.to_pixels(position));
     }
@@ -140,6 +146,7 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
         state.selection.clear();
     }
     if response.drag_started()
+        && !is_panning(ui)
         && let Some(position) = ui.input(|input| input.pointer.press_origin())
     {
         // Where frames are slow the pointer has left the lenslet that it pressed before this is called.
@@ -233,7 +240,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         select(state, index, shift);
         response.request_focus();
     }
-    if response.drag_started() {
+    if response.drag_started() && !is_panning(ui) {
         response.request_focus();
         if let Some(origin) = ui.input(|input| input.pointer.press_origin()) {
             take_hold(ui, state, placement, index, origin);
@@ -309,7 +316,8 @@ fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -
 fn wheel(ui: &Ui, state: &mut State, index: usize) {
     let turns: Vec<(f64, bool)> = ui.input(|input| {
         let turn = |event: &egui::Event| match event {
-            egui::Event::MouseWheel { unit, delta, modifiers, .. } => {
+            // With Ctrl it zooms the picture.
+            egui::Event::MouseWheel { unit, delta, modifiers, .. } if !modifiers.command => {
                 // Some systems turn the wheel sideways while Alt or Shift is held.
                 let notches = match unit {
                     egui::MouseWheelUnit::Point => (delta.x + delta.y) / POINTS_PER_NOTCH,

@@ -1,15 +1,30 @@
-//! Modulation transfer function: cuts through frequency 0, or the whole map.
+//! Spatial frequencies: the modulation transfer function, as cuts through frequency 0 or as a map, and the power
+//! spectrum of the measurement.
 
-use egui::{Sense, Ui};
+use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
+use super::hand::Hand;
 use super::image_view::{name_widget, placeholder, toolbar};
+use super::spectrum_plot;
 use super::state::State;
 use crate::optics::Mtf;
 use crate::workbench::Curve;
 
-/// Shows the transfer function.
+/// What the room shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MtfView {
+    /// Two cuts through frequency 0.
+    #[default]
+    Cuts,
+    /// The whole transfer function.
+    Map,
+    /// The power spectrum of the shown measurement.
+    Spectrum,
+}
+
+/// Shows the transfer function or the spectrum.
 pub fn show(ui: &mut Ui, state: &mut State) {
     let Some(optics) = state.live.optics.clone() else {
         placeholder(ui, "Rendering the PSF");
@@ -17,34 +32,56 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     };
     let mtf = &optics.value.mtf;
     toolbar(ui, |ui| {
-        ui.selectable_value(&mut state.mtf_as_map, false, "Cuts");
-        ui.selectable_value(&mut state.mtf_as_map, true, "Map");
-        if state.mtf_as_map {
-            state.views.mtf.colormap_menu(ui);
-        } else {
-            let export = ui.small_button("Export CSV...");
-            name_widget(&export, "Export MTF as CSV");
-            if export.clicked() {
-                state.dialogs.ask(Purpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+        for (view, text, name, hint) in [
+            (MtfView::Cuts, "Cuts", "Show MTF cuts", "Transfer function along the horizontal and the vertical"),
+            (MtfView::Map, "Map", "Show MTF map", "The whole transfer function"),
+            (
+                MtfView::Spectrum,
+                "Spectrum",
+                "Show spectrum",
+                "Power spectrum of the shown measurement, and that of its noise",
+            ),
+        ] {
+            let response = ui.selectable_value(&mut state.mtf_view, view, text).on_hover_text(hint);
+            name_widget(&response, name);
+        }
+        match state.mtf_view {
+            MtfView::Cuts => {
+                let export = ui.small_button("Export CSV...");
+                name_widget(&export, "Export MTF as CSV");
+                if export.clicked() {
+                    state.dialogs.ask(Purpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+                }
             }
+            MtfView::Map => state.views.mtf.colour_controls(ui, &state.palettes),
+            MtfView::Spectrum => spectrum_plot::export_button(ui, state),
         }
     });
-    if state.mtf_as_map {
-        let stale = !state.is_current(optics.revision);
-        let image = mtf.map.view();
-        let version = (optics.revision, 0);
-        let (placement, response) = state.views.mtf.show(ui, &state.palettes, image, version, stale, Sense::hover());
-        if let Some(position) = response.hover_pos() {
-            let (x, y) = placement.to_pixels(position);
-            let (rows, cols) = image.dim();
-            if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {
-                let by_x = (x.round() - (cols / 2) as f64) / cols as f64;
-                let by_y = (y.round() - (rows / 2) as f64) / rows as f64;
-                state.hover = Some(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}"));
-            }
-        }
-        return;
+    match state.mtf_view {
+        MtfView::Cuts => cuts(ui, mtf),
+        MtfView::Map => map(ui, state, optics.revision, mtf),
+        MtfView::Spectrum => spectrum_plot::show(ui, state),
     }
+}
+
+fn map(ui: &mut Ui, state: &mut State, revision: u64, mtf: &Mtf) {
+    let stale = !state.is_current(revision);
+    let image = mtf.map.view();
+    let (rows, cols) = image.dim();
+    let view = &mut state.views.mtf;
+    view.set_pixel(1.0 / cols.max(1) as f64, "cycles/px");
+    let shown = view.show(ui, &state.palettes, image, (revision, 0), stale, Hand::Looks);
+    if let Some(position) = shown.response.hover_pos() {
+        let (x, y) = shown.placement.to_pixels(position);
+        if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {
+            let by_x = (x.round() - (cols / 2) as f64) / cols as f64;
+            let by_y = (y.round() - (rows / 2) as f64) / rows as f64;
+            state.hover = Some(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}"));
+        }
+    }
+}
+
+fn cuts(ui: &mut Ui, mtf: &Mtf) {
     Plot::new("MTF cuts")
         .legend(Legend::default().position(Corner::RightTop))
         .include_y(0.0)

@@ -1,16 +1,19 @@
 //! One of the live objects, and its measurement.
 
-use egui::{Sense, Ui};
-use ndarray::{Axis, s};
+use egui::Ui;
+use ndarray::Axis;
 
-use super::image_view::{name_widget, placeholder, toolbar};
+use super::hand::Hand;
+use super::image_view::{Version, name_widget, placeholder, toolbar};
+use super::links::{self, Side};
 use super::state::State;
 
 /// Shows the object.
 pub fn show_object(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
-        state.views.object.colormap_menu(ui);
+        state.views.object.colour_controls(ui, &state.palettes);
         sample_controls(ui, state, "object");
+        links::switch(ui, state);
     });
     let Some(scene) = state.live.scene.clone() else {
         let text = state.live.busy.clone().unwrap_or_else(|| waiting(state));
@@ -18,22 +21,17 @@ pub fn show_object(ui: &mut Ui, state: &mut State) {
         return;
     };
     let stale = !scene.value.serves(state.bench.design());
-    let objects = scene.value.objects.view();
-    let index = state.sample.min(objects.len_of(Axis(0)).saturating_sub(1));
-    // Volumes are shown as the sensor would see them without optics: all planes together.
-    let object = objects.index_axis(Axis(0), index).sum_axis(Axis(0));
+    let index = state.sample.min(scene.value.objects.len_of(Axis(0)).saturating_sub(1));
+    let object = links::object_of(&scene.value, index);
     let version = (scene.revision, index);
-    let (placement, response) =
-        state.views.object.show(ui, &state.palettes, object.view(), version, stale, Sense::hover());
-    if let Some(position) = response.hover_pos() {
-        state.hover = state.views.object.describe_pixel(object.view(), placement.to_pixels(position));
-    }
+    let shown = state.views.object.show(ui, &state.palettes, object.view(), version, stale, Hand::Looks);
+    links::after(ui, state, Side::Object, &shown, object.view());
 }
 
 /// Shows the measurement.
 pub fn show_measurement(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
-        state.views.measurement.colormap_menu(ui);
+        state.views.measurement.colour_controls(ui, &state.palettes);
         sample_controls(ui, state, "measurement");
         ui.checkbox(&mut state.noisy, "Noise").on_hover_text("Off shows the noiseless encoded image");
     });
@@ -43,15 +41,15 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
         return;
     };
     let stale = !state.is_current(measurements.revision);
-    let stack = if state.noisy { &measurements.value.noisy } else { &measurements.value.noiseless };
-    let index = state.sample.min(stack.len_of(Axis(0)).saturating_sub(1));
-    let image = stack.slice(s![index, .., ..]);
-    let version = (measurements.revision, 2 * index + usize::from(state.noisy));
-    let (placement, response) =
-        state.views.measurement.show(ui, &state.palettes, image, version, stale, Sense::hover());
-    if let Some(position) = response.hover_pos() {
-        state.hover = state.views.measurement.describe_pixel(image, placement.to_pixels(position));
-    }
+    let image = links::measurement_of(&measurements.value, state.sample, state.noisy);
+    let version = shown_measurement(state, measurements.revision);
+    let shown = state.views.measurement.show(ui, &state.palettes, image, version, stale, Hand::Looks);
+    links::after(ui, state, Side::Measurement, &shown, image);
+}
+
+/// Tells the measurement that is shown from all others.
+pub fn shown_measurement(state: &State, revision: u64) -> Version {
+    (revision, 2 * state.sample + usize::from(state.noisy))
 }
 
 /// Why there is nothing to see yet.

@@ -11,7 +11,7 @@ use super::window::RendererChoice;
 use crate::information::EngineChoice;
 
 /// What the mouse and the keyboard do on the mask.
-const ON_THE_MASK: [(&str, &str); 10] = [
+const ON_THE_MASK: [(&str, &str); 12] = [
     ("Click", "Select a lenslet; with Shift, add it to the selection"),
     ("Drag a lenslet", "Move the selection"),
     ("Drag the picture", "Select in a box; with Shift, add to the selection"),
@@ -20,6 +20,8 @@ const ON_THE_MASK: [(&str, &str); 10] = [
     ("Delete", "Delete the selection"),
     ("Wheel on a lenslet", "Weight of the selection"),
     ("Alt + wheel", "Width of the selection"),
+    ("Ctrl + wheel", "Zoom; middle drag, or Space and drag, moves the picture"),
+    ("On other pictures", "The wheel zooms, a drag moves, a double click shows all"),
     ("Right click", "What can be done with a lenslet"),
     ("Tab", "Next lenslet or control; Space selects"),
 ];

@@ -16,10 +16,13 @@ use super::home::Preferences;
 use super::image_view::{ImageView, Palettes};
 use super::jobs_window::JobsWindow;
 use super::layout::Pane;
+use super::links::LinkedCursor;
 use super::messages::{Messages, Severity};
+use super::mtf_panel::MtfView;
 use super::optimize_panel::OptimizeForm;
 use super::palette::Palette;
 use super::sheets::Sheet;
+use super::spectrum_plot::SpectrumCache;
 use super::welcome::Guide;
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
@@ -50,8 +53,12 @@ pub struct State {
     pub sample: usize,
     /// Whether the measurement is shown with noise.
     pub noisy: bool,
-    /// Whether the transfer function is shown as a map.
-    pub mtf_as_map: bool,
+    /// What the MTF room shows.
+    pub mtf_view: MtfView,
+    /// The power spectrum of the measurement that was shown last.
+    pub spectrum: SpectrumCache,
+    /// Where the pointer is in the object or the measurement.
+    pub cursor: LinkedCursor,
     /// The value under the pointer, for the status bar.
     pub hover: Option<String>,
     /// Information after each edit.
@@ -271,7 +278,9 @@ impl State {
             palettes: Palettes::default(),
             sample: 0,
             noisy: true,
-            mtf_as_map: false,
+            mtf_view: MtfView::default(),
+            spectrum: SpectrumCache::default(),
+            cursor: LinkedCursor::default(),
             hover: None,
             trail: Trail::default(),
             messages: Messages::default(),

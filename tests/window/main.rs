@@ -5,14 +5,15 @@ mod compare;
 mod estimates;
 mod home;
 mod runs;
+mod seeing;
 mod soak;
 mod work;
 
 use std::path::Path;
 
 use egui::{Key, Modifiers, Rect, Role, Theme, Vec2, pos2};
-use egui_kittest::{Harness, LazyRenderer, TestRenderer};
 use egui_kittest::kittest::Queryable;
+use egui_kittest::{Harness, LazyRenderer, TestRenderer};
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet};
 use lenslet_studio::studio::Studio;

@@ -106,7 +106,7 @@ fn act(window: &mut Window, random: &mut ChaCha8Rng) {
             window.drag_at(place);
             window.drop_at(place);
             window.step();
-            // A key pressed before may have opened a question meanwhile.
+            // What is out of sight has a place, too, and something else may lie there that asks for a path.
             if text && window.query_by_label("Path").is_none() {
                 let typed = ["", "0", "-3", "0.05", "12.5", "1e9", "nonsense", "\u{3b1}"].choose(random).unwrap();
                 window.key_press_modifiers(Modifiers::COMMAND, Key::A);

@@ -1,0 +1,171 @@
+//! The power spectrum of the shown measurement beside that of its noise.
+
+use egui::Ui;
+use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line, Plot, PlotPoints};
+use ndarray::{ArrayView2, s};
+
+use super::dialogs::Purpose;
+use super::image_view::{Version, name_widget, placeholder, significant};
+use super::information_panel::CEILING;
+use super::links::measurement_of;
+use super::sample_panels::shown_measurement;
+use super::state::State;
+use crate::information::{PowerSpectrum, power_spectrum};
+use crate::sensor::Noise;
+use crate::workbench::Curve;
+
+/// Of a larger picture the middle is taken, so that a frame never waits for its transform.
+const LARGEST_SIDE: usize = 512;
+
+/// The last spectrum, and which measurement it belongs to.
+#[derive(Default)]
+pub struct SpectrumCache(Option<(Version, PowerSpectrum)>);
+
+/// Draws the spectrum.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let Some(measurements) = state.live.measurements.clone() else {
+        placeholder(ui, "Computing");
+        return;
+    };
+    let version = shown_measurement(state, measurements.revision);
+    if state.spectrum.0.as_ref().is_none_or(|(known, _)| *known != version) {
+        let image = measurement_of(&measurements.value, state.sample, state.noisy);
+        state.spectrum.0 = Some((version, power_spectrum(middle(image))));
+    }
+    let Some((_, spectrum)) = &state.spectrum.0 else { return };
+    let powers: Vec<[f64; 2]> = spectrum.radial.iter().copied().filter(|[_, power]| *power > 0.0).collect();
+    if powers.is_empty() {
+        placeholder(ui, "This measurement has no frequencies above 0.");
+        return;
+    }
+    let (name, noise) = noise_level(state.bench.design().noise, spectrum.mean);
+    let noise = noise.filter(|noise| *noise > 0.0);
+    // The plot knows no logarithmic axis: it draws logarithms, and its marks say of what.
+    let points: PlotPoints<'static> = powers.iter().map(|&[frequency, power]| [frequency, power.log10()]).collect();
+    let mut plot = Plot::new("Power spectrum of the measurement")
+        .legend(Legend::default().position(Corner::RightTop))
+        .include_x(0.0)
+        .include_x(0.5)
+        .allow_scroll(false)
+        .x_grid_spacer(tenths)
+        .y_grid_spacer(decades)
+        .x_axis_formatter(|mark: GridMark, _| format!("{:.1}", mark.value))
+        .y_axis_formatter(|mark: GridMark, _| power_mark(mark.value))
+        .label_formatter(|position| {
+            let HoverPosition::NearDataPoint { plot_name, position, .. } = position else { return None };
+            let power = significant(10.0_f64.powf(position.y));
+            Some(format!("{plot_name}\n{:.3} cycles/px: {power} photons\u{b2}", position.x))
+        })
+        .x_axis_label("cycles per pixel")
+        .y_axis_label("power, photons\u{b2}");
+    if let Some(noise) = noise {
+        // A decade around the noise is always seen.
+        plot = plot.include_y(noise.log10() - 0.5).include_y(noise.log10() + 0.5);
+    }
+    plot.show(ui, |plot| {
+        plot.line(Line::new("measurement", points).width(2.0));
+        if let Some(noise) = noise {
+            plot.hline(HLine::new(name, noise.log10()).color(CEILING).width(1.5));
+        }
+    });
+}
+
+/// Asks where to write the spectrum to.
+pub fn export_button(ui: &mut Ui, state: &mut State) {
+    let export = ui.small_button("Export CSV...");
+    name_widget(&export, "Export spectrum as CSV");
+    if export.clicked()
+        && let Some((_, spectrum)) = &state.spectrum.0
+    {
+        let curve = curve(spectrum, state.bench.design().noise);
+        state.dialogs.ask(Purpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
+    }
+}
+
+/// The power of the sensor's noise at a mean, photons^2, and what to call it; where a sensor has none, that of shot noise
+/// stands in its place.
+fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
+    let read = noise.read_sigma().map(|sigma| sigma * sigma);
+    match (noise, read) {
+        (Noise::Read { .. }, read) => ("read noise", read),
+        (Noise::ShotRead { .. }, Some(read)) => ("shot and read noise", Some(mean + read)),
+        _ => ("shot noise of this mean", Some(mean)),
+    }
+}
+
+/// At most [`LARGEST_SIDE`] rows and columns in the middle of a picture.
+fn middle(image: ArrayView2<'_, f32>) -> ArrayView2<'_, f32> {
+    let (rows, cols) = image.dim();
+    let (tall, wide) = (rows.min(LARGEST_SIDE), cols.min(LARGEST_SIDE));
+    let (top, left) = ((rows - tall) / 2, (cols - wide) / 2);
+    image.slice_move(s![top..top + tall, left..left + wide])
+}
+
+/// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
+fn tenths(input: GridInput) -> Vec<GridMark> {
+    let (low, high) = input.bounds;
+    let tenths = (10.0 * low).ceil() as i32..=(10.0 * high).floor() as i32;
+    tenths.map(|tenth| GridMark { value: 0.1 * f64::from(tenth), step_size: 0.25 }).collect()
+}
+
+/// Marks at 1, 2 and 5 times the powers of ten, of an axis of logarithms.
+fn decades(input: GridInput) -> Vec<GridMark> {
+    let (low, high) = input.bounds;
+    let decades = low.floor() as i32..=high.ceil() as i32;
+    decades
+        .flat_map(|decade| {
+            [(1.0_f64, 1.0), (2.0, 0.3), (5.0, 0.3)].map(|(step, step_size)| {
+                let value = f64::from(decade) + step.log10();
+                GridMark { value, step_size }
+            })
+        })
+        .filter(|mark| (low..=high).contains(&mark.value))
+        .collect()
+}
+
+/// What a mark of the axis says, by its logarithm.
+fn power_mark(logarithm: f64) -> String {
+    let power = 10.0_f64.powf(logarithm);
+    match power {
+        1.0..1e5 => format!("{power:.0}"),
+        0.001..1.0 => format!("{power:.3}").trim_end_matches('0').to_owned(),
+        _ => format!("{power:.0e}"),
+    }
+}
+
+/// The spectrum as columns for a file.
+fn curve(spectrum: &PowerSpectrum, noise: Noise) -> Curve {
+    let level = noise_level(noise, spectrum.mean).1.unwrap_or(f64::NAN);
+    let header = ["cycles_per_px", "power_photons2", "noise_photons2"];
+    let rows = spectrum.radial.iter().map(|&[frequency, power]| vec![frequency, power, level]).collect();
+    Curve { header: header.map(String::from).to_vec(), rows, names: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+
+    #[test]
+    fn noise_has_the_power_of_its_variance() {
+        assert_eq!(noise_level(Noise::Shot, 40.0).1, Some(40.0));
+        assert_eq!(noise_level(Noise::Read { sigma: 3.0 }, 40.0).1, Some(9.0));
+        assert_eq!(noise_level(Noise::ShotRead { sigma: 3.0 }, 40.0).1, Some(49.0));
+    }
+
+    #[test]
+    fn marks_are_round_powers() {
+        let marks = decades(GridInput { bounds: (0.9, 2.4), base_step_size: 0.01 });
+        let texts: Vec<String> = marks.iter().map(|mark| power_mark(mark.value)).collect();
+        assert_eq!(texts, ["10", "20", "50", "100", "200"]);
+        assert_eq!([-1.0, 5.0, 7.0].map(power_mark), ["0.1", "1e5", "1e7"]);
+    }
+
+    #[test]
+    fn the_middle_of_large_pictures_is_taken() {
+        let image = Array2::from_shape_fn((600, 20), |(row, col)| (100 * row + col) as f32);
+        let part = middle(image.view());
+        assert_eq!(part.dim(), (512, 20));
+        assert_eq!(part[(0, 0)], 4400.0);
+    }
+}

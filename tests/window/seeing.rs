@@ -1,0 +1,350 @@
+//! Looking at pictures: zoom, pan, links, levels, spectrum.
+
+use egui::{Key, Modifiers, Pos2, Role, Vec2, vec2};
+use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::workbench::Design;
+
+use super::{Window, answer, click, lenslets, menu, open, settle, studio};
+
+/// Zoom and pixel coordinates (x, y) in the middle of a picture, as assistive technology reads them.
+fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
+    let text = value_of(window, name);
+    let number = |after: &str| {
+        let rest = &text[text.find(after).unwrap() + after.len()..];
+        rest.split([' ', ',']).next().unwrap().parse::<f64>().unwrap()
+    };
+    (number("zoom "), number("x "), number("y "))
+}
+
+fn value_of(window: &Window, name: &str) -> String {
+    window.get_by_role_and_label(Role::Image, name).accesskit_node().value().expect("pictures tell their view")
+}
+
+fn rect_of(window: &Window, name: &str) -> egui::Rect {
+    window.get_by_role_and_label(Role::Image, name).rect()
+}
+
+fn turn(window: &mut Window, place: Pos2, notches: f32, modifiers: Modifiers) {
+    window.hover_at(place);
+    window.run_steps(2);
+    let wheel = egui::Event::MouseWheel {
+        unit: egui::MouseWheelUnit::Line,
+        delta: vec2(0.0, notches),
+        phase: egui::TouchPhase::Move,
+        source: egui::MouseWheelSource::Wheel,
+        modifiers,
+    };
+    window.event_modifiers(wheel, modifiers);
+    // The turn is spread over some frames.
+    window.run_steps(40);
+}
+
+fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) {
+    let press = |pressed, pos| egui::Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+    window.hover_at(from);
+    window.step();
+    window.input_mut().events.push(press(true, from));
+    window.step();
+    for step in 1..=5 {
+        window.hover_at(from + by * (step as f32 / 5.0));
+        window.step();
+    }
+    window.input_mut().events.push(press(false, from + by));
+    window.run_steps(3);
+}
+
+/// The text of the status bar about a picture.
+fn told_of(window: &Window, picture: &str) -> String {
+    let start = format!("{picture}  x ");
+    let node = window.get_by_label_contains(&start);
+    node.accesskit_node().label().or_else(|| node.accesskit_node().value()).unwrap()
+}
+
+/// Column and row that the status bar tells of a picture.
+fn pixel_told(text: &str, picture: &str) -> (i64, i64) {
+    let start = text.find(&format!("{picture}  x ")).unwrap() + picture.len() + 4;
+    let mut numbers = text[start..].split(|c: char| !c.is_ascii_digit() && c != '-').filter(|part| !part.is_empty());
+    let mut next = || numbers.next().unwrap().parse().unwrap();
+    (next(), next())
+}
+
+fn set_number(window: &mut Window, field: &str, text: &str) {
+    window.get_by_label(field).click();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label(field).type_text(text);
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+}
+
+#[test]
+fn the_wheel_zooms_around_the_pointer_and_a_double_click_shows_all_again() {
+    let mut window = open(Design::default());
+    let whole = rect_of(&window, "Object");
+    let place = whole.min + whole.size() * vec2(0.25, 0.7);
+    assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
+    window.hover_at(place);
+    window.run_steps(2);
+    let before = pixel_told(&told_of(&window, "Object"), "Object");
+    turn(&mut window, place, 5.0, Modifiers::NONE);
+    let (zoom, x, y) = view_of(&window, "Object");
+    assert!((zoom - 1.0_f64.exp()).abs() < 0.05, "five notches of 40 points: {zoom}");
+    assert!(x < 40.0 && y > 50.0, "towards the pointer: {x} {y}");
+    assert_eq!(pixel_told(&told_of(&window, "Object"), "Object"), before, "the pixel under the pointer stays");
+    // The button is there only while there is something to go back from.
+    click(&mut window, "Fit Object");
+    assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
+    assert!(window.query_by_label("Fit Object").is_none());
+    turn(&mut window, place, 3.0, Modifiers::NONE);
+    assert!(view_of(&window, "Object").0 > 1.5);
+    for _ in 0..2 {
+        window.hover_at(place);
+        window.drag_at(place);
+        window.drop_at(place);
+        window.step();
+    }
+    window.run_steps(3);
+    assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
+}
+
+#[test]
+fn a_drag_moves_the_zoomed_picture_and_keys_do_too() {
+    let mut window = open(Design::default());
+    let whole = rect_of(&window, "Object");
+    drag(&mut window, whole.center(), vec2(30.0, 0.0), egui::PointerButton::Primary);
+    assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5), "all of it is seen: there is nowhere to go");
+    turn(&mut window, whole.center(), 6.0, Modifiers::NONE);
+    let (zoom, x, y) = view_of(&window, "Object");
+    drag(&mut window, whole.center(), vec2(30.0, -12.0), egui::PointerButton::Primary);
+    let after = view_of(&window, "Object");
+    let scale = f64::from(whole.width()) / 96.0 * zoom;
+    assert!((x - after.1 - 30.0 / scale).abs() < 0.3 && (after.2 - y - 12.0 / scale).abs() < 0.3, "{after:?}");
+    // And by the keyboard alone.
+    window.get_by_role_and_label(Role::Image, "Object").focus();
+    window.run_steps(2);
+    window.key_press(Key::ArrowRight);
+    window.run_steps(2);
+    assert!(view_of(&window, "Object").1 > after.1 + 1.0);
+    window.key_press(Key::Plus);
+    window.run_steps(2);
+    assert!((view_of(&window, "Object").0 / zoom - 1.22).abs() < 0.02);
+    window.key_press(Key::Num0);
+    window.run_steps(2);
+    assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
+}
+
+#[test]
+fn object_and_measurement_are_linked_until_they_are_not() {
+    let mut window = open(Design::default());
+    let measured = rect_of(&window, "Measurement");
+    let place = measured.min + measured.size() * vec2(0.6, 0.4);
+    turn(&mut window, place, 6.0, Modifiers::NONE);
+    let (zoom, x, y) = view_of(&window, "Measurement");
+    assert!(zoom > 2.0);
+    // The pixel in the middle of the mask looks at the object 15 px further.
+    let object = view_of(&window, "Object");
+    assert_eq!((object.0, (object.1 - x - 15.0).abs() < 0.02, (object.2 - y - 15.0).abs() < 0.02), (zoom, true, true));
+    // The status bar tells both values, at places that belong together.
+    let told = told_of(&window, "Measurement");
+    let (col, row) = pixel_told(&told, "Measurement");
+    assert_eq!(pixel_told(&told, "Object"), (col + 15, row + 15), "{told}");
+    let description = |window: &Window, name: &str| {
+        window.get_by_role_and_label(Role::Image, name).accesskit_node().description().unwrap_or_default()
+    };
+    let cursor = description(&window, "Object");
+    assert!(cursor.contains(&format!("x {}.", col + 14)) || cursor.contains(&format!("x {}.", col + 15)), "{cursor}");
+    // From the object, too; beyond the field of the sensor there is nothing.
+    click(&mut window, "Fit Object");
+    assert_eq!(view_of(&window, "Measurement").0, 1.0);
+    let whole = rect_of(&window, "Object");
+    window.hover_at(whole.center());
+    window.run_steps(3);
+    let told = told_of(&window, "Object");
+    let (col, row) = pixel_told(&told, "Object");
+    assert_eq!(pixel_told(&told, "Measurement"), (col - 15, row - 15), "{told}");
+    assert!(description(&window, "Measurement").contains("cursor of the other view"));
+    window.hover_at(whole.min + vec2(4.0, 4.0));
+    window.run_steps(3);
+    assert!(told_of(&window, "Object").contains("outside the field"), "{}", told_of(&window, "Object"));
+    assert_eq!(description(&window, "Measurement"), "");
+    // Apart, each goes its own way.
+    click(&mut window, "Link views");
+    turn(&mut window, whole.center(), 4.0, Modifiers::NONE);
+    assert!(view_of(&window, "Object").0 > 1.5);
+    assert_eq!(view_of(&window, "Measurement"), (1.0, 32.0, 32.0));
+    assert!(!told_of(&window, "Object").contains("Measurement"));
+    click(&mut window, "Link views");
+    window.run_steps(2);
+    assert_eq!(view_of(&window, "Measurement").0, view_of(&window, "Object").0, "together again at once");
+}
+
+#[test]
+fn a_pointer_that_rests_on_a_linked_picture_asks_for_no_frames() {
+    let mut window = open(Design::default());
+    let place = rect_of(&window, "Measurement").center();
+    turn(&mut window, place, 2.0, Modifiers::NONE);
+    window.run_steps(60);
+    assert!(told_of(&window, "Measurement").contains("Object"));
+    let delay = window.output().viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap();
+    assert!(delay > std::time::Duration::from_secs(1), "the next frame is asked for in {delay:?}");
+}
+
+#[test]
+fn the_link_is_remembered() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("preferences.json"), "{\"welcomed\": true}").unwrap();
+    let at_home = || {
+        let mut window = open(Design::default());
+        let ctx = window.ctx.clone();
+        window.state_mut().as_mut().unwrap().live_in(&ctx, folder.path());
+        window.state_mut().as_mut().unwrap().set_live(false);
+        window.run_steps(4);
+        window
+    };
+    let mut window = at_home();
+    click(&mut window, "Link views");
+    drop(window);
+    let text = std::fs::read_to_string(folder.path().join("preferences.json")).unwrap();
+    assert!(text.contains("\"link_views\": false"), "{text}");
+    let mut window = at_home();
+    let place = rect_of(&window, "Object").center();
+    turn(&mut window, place, 4.0, Modifiers::NONE);
+    assert_eq!(view_of(&window, "Measurement").0, 1.0);
+}
+
+#[test]
+fn the_mask_is_zoomed_with_ctrl_and_still_edited_without() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let place = window.get_by_label("Lenslet 1").rect().center();
+    turn(&mut window, place, 6.0, Modifiers::COMMAND);
+    settle(&mut window);
+    assert_eq!(lenslets(&window), start, "Ctrl and wheel changes no weight");
+    let (zoom, x, y) = view_of(&window, "PSF");
+    assert!(zoom > 2.5, "{zoom}");
+    assert!((window.get_by_label("Lenslet 1").rect().center() - place).length() < 1.0, "it stays under the pointer");
+    // The middle button moves the picture, even from a lenslet.
+    drag(&mut window, place, vec2(-40.0, 20.0), egui::PointerButton::Middle);
+    let scale = f64::from(rect_of(&window, "PSF").width()) / 32.0;
+    let after = view_of(&window, "PSF");
+    assert!(after.1 > x + 20.0 / (scale * zoom) && after.2 < y, "{after:?}");
+    assert_eq!(lenslets(&window), start, "and no lenslet");
+    let moved = window.get_by_label("Lenslet 1").rect().center();
+    assert!((moved - place - vec2(-40.0, 20.0)).length() < 8.0, "{moved:?} {place:?}");
+    // So does the left one while Space is held.
+    let space = |pressed| egui::Event::Key {
+        key: Key::Space,
+        physical_key: None,
+        pressed,
+        repeat: false,
+        modifiers: Modifiers::NONE,
+    };
+    window.input_mut().events.push(space(true));
+    window.step();
+    let corner = rect_of(&window, "PSF").left_bottom() + vec2(30.0, -60.0);
+    drag(&mut window, corner, vec2(20.0, 0.0), egui::PointerButton::Primary);
+    window.input_mut().events.push(space(false));
+    window.step();
+    assert!(view_of(&window, "PSF").1 < after.1 - 10.0 / (scale * zoom), "{:?}", view_of(&window, "PSF"));
+    let now = window.get_by_label("Lenslet 1").rect().center();
+    // Lenslets are dragged as ever, by what they are larger now.
+    let scale = rect_of(&window, "PSF").width() / 32.0;
+    drag(&mut window, now, vec2(50.0, 0.0), egui::PointerButton::Primary);
+    settle(&mut window);
+    let moved = lenslets(&window)[0].x - start[0].x;
+    assert!(moved > 0.2 && moved < f64::from(50.0 / scale), "{moved}: less than where all is seen");
+    turn(&mut window, now, 1.0, Modifiers::NONE);
+    settle(&mut window);
+    assert_eq!(view_of(&window, "PSF").0, after.0, "the wheel alone does not zoom the mask");
+    click(&mut window, "Fit PSF");
+    assert_eq!(view_of(&window, "PSF").0, 1.0);
+}
+
+#[test]
+fn levels_are_set_by_hand_kept_for_other_pictures_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let measured = studio(&window).bench().live().measurements.unwrap();
+    let number = |window: &Window, field: &str| window.get_by_label(field).accesskit_node().numeric_value().unwrap();
+    click(&mut window, "Measurement levels");
+    let full = number(&window, "Measurement highest value");
+    let (low, high) = (number(&window, "Measurement lowest value"), full);
+    let image = measured.value.noisy.index_axis(ndarray::Axis(0), 0);
+    let brightest = image.iter().copied().fold(0.0_f32, f32::max);
+    assert_eq!(high, f64::from(brightest));
+    click(&mut window, "Auto Measurement levels");
+    assert!(number(&window, "Measurement highest value") < full, "a few bright pixels are left out");
+    set_number(&mut window, "Measurement lowest value", "50");
+    set_number(&mut window, "Measurement highest value", "100");
+    // The limits are handles on the histogram, too.
+    let handle = window.get_by_label("Measurement high limit").rect();
+    drag(&mut window, handle.center(), vec2(-12.0, 0.0), egui::PointerButton::Primary);
+    let dragged = number(&window, "Measurement highest value");
+    assert!(dragged < 100.0 && dragged > 50.0, "{dragged}");
+    set_number(&mut window, "Measurement highest value", "100");
+    click(&mut window, "Measurement logarithmic counts");
+    click(&mut window, "Measurement levels");
+    assert!(window.query_by_label("Measurement highest value").is_none());
+    // They stay for the next picture, and the exported view has them: what is at most 50 is black, what is at least 100
+    // white.
+    click(&mut window, "Next measurement");
+    let file = folder.path().join("view.png");
+    menu(&mut window, &["File", "Export view", "Measurement..."]);
+    answer(&mut window, &file, "Export");
+    let written = image::open(&file).unwrap().to_rgb8();
+    let shown = measured.value.noisy.index_axis(ndarray::Axis(0), 1);
+    let mut ends = [0; 2];
+    for ((row, col), &value) in shown.indexed_iter() {
+        let level = written.get_pixel(col as u32, row as u32).0[0];
+        assert!(value > 50.0 || level == 0, "{value} is {level}");
+        assert!(value < 100.0 || level == 255, "{value} is {level}");
+        ends[0] += usize::from(value <= 50.0);
+        ends[1] += usize::from(value >= 100.0);
+    }
+    assert!(ends[0] > 0 && ends[1] > 0, "both happen: {ends:?}");
+    // Display never changes data.
+    assert_eq!(studio(&window).bench().live().measurements.unwrap().value.noisy, measured.value.noisy);
+    click(&mut window, "Previous measurement");
+    click(&mut window, "Measurement levels");
+    assert_eq!(number(&window, "Measurement highest value"), 100.0);
+    click(&mut window, "Reset Measurement levels");
+    let reset = (number(&window, "Measurement lowest value"), number(&window, "Measurement highest value"));
+    assert_eq!(reset, (low, full));
+}
+
+#[test]
+fn scale_bars_shrink_as_pixels_grow() {
+    let mut window = open(Design::default());
+    assert!(value_of(&window, "Object").ends_with("scale bar 20 px"), "{}", value_of(&window, "Object"));
+    let place = rect_of(&window, "Object").center();
+    turn(&mut window, place, 10.0, Modifiers::NONE);
+    assert!(value_of(&window, "Object").ends_with("scale bar 2 px"), "{}", value_of(&window, "Object"));
+    menu(&mut window, &["View", "Room", "Show MTF"]);
+    click(&mut window, "Show MTF map");
+    assert!(value_of(&window, "MTF map").contains("cycles/px"), "{}", value_of(&window, "MTF map"));
+}
+
+#[test]
+fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    menu(&mut window, &["View", "Room", "Show MTF"]);
+    click(&mut window, "Show spectrum");
+    let file = folder.path().join("spectrum.csv");
+    click(&mut window, "Export spectrum as CSV");
+    answer(&mut window, &file, "Export");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("cycles_per_px,power_photons2,noise_photons2"));
+    let rows: Vec<Vec<f64>> = lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), 31, "65 px have rings 2 to 32");
+    // The noise lies at the mean of this measurement; the spots of the lenslets stand out of it at low frequencies and
+    // pass nothing near half the sampling rate.
+    let measured = studio(&window).bench().live().measurements.unwrap();
+    let mean = measured.value.noisy.index_axis(ndarray::Axis(0), 0).mapv(f64::from).mean().unwrap();
+    assert!((rows[0][2] / mean - 1.0).abs() < 1e-6, "{} {mean}", rows[0][2]);
+    assert!(rows[0][1] > 3.0 * mean, "{:?}", rows[0]);
+    let last: f64 = rows[24..].iter().map(|row| row[1]).sum::<f64>() / 7.0;
+    assert!((last / mean - 1.0).abs() < 0.6, "{last} {mean}");
+}
