@@ -5,9 +5,7 @@ use std::borrow::Cow;
 use egui::{Key, KeyboardShortcut, Modifiers};
 
 use super::dialogs::Purpose;
-use super::image_view::{ImageView, name_widget};
 use super::layout::Pane;
-use super::mtf_panel::MtfView;
 use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
@@ -108,7 +106,8 @@ impl Preset {
         (1..=9).map(Self::Heuristic).chain([Self::Random, Self::Depth]).chain(diffusers)
     }
 
-    fn label(self) -> String {
+    /// Its name in its menu.
+    pub fn label(self) -> String {
         match self {
             Self::Heuristic(1) => "1 lenslet".into(),
             Self::Heuristic(count) => format!("{count} lenslets"),
@@ -127,7 +126,8 @@ impl Preset {
         }
     }
 
-    fn put(self, state: &mut State) {
+    /// Puts it in place.
+    pub fn put(self, state: &mut State) {
         let seed = state.bench.design().seed;
         let (name, encoder) = match self {
             Self::Heuristic(count) => {
@@ -377,152 +377,4 @@ fn maximise(ctx: &egui::Context, state: &mut State) {
     let under = state.capture.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
     let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
     state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
-}
-
-/// The File menu.
-pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
-    for action in [Action::New, Action::Open] {
-        entry(ui, state, action);
-    }
-    ui.add_enabled_ui(!state.preferences.recent.is_empty(), |ui| {
-        ui.menu_button("Open recent", |ui| recent_menu(ui, state));
-    });
-    for action in [Action::Save, Action::SaveAs] {
-        entry(ui, state, action);
-    }
-    ui.separator();
-    entry(ui, state, Action::OpenObjects);
-    entry(ui, state, Action::ImportPsf);
-    ui.separator();
-    entry(ui, state, Action::ExportDesign);
-    entry(ui, state, Action::ExportMeasurements);
-    ui.menu_button("Export view", |ui| {
-        export_view_menu(ui, state);
-    });
-    ui.separator();
-    entry(ui, state, Action::Quit);
-}
-
-/// Designs that were opened or saved before, the newest first.
-fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
-    let mut chosen = None;
-    for path in &state.preferences.recent {
-        let name = path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into());
-        if ui.button(name).on_hover_text(path.display().to_string()).clicked() {
-            chosen = Some(path.clone());
-            ui.close();
-        }
-    }
-    ui.separator();
-    if ui.button("Forget these").clicked() {
-        state.preferences.recent.clear();
-        ui.close();
-    }
-    if let Some(path) = chosen {
-        let ctx = ui.ctx().clone();
-        state.guard(&ctx, super::state::Leave::OpenFile(path));
-    }
-}
-
-/// The Help menu.
-pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
-    for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
-        entry(ui, state, action);
-    }
-}
-
-/// One entry per picture that there is.
-fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
-    let mut pictures = Vec::new();
-    let mut picture = |view: &ImageView, image: ndarray::Array2<f32>| {
-        let limits = view.limits_of(image.view());
-        pictures.push(Purpose::ExportView { name: view.name(), image, limits, colormap: view.colormap });
-    };
-    if let Some(optics) = &state.live.optics {
-        picture(&state.views.psf, optics.value.image.clone());
-    }
-    if let Some(scene) = &state.live.scene {
-        let shown = state.sample.min(scene.value.objects.len_of(ndarray::Axis(0)) - 1);
-        let object = scene.value.objects.index_axis(ndarray::Axis(0), shown);
-        picture(&state.views.object, object.sum_axis(ndarray::Axis(0)));
-    }
-    if let Some(measurements) = &state.live.measurements {
-        let stack = if state.noisy { &measurements.value.noisy } else { &measurements.value.noiseless };
-        let shown = state.sample.min(stack.len_of(ndarray::Axis(0)) - 1);
-        picture(&state.views.measurement, stack.index_axis(ndarray::Axis(0), shown).to_owned());
-    }
-    if let Some(optics) = state.live.optics.as_ref().filter(|_| state.mtf_view == MtfView::Map) {
-        picture(&state.views.mtf, optics.value.mtf.map.clone());
-    }
-    for purpose in pictures {
-        let Purpose::ExportView { name, .. } = purpose else { continue };
-        if ui.button(format!("{name}...")).clicked() {
-            let beside = state.bench.path().map(ToOwned::to_owned);
-            state.dialogs.ask(purpose, beside.as_deref());
-            ui.close();
-        }
-    }
-}
-
-/// The Edit menu.
-pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
-    let undoes = state.bench.undoes().map(str::to_lowercase);
-    let redoes = state.bench.redoes().map(str::to_lowercase);
-    for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
-        let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
-        entry_called(ui, state, action, text.trim_end());
-    }
-    ui.separator();
-    entry(ui, state, Action::SelectAll);
-    entry(ui, state, Action::Delete);
-    ui.separator();
-    entry(ui, state, Action::KeepDesign);
-    entry(ui, state, Action::CopyNumbers);
-    entry(ui, state, Action::CopyCommand);
-    ui.separator();
-    entry(ui, state, Action::Settings);
-}
-
-/// The Presets menu: masks to start from.
-pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
-    let preset = |ui: &mut egui::Ui, state: &mut State, preset: Preset, hint: &str| {
-        let response = ui.button(preset.label());
-        let response = if hint.is_empty() { response } else { response.on_hover_text(hint) };
-        if response.clicked() {
-            preset.put(state);
-            ui.close();
-        }
-    };
-    ui.menu_button("Heuristic lenslets", |ui| {
-        for count in 1..=9 {
-            preset(ui, state, Preset::Heuristic(count), "");
-        }
-    });
-    preset(ui, state, Preset::Random, "Drawn from the design's seed; again draws others");
-    preset(ui, state, Preset::Depth, "Each focused on a plane of its own, for volumes");
-    ui.menu_button("Diffuser", |ui| {
-        for aperture in DIFFUSER_APERTURES {
-            preset(ui, state, Preset::Diffuser(aperture), "");
-        }
-    });
-    entry(ui, state, Action::ImportPsf);
-}
-
-/// A menu entry for an action.
-pub fn entry(ui: &mut egui::Ui, state: &mut State, action: Action) {
-    entry_called(ui, state, action, &action.label());
-}
-
-fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, text: &str) {
-    let mut button = egui::Button::new(text);
-    if let Some(shortcut) = action.shortcut() {
-        button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
-    }
-    let response = ui.add_enabled(action.is_possible(state), button);
-    name_widget(&response, &action.label());
-    if response.clicked() {
-        ui.close();
-        let ctx = ui.ctx().clone();
-        action.run(&ctx, state);
-    }
 }

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
 
-use super::actions::{self, Action};
+use super::actions::Action;
 use super::dialogs;
 use super::home::{Home, KEPT};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
-use super::{capture, jobs_window, layout, palette, recovery, sheets, welcome};
+use super::window::RendererChoice;
+use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, sheets, welcome};
 use crate::objects::ObjectSource;
 use crate::workbench::{Activity, ActivityState, Design, Job, Outcome, Recovered, Snapshots, Workbench};
 
@@ -77,6 +78,11 @@ impl Studio {
             home: None,
             left_behind: Vec::new(),
         })
+    }
+
+    /// Notes what draws the window.
+    pub fn drawn_by(&mut self, renderer: RendererChoice) {
+        self.state.renderer = Some(renderer.name());
     }
 
     /// Shows a notice in the status bar and the log.
@@ -198,7 +204,7 @@ impl Studio {
             state.leave(ctx, leaving.what);
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
-            if self.state.bench.is_dirty() {
+            if self.state.bench.is_dirty() || leaving::going_on(&self.state).is_some() {
                 ctx.send_viewport_cmd(ViewportCommand::CancelClose);
                 self.state.guard(ctx, Leave::Close);
             } else {
@@ -253,18 +259,18 @@ impl Studio {
         if self.left_behind.is_empty() {
             welcome::show_welcome(&ctx, &mut self.state);
         }
-        self.ask_about_changes(&ctx);
+        self.closing |= leaving::ask(&ctx, &mut self.state);
         self.ask_about_dropped(&ctx);
         show_drop_hint(&ctx);
     }
 
     fn menu_bar(&mut self, ui: &mut Ui, seen: &[Pane]) {
         egui::MenuBar::new().ui(ui, |ui| {
-            ui.menu_button("File", |ui| actions::file_menu(ui, &mut self.state));
-            ui.menu_button("Edit", |ui| actions::edit_menu(ui, &mut self.state));
-            ui.menu_button("Presets", |ui| actions::presets_menu(ui, &mut self.state));
+            ui.menu_button("File", |ui| menus::file_menu(ui, &mut self.state));
+            ui.menu_button("Edit", |ui| menus::edit_menu(ui, &mut self.state));
+            ui.menu_button("Presets", |ui| menus::presets_menu(ui, &mut self.state));
             ui.menu_button("View", |ui| self.view_menu(ui, seen));
-            ui.menu_button("Help", |ui| actions::help_menu(ui, &mut self.state));
+            ui.menu_button("Help", |ui| menus::help_menu(ui, &mut self.state));
             ui.separator();
             let design = self.state.bench.design();
             let name = file_name(self.state.bench.path());
@@ -282,15 +288,15 @@ impl Studio {
         });
         ui.menu_button("Room", |ui| {
             for pane in Pane::ALL {
-                actions::entry(ui, &mut self.state, Action::Show(pane));
+                menus::entry(ui, &mut self.state, Action::Show(pane));
             }
         });
         ui.menu_button("Layout", |ui| {
             for action in Action::layouts() {
-                actions::entry(ui, &mut self.state, action);
+                menus::entry(ui, &mut self.state, action);
             }
         });
-        actions::entry(ui, &mut self.state, Action::Maximise);
+        menus::entry(ui, &mut self.state, Action::Maximise);
         ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state, seen));
         let mut live = self.state.bench.is_live();
         if ui
@@ -304,40 +310,8 @@ impl Studio {
         if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
             ui.close();
         }
-        actions::entry(ui, &mut self.state, Action::Jobs);
-        actions::entry(ui, &mut self.state, Action::Messages);
-    }
-
-    /// The question about unsaved changes.
-    fn ask_about_changes(&mut self, ctx: &egui::Context) {
-        let Some(leaving) = &mut self.state.leaving else { return };
-        if leaving.saving && (self.state.dialogs.is_open() || self.state.bench.has_open_jobs()) {
-            return;
-        }
-        // A save that was cancelled or failed leaves the question open.
-        leaving.saving = false;
-        let what = leaving.what.clone();
-        egui::Modal::new(egui::Id::unique("unsaved changes")).show(ctx, |ui| {
-            ui.set_width(340.0);
-            ui.heading("Save your changes?");
-            ui.label(format!("{} has changes that are not in a file.", file_name(self.state.bench.path())));
-            ui.add_space(8.0);
-            ui.horizontal(|ui| {
-                if ui.button("Save").clicked() {
-                    Action::Save.run(ctx, &mut self.state);
-                    if let Some(leaving) = &mut self.state.leaving {
-                        leaving.saving = true;
-                    }
-                }
-                if ui.button("Discard").clicked() {
-                    self.closing |= what == Leave::Close;
-                    self.state.leave(ctx, what);
-                }
-                if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape)) {
-                    self.state.leaving = None;
-                }
-            });
-        });
+        menus::entry(ui, &mut self.state, Action::Jobs);
+        menus::entry(ui, &mut self.state, Action::Messages);
     }
 
     fn take_dropped_files(&mut self, ctx: &egui::Context) {
@@ -427,7 +401,8 @@ fn title(state: &State) -> String {
     format!("{}{mark} - Lenslet Studio", file_name(state.bench.path()))
 }
 
-fn file_name(path: Option<&Path>) -> String {
+/// The name of a design's file, for people.
+pub fn file_name(path: Option<&Path>) -> String {
     path.and_then(Path::file_name).map_or_else(|| "Untitled".into(), |name| name.to_string_lossy().into_owned())
 }
 

@@ -44,7 +44,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         match sheet {
             Sheet::Shortcuts => shortcuts(ui),
             Sheet::Settings => settings(ui, state),
-            Sheet::About => about(ui),
+            Sheet::About => about(ui, state),
         }
         ui.add_space(8.0);
         ui.button("Close").clicked()
@@ -194,7 +194,7 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
     chosen
 }
 
-fn about(ui: &mut Ui) {
+fn about(ui: &mut Ui, state: &State) {
     ui.set_width(420.0);
     ui.heading("Lenslet Studio");
     ui.label(env!("CARGO_PKG_DESCRIPTION"));
@@ -208,6 +208,7 @@ fn about(ui: &mut Ui) {
         ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
         ("Processor", format!("{cores} threads")),
         ("Fits run on", engines.join(", ")),
+        ("Window drawn by", state.renderer.unwrap_or("-").to_owned()),
         ("Licence", env!("CARGO_PKG_LICENSE").to_owned()),
     ];
     egui::Grid::new("about").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {

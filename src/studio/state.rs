@@ -16,6 +16,7 @@ use super::home::Preferences;
 use super::image_view::{ImageView, Palettes};
 use super::jobs_window::JobsWindow;
 use super::layout::Pane;
+use super::leaving;
 use super::links::LinkedCursor;
 use super::messages::{Messages, Severity};
 use super::mtf_panel::MtfView;
@@ -77,6 +78,8 @@ pub struct State {
     pub comparison: Comparison,
     /// What a person has chosen, from one day to the next.
     pub preferences: Preferences,
+    /// What draws the window; none in tests.
+    pub renderer: Option<&'static str>,
     /// Where everything is kept that outlives the window, if anywhere.
     pub folder: Option<PathBuf>,
     /// How the rooms are to be arranged.
@@ -290,6 +293,7 @@ impl State {
             snapshots: Snapshots::default(),
             comparison: Comparison::default(),
             preferences: Preferences::default(),
+            renderer: None,
             folder: None,
             arrange: None,
             palette: None,
@@ -304,7 +308,8 @@ impl State {
 
     /// Does what leaves the open design behind, at once or after a question about unsaved changes.
     pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
-        if self.bench.is_dirty() {
+        let interrupts = what == Leave::Close && leaving::going_on(self).is_some();
+        if self.bench.is_dirty() || interrupts {
             self.leaving = Some(Leaving { what, saving: false });
         } else {
             self.leave(ctx, what);

@@ -122,6 +122,7 @@ fn run(
         options,
         Box::new(move |creation| {
             let mut studio = Studio::new(&creation.egui_ctx, design, path)?;
+            studio.drawn_by(renderer);
             for notice in notices {
                 studio.tell(notice);
             }

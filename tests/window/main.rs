@@ -437,6 +437,16 @@ fn the_wheel_changes_weight_and_with_alt_width() {
     assert_eq!(wider.weight, heavier.weight);
 }
 
+/// What a person does with the cross in the corner.
+fn close(window: &mut Window) {
+    let viewport = window.input().viewport_id;
+    let info = window.input_mut().viewports.entry(viewport).or_default();
+    info.events.push(egui::ViewportEvent::Close);
+    window.step();
+    window.input_mut().viewports.entry(viewport).or_default().events.clear();
+    window.run_steps(8);
+}
+
 #[test]
 fn closing_asks_about_unsaved_changes() {
     let folder = tempfile::tempdir().unwrap();
@@ -444,14 +454,6 @@ fn closing_asks_about_unsaved_changes() {
     let mut window = open(Design::default());
     click(&mut window, "Add lenslet");
     settle(&mut window);
-    let close = |window: &mut Window| {
-        let viewport = window.input().viewport_id;
-        let info = window.input_mut().viewports.entry(viewport).or_default();
-        info.events.push(egui::ViewportEvent::Close);
-        window.step();
-        window.input_mut().viewports.entry(viewport).or_default().events.clear();
-        window.run_steps(8);
-    };
     close(&mut window);
     window.get_by_label_contains("changes that are not in a file");
     click(&mut window, "Cancel");

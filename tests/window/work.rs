@@ -120,6 +120,20 @@ fn jobs_wait_for_each_other_can_be_stopped_and_keep_their_log() {
 }
 
 #[test]
+fn closing_asks_while_work_goes_on() {
+    let mut window = open(Design::default());
+    ask_for_steps(&mut window, "100000");
+    click(&mut window, "Start estimate");
+    close(&mut window);
+    window.get_by_label_contains("An estimate is being computed");
+    click(&mut window, "Cancel");
+    click(&mut window, "Cancel estimate");
+    wait_for(&mut window, "its end", |window| states(window) == [ActivityState::Stopped]);
+    close(&mut window);
+    assert!(window.query_by_label("Close the window?").is_none());
+}
+
+#[test]
 fn a_run_stands_among_the_jobs_and_can_be_repeated() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");

@@ -1,0 +1,70 @@
+//! The question before something is left behind: unsaved changes, or work that goes on while the window is closed.
+
+use egui::Key;
+
+use super::actions::Action;
+use super::app::file_name;
+use super::state::{Leave, State};
+use crate::workbench::ActivityKind;
+
+/// Asks, where an answer is wanted. Tells whether the window is to be closed.
+pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
+    let waits = state.dialogs.is_open() || state.bench.has_open_jobs();
+    let Some(leaving) = &mut state.leaving else { return false };
+    if leaving.saving && waits {
+        return false;
+    }
+    // A save that was cancelled or failed leaves the question open.
+    leaving.saving = false;
+    let what = leaving.what.clone();
+    let dirty = state.bench.is_dirty();
+    let work = if what == Leave::Close { going_on(state) } else { None };
+    let mut leave = false;
+    egui::Modal::new(egui::Id::unique("leaving")).show(ctx, |ui| {
+        ui.set_width(340.0);
+        if dirty {
+            ui.heading("Save your changes?");
+            ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
+        } else {
+            ui.heading("Close the window?");
+        }
+        if let Some(work) = work {
+            ui.label(work);
+        }
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            if dirty && ui.button("Save").clicked() {
+                // Masks that come after the save would be changes again.
+                state.bench.follow_run(false);
+                Action::Save.run(ctx, state);
+                if let Some(leaving) = &mut state.leaving {
+                    leaving.saving = true;
+                }
+            }
+            leave = ui.button(if dirty { "Discard" } else { "Close the window" }).clicked();
+            if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
+                state.leaving = None;
+            }
+        });
+    });
+    let close = leave && what == Leave::Close;
+    if leave {
+        state.leave(ctx, what);
+    }
+    close
+}
+
+/// What the window's end would interrupt, in words.
+pub fn going_on(state: &State) -> Option<&'static str> {
+    let open = state.bench.activities();
+    let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
+    match (is_open(ActivityKind::Run), is_open(ActivityKind::Estimate)) {
+        (true, false) => Some("A run goes on. It is kept, and the next window can go on with it."),
+        (false, true) => Some("An estimate is being computed. What it has computed so far would be lost."),
+        (true, true) => Some(
+            "A run goes on, which is kept: the next window can go on with it. The estimate that is being computed would be \
+             lost.",
+        ),
+        (false, false) => None,
+    }
+}
