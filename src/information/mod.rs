@@ -39,7 +39,8 @@ pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use decoder::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, OnFirstStep,
-    QuickLowerBound, decoder_lower_bound,
+    PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
+    posterior_upper_bound,
 };
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
