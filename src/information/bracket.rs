@@ -7,7 +7,7 @@ use super::LowerBound;
 /// An upper bound on the information, bits per pixel, and where it comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UpperBound {
-    /// "density", "gaussian" or "ceiling".
+    /// "density", "gaussian", "ceiling" or "posterior sampling".
     pub from: String,
     /// The bound, bits per pixel.
     pub bits_per_pixel: f64,
@@ -19,7 +19,7 @@ pub struct UpperBound {
 ///
 /// No density model can tell a poor encoder from a poor fit; the bracket can, because what it holds is proven: the
 /// truth lies between a decoder's saving ([`LowerBound`]) and the smallest of a density model's cross-entropy, the
-/// Gaussian bound and the entropy ceiling of the objects.
+/// Gaussian bound, the entropy ceiling of the objects and posterior sampling ([`super::PosteriorBound`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bracket {
     /// Lower bound, bits per pixel; none for objects whose prior is not known.

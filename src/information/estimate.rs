@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Bracket, EngineChoice, Estimator, InformationError, LowerBound, Protocol, Trial, UpperBound};
+use super::{
+    Bracket, EngineChoice, Estimator, InformationError, LowerBound, PosteriorBound, Protocol, Trial, UpperBound,
+};
 use crate::sensor::Noise;
 
 /// Value of the `format` field.
@@ -145,15 +147,15 @@ impl Estimate {
         })
     }
 
-    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and a
-    /// decoder from below. The estimate itself is the smallest upper bound.
+    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and for beads
+    /// a decoder from below and posterior sampling from above. The estimate itself is the smallest upper bound.
     ///
     /// # Errors
     /// As [`Estimate::new`].
     pub fn bracketed(
         trials: &[Trial],
         gaussian: &Trial,
-        lower: Option<&LowerBound>,
+        beads: Option<(&LowerBound, &PosteriorBound)>,
         provenance: Provenance,
     ) -> Result<Self, InformationError> {
         // Above the ceiling is where most density models lie; here it is one bound of several.
@@ -169,15 +171,22 @@ impl Estimate {
             sampled("gaussian", gaussian.bits_per_pixel(), gaussian.interval_95()),
         ];
         bounds.extend(ceiling.map(|ceiling| sampled("ceiling", ceiling, [ceiling; 2])));
+        let posterior = beads.map(|(_, posterior)| posterior);
+        bounds.extend(posterior.map(|bound| sampled("posterior sampling", bound.bits_per_pixel, bound.interval_95)));
+        let lower = beads.map(|(lower, _)| lower);
         let bracket = Bracket::new(bounds, lower).ok_or(InformationError::Empty)?;
         estimate.bits_per_pixel = bracket.upper;
         estimate.interval_95 = bracket.upper_interval_95;
         estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
-        match lower {
-            Some(lower) => {
+        match beads {
+            Some((lower, posterior)) => {
                 let (tests, steps) = (lower.test_patches, lower.steps);
                 estimate.notes.push(format!("decoder fitted in {steps} steps and tested on {tests} fresh samples"));
                 estimate.notes.extend(lower.notes.iter().cloned());
+                let PosteriorBound { samples, groups, levels, .. } = posterior;
+                estimate.notes.push(format!(
+                    "posteriors of {samples} fresh samples followed in {groups} groups of sites over {levels} levels"
+                ));
             }
             None => {
                 estimate.notes.push("the entropy of these objects is not known, so only an upper bound is".to_owned());

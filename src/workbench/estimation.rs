@@ -13,8 +13,9 @@ use super::simulation::{imaging, open_set};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
     CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
-    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
-    Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, PosteriorBound,
+    PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
+    pixelcnn_estimate, posterior_upper_bound,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -42,10 +43,10 @@ pub enum DensityModel {
         /// Time for the fit of each trial.
         budget: Duration,
     },
-    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound and the ceiling above, a
-    /// decoder below. One trial, whatever is asked for.
+    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound, the ceiling and posterior
+    /// sampling above, a decoder below. One trial, whatever is asked for.
     Bracket {
-        /// Time for the fits of density model and decoder together.
+        /// Time for the fits of density model and decoder and for following the posterior together.
         budget: Duration,
     },
 }
@@ -159,8 +160,9 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let mut estimate = match request.model {
         DensityModel::Bracket { budget } => {
             let upper = analytic(&source, request, design.seed, watch)?;
-            let lower = lower_bound(&source, budget.mul_f64(1.0 - density_share(&set)), request.fresh, watch)?;
-            Estimate::bracketed(&trials, &upper, lower.as_ref(), provenance)?
+            let beads = bead_bounds(&source, budget, request.fresh, watch)?;
+            let beads = beads.as_ref().map(|(lower, upper)| (lower, upper));
+            Estimate::bracketed(&trials, &upper, beads, provenance)?
         }
         _ => Estimate::new(&trials, provenance)?,
     };
@@ -251,20 +253,28 @@ fn density_share(set: &ObjectSet) -> f64 {
     if set.bead_prior().is_some() { 0.25 } else { 1.0 }
 }
 
-/// The decoder's bound from below, where the prior of the objects is known.
-fn lower_bound(
+/// Shares of a bracket's time that go to the fit of the decoder and to the sampling of its posterior, where there is a
+/// prior.
+const DECODER_SHARE: f64 = 0.5;
+const POSTERIOR_SHARE: f64 = 0.25;
+
+/// The decoder's bound from below and that of posterior sampling from above, where the prior of the objects is known.
+fn bead_bounds(
     source: &PatchSource<'_>,
     budget: Duration,
     fresh: bool,
     watch: Watch<'_>,
-) -> Result<Option<LowerBound>, EvaluationError> {
+) -> Result<Option<(LowerBound, PosteriorBound)>, EvaluationError> {
     let design = source.design;
     let psf = seen_psf(design, source.imaging.set)?;
     let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
     let start = if fresh { None } else { Decoder::shipped() };
-    let fit = DecoderFit::within(budget, DecoderKind::Autoregressive, derived_seed(design.seed, 4));
-    let (bound, _) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
-    Ok(Some(bound))
+    let seed = derived_seed(design.seed, 4);
+    let fit = DecoderFit::within(budget.mul_f64(DECODER_SHARE), DecoderKind::Autoregressive, seed);
+    let (lower, decoder) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
+    let fit = PosteriorFit::within(budget.mul_f64(POSTERIOR_SHARE), derived_seed(design.seed, 5));
+    let upper = posterior_upper_bound(&channel, &fit, &decoder, &mut |fit| watch(&fit.into()))?;
+    Ok(Some((lower, upper)))
 }
 
 /// The point spread function as far as the objects have planes, shape (planes, rows, cols).

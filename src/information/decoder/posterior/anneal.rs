@@ -124,7 +124,9 @@ fn shares(logs: &[f64]) -> (f64, Vec<f64>) {
     }
     let mut weights: Vec<f64> = logs.iter().map(|log| (log - largest).exp()).collect();
     let sum: f64 = weights.iter().sum();
-    weights.iter_mut().for_each(|weight| *weight /= sum);
+    for weight in &mut weights {
+        *weight /= sum;
+    }
     (largest + (sum / logs.len() as f64).ln(), weights)
 }
 

@@ -24,6 +24,8 @@ use crate::network::Pool;
 
 /// Samples between two reports.
 const REPORT: usize = 4;
+/// Samples that are followed whatever the budget: fewer have no interval to speak of.
+const FEWEST_SAMPLES: usize = 16;
 /// Standard errors to either side of a 95 % interval.
 const NORMAL_95: f64 = 1.96;
 /// The guess is kept within these log odds, or a little beyond those of the prior.
@@ -35,6 +37,13 @@ const SHIFTS_PER_BEAD: f64 = 2.5;
 /// beads is taken out of the mean.
 const HALF_TOLD: f64 = 10.0;
 const TAKEN_OUT: f64 = 0.9;
+/// Levels where there is no budget, and of the few samples by which the time of others is told.
+const USUAL_LEVELS: usize = 400;
+const TRIAL_LEVELS: usize = 32;
+/// Levels that a budget is worth, and samples that it should suffice for.
+const FEWEST_LEVELS: f64 = 64.0;
+const MOST_LEVELS: f64 = 4096.0;
+const BUDGETED_SAMPLES: f64 = 48.0;
 /// Random streams of walks, beside those of samples.
 const WALKS: u64 = 0x7f << 56;
 
@@ -46,22 +55,27 @@ pub struct PosteriorFit {
     pub groups: usize,
     /// Walkers of each group; the lower bound has one.
     pub walkers: usize,
-    /// Steps from guess to posterior.
-    pub levels: usize,
+    /// Steps from guess to posterior; without a number as many as the budget allows for 48 samples.
+    pub levels: Option<usize>,
     /// Largest number of samples.
     pub samples: usize,
     /// Half width of the 95 % interval at which sampling ends, bits per pixel.
     pub half_width: f64,
-    /// Time after which no further samples are begun; a few are always followed.
+    /// Time after which no further samples are begun; 16 are always followed.
     pub budget: Option<Duration>,
     /// Seed of samples, groups and walks.
     pub seed: u64,
 }
 
 impl PosteriorFit {
-    /// The usual fit: equal seeds give equal bits unless the time runs out.
-    pub fn new(budget: Option<Duration>, seed: u64) -> Self {
-        Self { groups: 4, walkers: 4, levels: 400, samples: 256, half_width: 0.002, budget, seed }
+    /// The usual fit within a budget of time.
+    pub fn within(budget: Duration, seed: u64) -> Self {
+        Self { levels: None, budget: Some(budget), ..Self::of_levels(USUAL_LEVELS, seed) }
+    }
+
+    /// The usual fit of a number of levels: equal seeds give equal bits, whatever the number of threads.
+    pub fn of_levels(levels: usize, seed: u64) -> Self {
+        Self { groups: 4, walkers: 2, levels: Some(levels), samples: 256, half_width: 0.0015, budget: None, seed }
     }
 
     fn check(&self) -> Result<(), InformationError> {
@@ -72,8 +86,8 @@ impl PosteriorFit {
         if !(1..=1 << 10).contains(&self.walkers) {
             return refuse("1 to 1024 walkers", self.walkers);
         }
-        if !(1..=1 << 24).contains(&self.levels) {
-            return refuse("1 to 16,777,216 levels", self.levels);
+        if let Some(levels) = self.levels.filter(|levels| !(1..=1 << 24).contains(levels)) {
+            return refuse("1 to 16,777,216 levels", levels);
         }
         if self.samples < 2 {
             return refuse("at least two samples", self.samples);
@@ -161,32 +175,27 @@ fn bound(
     fit.check()?;
     let scene = Scene::new(channel)?;
     let follower = Follower::new(channel, &scene, fit, decoder)?;
+    let levels = fit.levels.unwrap_or_else(|| follower.affordable_levels(side, started));
     let mut nats: Vec<f64> = Vec::new();
     loop {
         let first = nats.len();
-        let count = REPORT.min(fit.samples - first);
-        let tasks = (0..count * fit.groups).into_par_iter().with_max_len(1);
-        let parts = tasks.map(|task| follower.follow(first + task / fit.groups, task % fit.groups, side));
-        let parts: Vec<f64> = parts.collect();
-        nats.extend((0..count).map(|index| {
-            parts[index * fit.groups..(index + 1) * fit.groups].iter().sum::<f64>() - follower.chance(first + index)
-        }));
+        nats.extend(follower.block(first..first + REPORT.min(fit.samples - first), levels, side));
         let (mean, half_width) = mean_and_half_width(&nats, scene.pixels());
         let elapsed = started.elapsed();
-        let progress =
-            PosteriorProgress { samples: nats.len(), most: fit.samples, elapsed, bits_per_pixel: mean };
+        let progress = PosteriorProgress { samples: nats.len(), most: fit.samples, elapsed, bits_per_pixel: mean };
         if on_progress(&progress).is_break() {
             return Err(InformationError::Cancelled);
         }
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);
-        if late || nats.len() >= fit.samples || (nats.len() >= 4 * REPORT && half_width <= fit.half_width) {
+        let enough = nats.len() >= FEWEST_SAMPLES && (late || half_width <= fit.half_width);
+        if enough || nats.len() >= fit.samples {
             return Ok(PosteriorBound {
                 bits_per_pixel: mean,
                 interval_95: [mean - half_width, mean + half_width],
                 patch: channel.patch.into(),
                 groups: fit.groups,
                 walkers: fit.walkers,
-                levels: fit.levels,
+                levels,
                 samples: nats.len(),
                 seconds: elapsed.as_secs_f64(),
                 seed: fit.seed,
@@ -256,6 +265,25 @@ impl<'a> Follower<'a> {
         )
     }
 
+    /// Log ratios of a few samples, nats.
+    fn block(&self, samples: std::ops::Range<usize>, levels: usize, side: Side) -> Vec<f64> {
+        let groups = self.fit.groups;
+        let tasks = (samples.start * groups..samples.end * groups).into_par_iter().with_max_len(1);
+        let parts: Vec<f64> = tasks.map(|task| self.follow(task / groups, task % groups, (levels, side))).collect();
+        let sums = parts.chunks(groups).zip(samples);
+        sums.map(|(parts, sample)| parts.iter().sum::<f64>() - self.chance(sample)).collect()
+    }
+
+    /// Levels for which the time of a fit suffices, from that of a few samples of few levels.
+    fn affordable_levels(&self, side: Side, started: Instant) -> usize {
+        let Some(budget) = self.fit.budget else { return USUAL_LEVELS };
+        let before = Instant::now();
+        self.block(0..REPORT, TRIAL_LEVELS, side);
+        let each = before.elapsed().as_secs_f64() / (REPORT * TRIAL_LEVELS) as f64;
+        let left = budget.saturating_sub(started.elapsed()).as_secs_f64();
+        (left / (BUDGETED_SAMPLES * each.max(1e-12))).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
+    }
+
     /// What the beads of a sample tell by being more or fewer than expected, nats; its mean is 0 and it varies with what
     /// the measurement tells, so the difference varies less.
     fn chance(&self, index: usize) -> f64 {
@@ -266,12 +294,11 @@ impl<'a> Follower<'a> {
     }
 
     /// `log p(y | x) - log p(y | x of the other groups)` of one group of a sample, nats, the second by annealing.
-    fn follow(&self, index: usize, group: usize, side: Side) -> f64 {
+    fn follow(&self, index: usize, group: usize, (levels, side): (usize, Side)) -> f64 {
         let (scene, fit) = (self.scene, self.fit);
         let mut random = ChaCha8Rng::seed_from_u64(fit.seed);
         random.set_stream(WALKS + (index * (fit.groups + 1)) as u64);
-        let asked: Vec<bool> =
-            (0..scene.site_count()).map(|_| random.random_range(0..fit.groups) == group).collect();
+        let asked: Vec<bool> = (0..scene.site_count()).map(|_| random.random_range(0..fit.groups) == group).collect();
         random.set_stream(WALKS + (index * (fit.groups + 1) + group + 1) as u64);
         let (guess, measured, lit, exact) = self.with_sample(index, |pass| {
             pass.sample.ask(scene, |site| asked[site]);
@@ -293,7 +320,7 @@ impl<'a> Follower<'a> {
             flips: (FLIPS_PER_SITE * sites).ceil() as usize,
             shifts: (SHIFTS_PER_BEAD * scene.probability * sites).ceil() as usize,
         };
-        let (light, steps, levels) = (&self.light, &self.steps, fit.levels);
+        let (light, steps) = (&self.light, &self.steps);
         let walk = Walk { light, measured: &measured, guess: &guess, steps, effort, levels };
         match side {
             Side::Above => exact - walk.forwards(fit.walkers, &mut random),

@@ -100,15 +100,17 @@ impl<'a> State<'a> {
         let mut sums = [0.0; LANES];
         match *noise {
             Noise::None => {}
-            Noise::Shot => shot_gain(light, site, sign, clean, noisy, inside, &mut sums),
+            Noise::Shot => shot_gain(light, (site, sign), clean, noisy, inside, &mut sums),
             Noise::Read { sigma } => {
-                read_gain(light, site, sign, clean, noisy, inside, &mut sums);
+                read_gain(light, (site, sign), clean, noisy, inside, &mut sums);
                 let precision = (1.0 / (sigma * sigma)) as f32;
-                sums.iter_mut().for_each(|sum| *sum *= precision);
+                for sum in &mut sums {
+                    *sum *= precision;
+                }
             }
             Noise::ShotRead { sigma } => {
                 let variance = (sigma * sigma) as f32;
-                both_gain(light, site, sign, variance, clean, noisy, inside, &mut sums);
+                both_gain(light, (site, sign), variance, clean, noisy, inside, &mut sums);
             }
         }
         sums.iter().map(|&sum| f64::from(sum)).sum()
@@ -140,14 +142,14 @@ macro_rules! gain {
         vectorised! {
             fn $name<'a>(
                 light: &'a Light,
-                site: usize,
-                sign: f32,
+                change: (usize, f32),
                 $($extra: f32,)*
                 clean: &'a [f32],
                 noisy: &'a [f32],
                 inside: &'a [f32],
                 sums: &'a mut [f32; LANES],
             ) {
+                let (site, sign) = change;
                 let mut total = [0.0; LANES];
                 for (first, start, length) in light.runs(site) {
                     let pixels = first..first + length;
