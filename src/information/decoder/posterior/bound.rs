@@ -75,7 +75,7 @@ impl PosteriorFit {
 
     /// The usual fit of a number of levels: equal seeds give equal bits, whatever the number of threads.
     pub fn of_levels(levels: usize, seed: u64) -> Self {
-        Self { groups: 4, walkers: 2, levels: Some(levels), samples: 256, half_width: 0.0015, budget: None, seed }
+        Self { groups: 4, walkers: 4, levels: Some(levels), samples: 256, half_width: 0.0015, budget: None, seed }
     }
 
     fn check(&self) -> Result<(), InformationError> {
@@ -277,11 +277,17 @@ impl<'a> Follower<'a> {
     /// Levels for which the time of a fit suffices, from that of a few samples of few levels.
     fn affordable_levels(&self, side: Side, started: Instant) -> usize {
         let Some(budget) = self.fit.budget else { return USUAL_LEVELS };
-        let before = Instant::now();
-        self.block(0..REPORT, TRIAL_LEVELS, side);
-        let each = before.elapsed().as_secs_f64() / (REPORT * TRIAL_LEVELS) as f64;
+        let time = |levels: usize| {
+            let before = Instant::now();
+            self.block(0..REPORT, levels, side);
+            before.elapsed().as_secs_f64() / REPORT as f64
+        };
+        // The first samples need memory besides.
+        time(1);
+        let (fixed, trial) = (time(1), time(1 + TRIAL_LEVELS));
+        let each = (trial - fixed).max(1e-9) / TRIAL_LEVELS as f64;
         let left = budget.saturating_sub(started.elapsed()).as_secs_f64();
-        (left / (BUDGETED_SAMPLES * each.max(1e-12))).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
+        ((left / BUDGETED_SAMPLES - fixed) / each).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
     }
 
     /// What the beads of a sample tell by being more or fewer than expected, nats; its mean is 0 and it varies with what
