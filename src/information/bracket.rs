@@ -2,12 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::LowerBound;
+use super::{LowerBound, PosteriorBound};
 
-/// An upper bound on the information, bits per pixel, and where it comes from.
+/// A bound on the information from one side, bits per pixel, and where it comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct UpperBound {
-    /// "density", "gaussian" or "ceiling".
+pub struct NamedBound {
+    /// Above: "density", "gaussian", "ceiling" or "posterior sampling"; below: "factorised decoder", "autoregressive decoder"
+    /// or "posterior sampling".
     pub from: String,
     /// The bound, bits per pixel.
     pub bits_per_pixel: f64,
@@ -15,18 +16,59 @@ pub struct UpperBound {
     pub interval_95: [f64; 2],
 }
 
+/// The bounds that rest on the prior of beads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BeadBounds {
+    /// What a fitted decoder tells of fresh samples.
+    pub decoder: LowerBound,
+    /// From below, by following the posterior back from the true beads.
+    pub below: PosteriorBound,
+    /// From above, by following it from the decoder's guess.
+    pub above: PosteriorBound,
+}
+
+impl BeadBounds {
+    /// Those from below, by name.
+    pub(super) fn lower(&self) -> Vec<NamedBound> {
+        let decoder = &self.decoder;
+        vec![
+            NamedBound {
+                from: format!("{} decoder", decoder.decoder),
+                bits_per_pixel: decoder.bits_per_pixel,
+                interval_95: decoder.interval_95,
+            },
+            NamedBound::from(&self.below),
+        ]
+    }
+
+    /// That from above.
+    pub(super) fn upper(&self) -> NamedBound {
+        NamedBound::from(&self.above)
+    }
+}
+
+impl From<&PosteriorBound> for NamedBound {
+    fn from(bound: &PosteriorBound) -> Self {
+        // Nobody knows less than nothing.
+        let known = |bits: f64| bits.max(0.0);
+        let (bits_per_pixel, interval_95) = (known(bound.bits_per_pixel), bound.interval_95.map(known));
+        Self { from: "posterior sampling".to_owned(), bits_per_pixel, interval_95 }
+    }
+}
+
 /// What is known of the information of one encoder for one kind of scene, from both sides.
 ///
 /// No density model can tell a poor encoder from a poor fit; the bracket can, because what it holds is proven: the
-/// truth lies between a decoder's saving ([`LowerBound`]) and the smallest of a density model's cross-entropy, the
-/// Gaussian bound and the entropy ceiling of the objects.
+/// truth lies between the larger of a decoder's saving ([`LowerBound`]) and posterior sampling ([`PosteriorBound`]), and the
+/// smallest of a density model's cross-entropy, the Gaussian bound, the entropy ceiling of the objects and posterior
+/// sampling.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bracket {
     /// Lower bound, bits per pixel; none for objects whose prior is not known.
     pub lower: Option<f64>,
     /// Its 95 % interval, bits per pixel.
     pub lower_interval_95: Option<[f64; 2]>,
-    /// The decoder it comes from.
+    /// Where it comes from.
     pub lower_from: Option<String>,
     /// The smallest upper bound, bits per pixel.
     pub upper: f64,
@@ -35,22 +77,27 @@ pub struct Bracket {
     /// Where it comes from.
     pub upper_from: String,
     /// All upper bounds, the smallest first.
-    pub upper_bounds: Vec<UpperBound>,
+    pub upper_bounds: Vec<NamedBound>,
+    /// All lower bounds, the largest first; none in files of versions that knew one only.
+    #[serde(default)]
+    pub lower_bounds: Vec<NamedBound>,
 }
 
 impl Bracket {
     /// From all bounds that are known; `None` without an upper bound.
-    pub fn new(mut upper_bounds: Vec<UpperBound>, lower: Option<&LowerBound>) -> Option<Self> {
+    pub fn new(mut upper_bounds: Vec<NamedBound>, mut lower_bounds: Vec<NamedBound>) -> Option<Self> {
         upper_bounds.sort_by(|a, b| a.bits_per_pixel.total_cmp(&b.bits_per_pixel));
-        let best = upper_bounds.first()?;
+        lower_bounds.sort_by(|a, b| b.bits_per_pixel.total_cmp(&a.bits_per_pixel));
+        let (best, lower) = (upper_bounds.first()?, lower_bounds.first());
         Some(Self {
             lower: lower.map(|bound| bound.bits_per_pixel),
             lower_interval_95: lower.map(|bound| bound.interval_95),
-            lower_from: lower.map(|bound| format!("{} decoder", bound.decoder)),
+            lower_from: lower.map(|bound| bound.from.clone()),
             upper: best.bits_per_pixel,
             upper_interval_95: best.interval_95,
             upper_from: best.from.clone(),
             upper_bounds,
+            lower_bounds,
         })
     }
 
@@ -64,19 +111,24 @@ impl Bracket {
 mod tests {
     use super::*;
 
-    fn upper(from: &str, bits: f64) -> UpperBound {
-        UpperBound { from: from.to_owned(), bits_per_pixel: bits, interval_95: [bits - 0.125, bits + 0.125] }
+    fn bound(from: &str, bits: f64) -> NamedBound {
+        NamedBound { from: from.to_owned(), bits_per_pixel: bits, interval_95: [bits - 0.125, bits + 0.125] }
     }
 
     #[test]
-    fn the_smallest_upper_bound_counts_and_is_named() {
-        let bounds = vec![upper("density", 0.5), upper("gaussian", 0.9), upper("ceiling", 0.4)];
-        let bracket = Bracket::new(bounds, None).unwrap();
+    fn the_smallest_upper_and_the_largest_lower_bound_count_and_are_named() {
+        let bounds = vec![bound("density", 0.5), bound("gaussian", 0.9), bound("ceiling", 0.4)];
+        let below = vec![bound("decoder", 0.25), bound("posterior sampling", 0.375)];
+        let both = Bracket::new(bounds.clone(), below).unwrap();
+        assert_eq!((both.lower, both.lower_from.as_deref()), (Some(0.375), Some("posterior sampling")));
+        assert_eq!(both.lower_interval_95, Some([0.25, 0.5]));
+        assert!((both.width().unwrap() - 0.025).abs() < 1e-12);
+        let bracket = Bracket::new(bounds, Vec::new()).unwrap();
         assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.4, "ceiling"));
         assert_eq!(bracket.upper_interval_95, [0.4 - 0.125, 0.4 + 0.125]);
         assert_eq!((bracket.lower, bracket.width()), (None, None));
         let order: Vec<&str> = bracket.upper_bounds.iter().map(|bound| bound.from.as_str()).collect();
         assert_eq!(order, ["ceiling", "density", "gaussian"]);
-        assert_eq!(Bracket::new(Vec::new(), None), None);
+        assert_eq!(Bracket::new(Vec::new(), Vec::new()), None);
     }
 }

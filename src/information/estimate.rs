@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Bracket, EngineChoice, Estimator, InformationError, LowerBound, Protocol, Trial, UpperBound};
+use super::{BeadBounds, Bracket, EngineChoice, Estimator, InformationError, NamedBound, Protocol, Trial};
 use crate::sensor::Noise;
 
 /// Value of the `format` field.
@@ -145,15 +145,15 @@ impl Estimate {
         })
     }
 
-    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and a
-    /// decoder from below. The estimate itself is the smallest upper bound.
+    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and for beads
+    /// a decoder from below and posterior sampling from both sides. The estimate itself is the smallest upper bound.
     ///
     /// # Errors
     /// As [`Estimate::new`].
     pub fn bracketed(
         trials: &[Trial],
         gaussian: &Trial,
-        lower: Option<&LowerBound>,
+        beads: Option<&BeadBounds>,
         provenance: Provenance,
     ) -> Result<Self, InformationError> {
         // Above the ceiling is where most density models lie; here it is one bound of several.
@@ -162,22 +162,29 @@ impl Estimate {
         estimate.ceiling = ceiling;
         let sampled = |from: &str, bits_per_pixel, interval_95| {
             let from = from.to_owned();
-            UpperBound { from, bits_per_pixel, interval_95 }
+            NamedBound { from, bits_per_pixel, interval_95 }
         };
         let mut bounds = vec![
             sampled("density", estimate.bits_per_pixel, estimate.interval_95),
             sampled("gaussian", gaussian.bits_per_pixel(), gaussian.interval_95()),
         ];
         bounds.extend(ceiling.map(|ceiling| sampled("ceiling", ceiling, [ceiling; 2])));
+        bounds.extend(beads.map(BeadBounds::upper));
+        let lower = beads.map(BeadBounds::lower).unwrap_or_default();
         let bracket = Bracket::new(bounds, lower).ok_or(InformationError::Empty)?;
         estimate.bits_per_pixel = bracket.upper;
         estimate.interval_95 = bracket.upper_interval_95;
         estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
-        match lower {
-            Some(lower) => {
+        match beads {
+            Some(BeadBounds { decoder: lower, below, above }) => {
                 let (tests, steps) = (lower.test_patches, lower.steps);
                 estimate.notes.push(format!("decoder fitted in {steps} steps and tested on {tests} fresh samples"));
                 estimate.notes.extend(lower.notes.iter().cloned());
+                estimate.notes.push(format!(
+                    "posteriors of {} fresh samples followed back from the true beads over {} levels, those of {} in {} \
+                     groups of sites over {} levels",
+                    below.samples, below.levels, above.samples, above.groups, above.levels
+                ));
             }
             None => {
                 estimate.notes.push("the entropy of these objects is not known, so only an upper bound is".to_owned());

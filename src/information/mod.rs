@@ -31,7 +31,7 @@ mod trial;
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
-pub use bracket::{Bracket, UpperBound};
+pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
     CausalFit, CausalModel, CausalRequest, CausalShape, FitKeeper, FitLength, Moments, PatchBatch, PatchStream,
     causal_estimate, causal_model, information_map, score,
@@ -40,7 +40,8 @@ pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use decoder::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, OnFirstStep,
-    QuickLowerBound, decoder_lower_bound,
+    PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
+    posterior_upper_bound,
 };
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;

@@ -176,6 +176,7 @@ fn information(snapshot: &Snapshot) -> String {
 fn bounds(snapshot: &Snapshot) -> String {
     let mut lines = Vec::new();
     lines.extend(snapshot.lower.map(|bits| format!("At least {bits:.4}")));
+    lines.extend(snapshot.sampled.map(|bits| format!("At most {bits:.4} by posterior sampling")));
     if let Some([lower, upper]) = snapshot.bracket {
         lines.push(format!("Bracket {lower:.4} to {upper:.4}"));
     }

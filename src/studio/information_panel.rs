@@ -10,7 +10,7 @@ use super::actions::Action;
 use super::image_view::{name_widget, placeholder, significant};
 use super::messages::Severity;
 use super::state::State;
-use crate::information::Bracket;
+use crate::information::{Bracket, NamedBound};
 use crate::workbench::{LiveEstimate, LiveInformation};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
@@ -22,6 +22,8 @@ pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
 pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
 /// Colour of density models.
 pub const DENSITY: Color32 = Color32::from_rgb(196, 122, 232);
+/// Colour of upper bounds by posterior sampling.
+pub const SAMPLED: Color32 = Color32::from_rgb(226, 92, 118);
 /// Colour of lower bounds.
 pub const LOWER: Color32 = Color32::from_rgb(64, 176, 112);
 
@@ -92,8 +94,8 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "patch": known.bounds.patch,
         "upper": upper,
         "upper_from": upper_from,
-        "lower": known.lower().map(|lower| lower.0),
-        "lower_interval_95": known.lower().map(|lower| lower.1),
+        "lower": known.lower(),
+        "posterior_sampling": known.sampling().and_then(|live| live.upper.clone()),
         "gaussian_bound": known.gaussian(),
         "gaussian_interval_95": known.bounds.interval_95,
         "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
@@ -137,12 +139,19 @@ impl<'a> Known<'a> {
         }
     }
 
-    /// The largest lower bound for patches and its interval.
-    fn lower(&self) -> Option<(f64, [f64; 2])> {
-        let bracket = self.bracket.as_ref().and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95?)));
-        let live = self.live.as_ref().filter(|(_, current)| *current).and_then(|(live, _)| live.lower);
-        let live = live.map(|lower| (lower.bits_per_pixel, lower.interval_95));
-        bracket.into_iter().chain(live).max_by(|one, other| one.0.total_cmp(&other.0))
+    /// The largest lower bound for patches.
+    fn lower(&self) -> Option<NamedBound> {
+        let bracket = self.bracket.as_ref().and_then(|bracket| {
+            let (bits_per_pixel, interval_95) = (bracket.lower?, bracket.lower_interval_95?);
+            Some(NamedBound { from: bracket.lower_from.clone()?, bits_per_pixel, interval_95 })
+        });
+        let live = self.sampling().and_then(|live| live.lower.clone());
+        bracket.into_iter().chain(live).max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
+    }
+
+    /// The live estimate, if it is that of the design as it is now.
+    fn sampling(&self) -> Option<&LiveEstimate> {
+        self.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| &**live)
     }
 
     fn gaussian(&self) -> f64 {
@@ -156,8 +165,11 @@ impl<'a> Known<'a> {
         if let Some((live, true)) = &self.live {
             bounds.push((live.bits_per_pixel, "live estimate".into()));
         }
+        if let Some(upper) = self.sampling().and_then(|live| live.upper.as_ref()) {
+            bounds.push((upper.bits_per_pixel, upper.from.clone()));
+        }
         if let Some(bracket) = &self.bracket {
-            bounds.push((bracket.upper, format!("{} bound", bracket.upper_from)));
+            bounds.push((bracket.upper, bracket.upper_from.clone()));
         }
         bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or_default()
     }
@@ -178,14 +190,14 @@ fn headline(ui: &mut Ui, known: &Known<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
     let (text, name, patch) = match (&known.sensor, known.lower()) {
-        (Some((Bracket { lower: Some(lower), upper, upper_from, .. }, [rows, cols])), _) => (
+        (Some((Bracket { lower: Some(lower), upper, lower_from: Some(below), upper_from, .. }, [rows, cols])), _) => (
             format!("{lower:.3} \u{2013} {upper:.3}"),
-            format!("whole sensor: decoder, {upper_from}"),
+            format!("whole sensor: {}", both(below, upper_from)),
             format!("The information of whole measurements ({rows} x {cols} px) lies between these bounds."),
         ),
-        (_, Some((lower, _))) => (
-            format!("{lower:.3} \u{2013} {upper:.3}"),
-            format!("decoder bound, {from}"),
+        (_, Some(lower)) => (
+            format!("{:.3} \u{2013} {upper:.3}", lower.bits_per_pixel),
+            both(&lower.from, &from),
             format!("The information of {rows} x {cols} px patches lies between these bounds."),
         ),
         _ => (
@@ -213,6 +225,11 @@ fn headline(ui: &mut Ui, known: &Known<'_>) {
     ui.add_space(4.0);
 }
 
+/// The names of the bounds on both sides.
+fn both(below: &str, above: &str) -> String {
+    if below == above { below.to_owned() } else { format!("{below}, {above}") }
+}
+
 /// Says where a number overstates the design; below the numbers, so that they stay where they are.
 fn warning(ui: &mut Ui, known: &Known<'_>) {
     let ceiling = known.bounds.ceiling_bits().unwrap_or(f64::INFINITY);
@@ -228,13 +245,15 @@ fn warning(ui: &mut Ui, known: &Known<'_>) {
 /// All bounds on one axis that starts at 0; where the truth can be is filled.
 fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let (upper, _) = known.upper();
-    let lower = known.lower().map(|(lower, _)| lower);
+    let lower = known.lower().map(|lower| lower.bits_per_pixel);
     let mut marks = vec![("Gaussian bound", known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
     if let Some((live, _)) = &known.live {
         marks.push(("live estimate", live.bits_per_pixel, DENSITY));
     }
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
+    let sampled = known.sampling().and_then(|live| live.upper.as_ref());
+    marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
     let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
     let text = marks.iter().map(|(name, bits, _)| format!("{name} {bits:.3}")).collect::<Vec<_>>().join(", ");
@@ -281,10 +300,18 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
-        if let Some((lower, range)) = known.lower() {
-            let hint = "What a decoder was seen to tell of fresh scenes: the information is at least this. At once by the \
-                        decoder that comes with the program; a bracket (Estimates) fits it to this design.";
-            line("Lower bound", format!("{} {}", rounded(lower), interval(range)), Some(LOWER), hint);
+        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = known.lower() {
+            let hint = "What a decoder, or following the posterior of the beads, was seen to tell of fresh scenes: the \
+                        information is at least this. At once by the decoder that comes with the program; a bracket \
+                        (Estimates) fits it to this design.";
+            let value = format!("{} {} {from}", rounded(bits_per_pixel), interval(interval_95));
+            line("Lower bound", value, Some(LOWER), hint);
+        }
+        if let Some(upper) = known.sampling().and_then(|live| live.upper.as_ref()) {
+            let hint = "Annealed importance sampling from the decoder's guess to the posterior of the beads: the information \
+                        is at most this, however badly the sampling goes; the longer it takes, the tighter.";
+            let value = format!("{} {}", rounded(upper.bits_per_pixel), interval(upper.interval_95));
+            line("Posterior sampling", value, Some(SAMPLED), hint);
         }
         let (value, entropies) = live_line(state, known);
         line(

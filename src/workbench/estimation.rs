@@ -12,9 +12,10 @@ use super::progress::{Watch, tell};
 use super::simulation::{imaging, open_set};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
-    CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator, FitLength,
-    GaussianRequest, InformationError, LowerBound, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, Protocol,
-    Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    BeadBounds, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator,
+    FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, PosteriorFit,
+    Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
+    posterior_lower_bound, posterior_upper_bound,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -42,10 +43,10 @@ pub enum DensityModel {
         /// Length of the fit of each trial.
         length: FitLength,
     },
-    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound and the ceiling above, a
-    /// decoder below. One trial, whatever is asked for.
+    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound, the ceiling and posterior
+    /// sampling above, a decoder below. One trial, whatever is asked for.
     Bracket {
-        /// Time for the fits of density model and decoder together, or steps of each.
+        /// Time for the fits of density model and decoder and for following the posterior together, or steps of each fit.
         length: FitLength,
     },
 }
@@ -180,8 +181,8 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let mut estimate = match request.model {
         DensityModel::Bracket { length } => {
             let upper = analytic(&source, request, design.seed, watch)?;
-            let lower = lower_bound(&source, share_of(length, 1.0 - density_share(&set)), request.fresh, watch)?;
-            Estimate::bracketed(&trials, &upper, lower.as_ref(), provenance)?
+            let beads = bead_bounds(&source, length, request.fresh, watch)?;
+            Estimate::bracketed(&trials, &upper, beads.as_ref(), provenance)?
         }
         _ => Estimate::new(&trials, provenance)?,
     };
@@ -280,24 +281,38 @@ fn share_of(length: FitLength, share: f64) -> FitLength {
     }
 }
 
-/// The decoder's bound from below, where the prior of the objects is known.
-fn lower_bound(
+/// Shares of a bracket's time that go to the fit of the decoder, and to following the posterior on either side, where there
+/// is a prior.
+const DECODER_SHARE: f64 = 0.25;
+const POSTERIOR_SHARE: f64 = 0.25;
+
+/// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
+fn bead_bounds(
     source: &PatchSource<'_>,
     length: FitLength,
     fresh: bool,
     watch: Watch<'_>,
-) -> Result<Option<LowerBound>, EvaluationError> {
+) -> Result<Option<BeadBounds>, EvaluationError> {
     let design = source.design;
     let psf = seen_psf(design, source.imaging.set)?;
     let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
     let start = if fresh { None } else { Decoder::shipped() };
     let (kind, seed) = (DecoderKind::Autoregressive, derived_seed(design.seed, 4));
-    let fit = match length {
+    let fit = match share_of(length, DECODER_SHARE) {
         FitLength::Time(budget) => DecoderFit::within(budget, kind, seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, seed),
     };
-    let (bound, _) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
-    Ok(Some(bound))
+    let (bound, decoder) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
+    let follow = |stream: u64| {
+        let seed = derived_seed(design.seed, stream);
+        match share_of(length, POSTERIOR_SHARE) {
+            FitLength::Time(budget) => PosteriorFit::within(budget, seed),
+            FitLength::Steps(_) => PosteriorFit::usual(seed),
+        }
+    };
+    let below = posterior_lower_bound(&channel, &follow(8), &decoder, &mut |fit| watch(&fit.into()))?;
+    let above = posterior_upper_bound(&channel, &follow(9), &decoder, &mut |fit| watch(&fit.into()))?;
+    Ok(Some(BeadBounds { decoder: bound, below, above }))
 }
 
 /// The point spread function as far as the objects have planes, shape (planes, rows, cols).

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use crate::information::{DecoderProgress, FitProgress, InformationError};
+use crate::information::{DecoderProgress, FitProgress, InformationError, PosteriorProgress};
 
 /// What an estimate is doing and how far it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,6 +77,13 @@ impl From<&DecoderProgress> for EstimateProgress {
         let (seconds, bits) = (fit.elapsed.as_secs_f64(), fit.training_bits);
         let step = format!("Fitting a decoder, {bits:.3} bits per pixel saved, {left} s left");
         Self { step, done, total: done + left, fit: Some(FitPoint { model: FittedModel::Decoder, seconds, bits }) }
+    }
+}
+
+impl From<&PosteriorProgress> for EstimateProgress {
+    fn from(found: &PosteriorProgress) -> Self {
+        let step = format!("Sampling the posterior, at most {:.3} bits per pixel", found.bits_per_pixel);
+        Self { step, done: found.samples, total: found.most, fit: None }
     }
 }
 

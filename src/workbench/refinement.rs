@@ -13,8 +13,9 @@ use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
 use super::simulation::imaging;
 use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
-    BeadChannel, CausalFit, CausalModel, CausalRequest, Estimator, FitLength, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, Protocol, QuickLowerBound, causal_model, information_map, paired_interval,
+    BeadChannel, CausalFit, CausalModel, CausalRequest, Decoder, Estimator, FitLength, InformationError, NamedBound,
+    NoiseEntropy, PatchBatch, PatchStream, PosteriorFit, Protocol, QuickLowerBound, causal_model, information_map,
+    paired_interval, posterior_lower_bound, posterior_upper_bound,
 };
 use crate::objects::Split;
 use crate::optics::LensletGradient;
@@ -41,6 +42,11 @@ const FIRST_LOWER: Duration = Duration::from_millis(700);
 const LOWER_SAMPLES: usize = 256;
 const LOWER_SAMPLES_LAST: usize = 2048;
 const LOWER_HALF_WIDTH: f64 = 0.002;
+/// Time from the beginning of a fit from which on the posterior is followed, and for how long on each side then and once
+/// the estimate has settled.
+const FIRST_FOLLOWED: Duration = Duration::from_secs(3);
+const FOLLOWED: Duration = Duration::from_secs(3);
+const FOLLOWED_LAST: Duration = Duration::from_secs(8);
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
 
@@ -70,8 +76,10 @@ pub struct LiveEstimate {
     /// How it changes with each lenslet, bits per pixel and unit of the parameter; none for other masks and in the first
     /// seconds of a fit.
     pub gradient: Option<Vec<LensletGradient>>,
-    /// Bound from below; none where the prior of the objects is not known, and in the first second of a fit.
-    pub lower: Option<QuickLowerBound>,
+    /// The largest bound from below; none where the prior of the objects is not known, and in the first second of a fit.
+    pub lower: Option<NamedBound>,
+    /// Bound from above by posterior sampling; none where the prior is not known, and in the first seconds of a fit.
+    pub upper: Option<NamedBound>,
     /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
     pub mean_map: Array2<f32>,
     /// The same for some patches one by one, shape (n, rows, cols).
@@ -132,7 +140,8 @@ impl Refiner {
         let started = Instant::now();
         let mut next = FIRST_SCORE;
         let channel = imaging.bead_channel(psf.view(), patch);
-        let mut lower = None;
+        let mut beads = Beads { channel, design, lower: None, upper: None };
+        let mut next_followed = FIRST_FOLLOWED;
         let mut failure = None;
         let fitted = fit.fit_watched(&mut model, &train, None, &mut |progress, snapshot| {
             if stop() {
@@ -141,14 +150,18 @@ impl Refiner {
             if progress.elapsed >= next {
                 match scorer.score(&snapshot(), &test, progress.step, started, progress.remaining) {
                     Ok(mut estimate) => {
-                        if lower.is_none() && progress.elapsed >= FIRST_LOWER {
-                            lower = bound_from_below(channel.as_ref(), design, LOWER_SAMPLES, stop);
+                        if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
+                            beads.decode(LOWER_SAMPLES, stop);
                         }
-                        estimate.lower = lower;
                         if progress.elapsed >= FIRST_GRADIENT {
                             estimate.gradient = pull(design, &imaging, &snapshot());
                         }
-                        publish(estimate);
+                        publish(beads.known(estimate.clone()));
+                        if progress.elapsed >= next_followed {
+                            next_followed = Duration::MAX;
+                            beads.follow(FOLLOWED, stop);
+                            publish(beads.known(estimate));
+                        }
                     }
                     Err(error) => {
                         failure = Some(error);
@@ -167,25 +180,63 @@ impl Refiner {
             let more = stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(design.seed, 5))?;
             let test = joined(&test, &more)?;
             let mut estimate = scorer.score(&model, &test, steps, started, None)?;
-            estimate.lower = bound_from_below(channel.as_ref(), design, LOWER_SAMPLES_LAST, stop).or(lower);
             estimate.gradient = pull(design, &imaging, &model);
-            publish(estimate);
+            publish(beads.known(estimate.clone()));
+            beads.decode(LOWER_SAMPLES_LAST, stop);
+            beads.follow(FOLLOWED_LAST, stop);
+            publish(beads.known(estimate));
         }
         self.last = Some((Arc::clone(scene), model));
         Ok(fitted.map(|_| ())?)
     }
 }
 
-/// What the decoder that comes with the program tells of fresh samples; none without a known prior, and where it was
-/// stopped.
-fn bound_from_below(
-    channel: Option<&BeadChannel>,
-    design: &Design,
-    samples: usize,
-    stop: &dyn Fn() -> bool,
-) -> Option<QuickLowerBound> {
-    let seed = derived_seed(design.seed, 7);
-    QuickLowerBound::new(channel?, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()).ok()?
+/// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
+/// those that were stopped leave the ones before.
+struct Beads<'a> {
+    channel: Option<BeadChannel>,
+    design: &'a Design,
+    lower: Option<NamedBound>,
+    upper: Option<NamedBound>,
+}
+
+impl Beads<'_> {
+    /// An estimate with what is known so far.
+    fn known(&self, estimate: LiveEstimate) -> LiveEstimate {
+        LiveEstimate { lower: self.lower.clone(), upper: self.upper.clone(), ..estimate }
+    }
+
+    /// What the decoder tells of fresh samples.
+    fn decode(&mut self, samples: usize, stop: &dyn Fn() -> bool) {
+        let Some(channel) = &self.channel else { return };
+        let seed = derived_seed(self.design.seed, 7);
+        let Ok(Some(bound)) = QuickLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
+            return;
+        };
+        let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
+        self.raise(NamedBound { from: "decoder".into(), bits_per_pixel, interval_95 });
+    }
+
+    /// The posterior from both sides, for so long each.
+    fn follow(&mut self, time: Duration, stop: &dyn Fn() -> bool) {
+        let (Some(channel), Some(decoder)) = (&self.channel, Decoder::shipped()) else { return };
+        let fit = |stream| PosteriorFit::within(time, derived_seed(self.design.seed, stream));
+        let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let below = posterior_lower_bound(channel, &fit(8), decoder, &mut watch);
+        let above = posterior_upper_bound(channel, &fit(9), decoder, &mut watch);
+        if let Ok(below) = below {
+            self.raise(NamedBound::from(&below));
+        }
+        if let Ok(above) = above {
+            self.upper = Some(NamedBound::from(&above));
+        }
+    }
+
+    fn raise(&mut self, bound: NamedBound) {
+        if self.lower.as_ref().is_none_or(|known| bound.bits_per_pixel > known.bits_per_pixel) {
+            self.lower = Some(bound);
+        }
+    }
 }
 
 /// Where information pulls the lenslets of a design, on held-out objects; none for masks without lenslets, or where numbers
@@ -233,6 +284,7 @@ impl Scorer<'_> {
             warm: self.warm,
             gradient: None,
             lower: None,
+            upper: None,
             mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
             maps: maps.slice(shown).mapv(|bits| bits as f32),
             patches: test.noisy.slice(shown).to_owned(),

@@ -44,6 +44,8 @@ pub struct Snapshot {
     pub ceiling: Option<f64>,
     /// Live estimate and its 95 % interval, bits per pixel, and whether it has settled.
     pub live: Option<(f64, [f64; 2], bool)>,
+    /// Upper bound by posterior sampling, bits per pixel.
+    pub sampled: Option<f64>,
     /// Largest lower bound of 32 x 32 px patches, bits per pixel.
     pub lower: Option<f64>,
     /// Lower and upper bound of its last bracket of 32 x 32 px patches, bits per pixel.
@@ -53,7 +55,8 @@ pub struct Snapshot {
 impl Snapshot {
     /// The smallest of its upper bounds, bits per pixel.
     pub fn upper(&self) -> Option<f64> {
-        let known = [self.live.map(|live| live.0), self.gaussian, self.ceiling, self.bracket.map(|bracket| bracket[1])];
+        let bracket = self.bracket.map(|bracket| bracket[1]);
+        let known = [self.live.map(|live| live.0), self.gaussian, self.ceiling, self.sampled, bracket];
         known.into_iter().flatten().min_by(f64::total_cmp)
     }
 
@@ -90,6 +93,7 @@ impl Snapshot {
             gaussian: self.gaussian,
             ceiling: self.ceiling,
             live: self.live,
+            sampled: self.sampled,
             lower: self.lower,
             bracket: self.bracket,
         }
@@ -119,7 +123,9 @@ impl Snapshot {
         });
         self.bracket = brackets.into_iter().next().or(self.bracket);
         let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
-        let live = newest.and_then(|live| Some(live.value.lower?.bits_per_pixel));
+        let live = newest.and_then(|live| Some(live.value.lower.as_ref()?.bits_per_pixel));
+        let above = newest.and_then(|live| Some(live.value.upper.as_ref()?.bits_per_pixel));
+        self.sampled = above.or(self.sampled);
         let known = [live, self.bracket.map(|bracket| bracket[0])];
         self.lower = known.into_iter().flatten().max_by(f64::total_cmp).or(self.lower);
     }
@@ -132,6 +138,8 @@ struct Numbers {
     gaussian: Option<f64>,
     ceiling: Option<f64>,
     live: Option<(f64, [f64; 2], bool)>,
+    #[serde(default)]
+    sampled: Option<f64>,
     lower: Option<f64>,
     bracket: Option<[f64; 2]>,
 }
@@ -193,6 +201,7 @@ impl Snapshots {
             gaussian: None,
             ceiling: None,
             live: None,
+            sampled: None,
             lower: None,
             bracket: None,
         };
@@ -219,7 +228,7 @@ impl Snapshots {
             let Ok(Kept { name, design, numbers }) = read_json(path) else { continue };
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
-            let Numbers { tamura, gaussian, ceiling, live, lower, bracket } = numbers;
+            let Numbers { tamura, gaussian, ceiling, live, sampled, lower, bracket } = numbers;
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
@@ -233,6 +242,7 @@ impl Snapshots {
                 gaussian,
                 ceiling,
                 live,
+                sampled,
                 lower,
                 bracket,
             });

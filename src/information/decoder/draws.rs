@@ -13,6 +13,7 @@ use crate::sensor::BlurWorkspace;
 pub(super) enum Purpose {
     Training = 1,
     Test = 2,
+    Posterior = 3,
 }
 
 /// Which sites are told to the decoder before it begins.
@@ -85,6 +86,15 @@ impl Sample {
                 self.free[site] = 0.0;
                 self.known[site] = self.beads[site];
             }
+        }
+    }
+
+    /// Asks for the beads at some of the sites, and tells those at all others that are decoded.
+    pub fn ask(&mut self, scene: &Scene, asked: impl Fn(usize) -> bool) {
+        for &site in &scene.decoded {
+            let free = asked(site);
+            self.free[site] = f32::from(u8::from(free));
+            self.known[site] = if free { scene.probability as f32 } else { self.beads[site] };
         }
     }
 

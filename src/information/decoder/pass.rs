@@ -114,6 +114,11 @@ impl<'a> Pass<'a> {
         self.nats.iter().map(|&nats| f64::from(nats)).sum::<f64>() / std::f64::consts::LN_2
     }
 
+    /// Log odds that the last step claims for every site; call [`Pass::forward`] first.
+    pub fn claimed(&self) -> &[f32] {
+        self.kept.last().map_or(&[], |kept| &kept.moves.claimed)
+    }
+
     fn step_forward(&mut self, step: usize, decoder: &Decoder, weights: &[f32]) {
         let (scene, sample) = (self.scene, &self.sample);
         let (now, later) = self.kept.split_at_mut(step + 1);

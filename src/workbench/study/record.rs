@@ -104,7 +104,7 @@ impl StudyCell {
         self.estimate.as_ref()?.lower()
     }
 
-    /// The upper bound of this name ("density", "gaussian" or "ceiling") of a bracket, bits per pixel.
+    /// The upper bound of this name ("density", "gaussian", "ceiling" or "posterior sampling") of a bracket, bits per pixel.
     pub fn upper_from(&self, name: &str) -> Option<f64> {
         let bounds = &self.estimate.as_ref()?.bracket.as_ref()?.upper_bounds;
         bounds.iter().find(|bound| bound.from == name).map(|bound| bound.bits_per_pixel)

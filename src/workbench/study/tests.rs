@@ -8,7 +8,7 @@ use super::error::StudyError;
 use super::record::StudyRecord;
 use super::run::{Study, StudyEvent};
 use super::settings::{StudyDesign, StudyObjects, StudySettings};
-use crate::information::{Bracket, Estimate, Estimator, Protocol, Provenance, Trial, TrialSettings, UpperBound};
+use crate::information::{Bracket, Estimate, Estimator, NamedBound, Protocol, Provenance, Trial, TrialSettings};
 use crate::sensor::{Noise, SensorError};
 use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
 
@@ -30,8 +30,8 @@ pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
 /// An estimate between two bounds; the density model's is a third.
 pub(super) fn bracketed(lower: f64, upper: f64, density: f64) -> Estimate {
     let mut estimate = estimated(upper, Some(upper));
-    let bound = |from: &str, bits: f64| UpperBound { from: from.into(), bits_per_pixel: bits, interval_95: [bits; 2] };
-    let mut bracket = Bracket::new(vec![bound("ceiling", upper), bound("density", density)], None).unwrap();
+    let bound = |from: &str, bits: f64| NamedBound { from: from.into(), bits_per_pixel: bits, interval_95: [bits; 2] };
+    let mut bracket = Bracket::new(vec![bound("ceiling", upper), bound("density", density)], Vec::new()).unwrap();
     bracket.lower = Some(lower);
     bracket.lower_interval_95 = Some([lower - 0.01, lower + 0.01]);
     estimate.bracket = Some(bracket);

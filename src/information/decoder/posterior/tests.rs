@@ -1,0 +1,274 @@
+//! Toys whose measurements' probabilities can be summed over all objects.
+
+use std::ops::ControlFlow;
+
+use ndarray::array;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::super::channel::BeadChannel;
+use super::super::draws::{Purpose, Reveal, Sample};
+use super::super::layers::Decoder;
+use super::super::scene::Scene;
+use super::anneal::Walk;
+use super::light::Light;
+use super::moves::{Effort, Guess, Steps};
+use super::state::{Measured, State};
+use super::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
+use crate::information::InformationError;
+use crate::sensor::Noise;
+
+const NOISES: [Noise; 3] = [Noise::Shot, Noise::Read { sigma: 4.0 }, Noise::ShotRead { sigma: 2.0 }];
+
+/// Ten object pixels in a row whose spots overlap on eight sensor pixels.
+fn toy(noise: Noise) -> BeadChannel {
+    let spot = array![[[9.0, 14.0, 5.0]]];
+    BeadChannel { spot, probability: 0.3, bias: 4.0, noise, patch: (1, 8) }
+}
+
+fn sample(scene: &Scene, index: usize) -> Sample {
+    let mut sample = Sample::default();
+    sample.draw(scene, (3, Purpose::Posterior, index), |_| Reveal::Nothing, &mut scene.light.blur_workspace());
+    sample
+}
+
+fn sites_of(object: usize) -> impl Iterator<Item = usize> {
+    (0..10).filter(move |site| object >> site & 1 == 1)
+}
+
+/// Log of prior times likelihood of all objects.
+fn all_logs(scene: &Scene, light: &Light, measured: &Measured) -> Vec<f64> {
+    let (lit, dark) = (scene.probability.ln(), (1.0 - scene.probability).ln());
+    let log = |object: usize| {
+        let beads = sites_of(object).count() as f64;
+        State::new(light, measured, 10, sites_of(object)).log_likelihood() + beads * lit + (10.0 - beads) * dark
+    };
+    (0..1 << 10).map(log).collect()
+}
+
+fn log_sum(logs: &[f64]) -> f64 {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest + logs.iter().map(|log| (log - largest).exp()).sum::<f64>().ln()
+}
+
+/// Mean of values and its standard error.
+fn mean(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    (mean, (square / count).sqrt())
+}
+
+#[test]
+fn a_gain_is_a_difference_of_log_likelihoods() {
+    for noise in NOISES {
+        let spot = ndarray::Array3::from_shape_fn((2, 3, 11), |(z, r, c)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * 4.0);
+        let channel = BeadChannel { spot, probability: 0.15, bias: 6.0, noise, patch: (6, 5) };
+        let scene = Scene::new(&channel).unwrap();
+        let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+        let sample = sample(&scene, 1);
+        let measured = Measured::new(&scene, &light, &sample, |site| site % 3 == 0);
+        let beads = (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0 && site % 3 > 0);
+        let mut state = State::new(&light, &measured, sample.beads.len(), beads);
+        for site in (0..sample.beads.len()).filter(|site| site % 3 > 0) {
+            let (before, sign) = (state.log_likelihood(), if state.holds(site) { -1.0 } else { 1.0 });
+            let gain = state.gain(site, sign);
+            state.toggle(site);
+            state.shine(site, sign);
+            let found = state.log_likelihood() - before;
+            assert!((gain - found).abs() < 1e-3 * (1.0 + found.abs()), "{noise} {site}: {gain} {found}");
+        }
+        // The light of what is left is that of a fresh sum, and all light is that of the sample.
+        let changed = state.log_likelihood();
+        state.refresh();
+        assert!((state.log_likelihood() - changed).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn the_light_of_the_true_beads_is_that_of_the_sample() {
+    let channel = BeadChannel {
+        spot: super::super::super::test_beads::bead_spot(4, 0.02),
+        patch: (24, 20),
+        ..toy(Noise::Read { sigma: 1e-3 })
+    };
+    let channel = BeadChannel { probability: 0.02, ..channel };
+    let scene = Scene::new(&channel).unwrap();
+    let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+    let sample = sample(&scene, 2);
+    let mut clean = light.image(&vec![light.background as f32; scene.pixels()], 0.0);
+    for site in (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0) {
+        light.add(site, 1.0, &mut clean);
+    }
+    for (clean, noisy) in light.patch_of(&clean).zip(&sample.noisy) {
+        // Light that is too faint to be followed is there on average.
+        assert!((clean - noisy).abs() < 1.0, "{clean} {noisy}");
+    }
+}
+
+#[test]
+fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
+    for noise in NOISES {
+        let channel = toy(noise);
+        let scene = Scene::new(&channel).unwrap();
+        let spot = channel.checked_spot().unwrap();
+        let (light, steps) = (Light::new(&spot, &scene), Steps::new(&spot));
+        let measured = Measured::new(&scene, &light, &sample(&scene, 4), |_| false);
+        let logs = all_logs(&scene, &light, &measured);
+        let truth = log_sum(&logs);
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        // A guess that is wrong about everything, within reason.
+        let odds: Vec<f32> = (0..10).map(|site| [-1.5, 0.3, 1.1][site % 3]).collect();
+        let guess = Guess::new(&odds, vec![true; 10], (f64::from(scene.prior_logit()), 14.0));
+        let effort = Effort { flips: 4, shifts: 2 };
+        let mut last = f64::NEG_INFINITY;
+        for (levels, walkers) in [(1, 1), (6, 3), (400, 3)] {
+            let walk = Walk { light: &light, measured: &measured, guess: &guess, steps: &steps, effort, levels };
+            let found: Vec<f64> = (0..800).map(|_| walk.forwards(walkers, &mut random) - truth).collect();
+            let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
+            let (log, _) = mean(&found);
+            println!("{noise} {levels} {walkers}: {ratio} +- {error}, log {log}");
+            // Of too few levels rare walks carry the mean.
+            let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
+            assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
+            assert!(log < 0.0 && log > last, "{noise} {levels}: {log}");
+            last = log;
+        }
+        assert!(last > -0.2, "{noise}: {last}");
+
+        let draw = |random: &mut ChaCha8Rng| {
+            let mut left = random.random::<f64>();
+            let chosen = logs.iter().position(|log| {
+                left -= (log - truth).exp();
+                left < 0.0
+            });
+            sites_of(chosen.unwrap_or(0)).collect::<Vec<usize>>()
+        };
+        last = f64::INFINITY;
+        for levels in [1, 6, 400] {
+            let walk = Walk { light: &light, measured: &measured, guess: &guess, steps: &steps, effort, levels };
+            let found: Vec<f64> = (0..800)
+                .map(|_| {
+                    let beads = draw(&mut random);
+                    walk.backwards(&beads, &mut random) - truth
+                })
+                .collect();
+            let (ratio, error) = mean(&found.iter().map(|log| (-log).exp()).collect::<Vec<f64>>());
+            let (log, _) = mean(&found);
+            println!("{noise} {levels} backwards: {ratio} +- {error}, log {log}");
+            // Of too few levels rare walks carry the mean.
+            let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
+            assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
+            assert!(log > 0.0 && log < last, "{noise} {levels}: {log}");
+            last = log;
+        }
+        assert!(last < 0.4, "{noise}: {last}");
+    }
+}
+
+fn fit(groups: usize, levels: usize) -> PosteriorFit {
+    PosteriorFit { groups, walkers: 2, levels: Some(levels), samples: 200, half_width: 0.0, budget: None, seed: 6 }
+}
+
+fn bounds(channel: &BeadChannel, fit: &PosteriorFit) -> [PosteriorBound; 2] {
+    let decoder = Decoder::shipped().unwrap();
+    let on = &mut |_: &PosteriorProgress| ControlFlow::Continue(());
+    [
+        posterior_lower_bound(channel, fit, decoder, on).unwrap(),
+        posterior_upper_bound(channel, fit, decoder, on).unwrap(),
+    ]
+}
+
+#[test]
+fn bounds_enclose_the_truth_and_close_in_on_it() {
+    for noise in NOISES {
+        let channel = toy(noise);
+        let scene = Scene::new(&channel).unwrap();
+        let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+        let values: Vec<f64> = (0..4000)
+            .map(|index| {
+                let sample = sample(&scene, index);
+                let measured = Measured::new(&scene, &light, &sample, |_| false);
+                let beads = (0..10).filter(|&site| sample.beads[site] > 0.0);
+                let own = State::new(&light, &measured, 10, beads).log_likelihood();
+                (own - log_sum(&all_logs(&scene, &light, &measured))) / std::f64::consts::LN_2 / 8.0
+            })
+            .collect();
+        let (truth, error) = mean(&values);
+        let [coarse_low, coarse_high] = bounds(&channel, &fit(1, 2));
+        let [low, high] = bounds(&channel, &fit(1, 4000));
+        let [_, grouped] = bounds(&channel, &fit(5, 1000));
+        println!(
+            "{noise}: {truth:.4} +- {error:.4}; {:.4} {:.4} {:.4} {:.4}, in groups {:.4}",
+            coarse_low.bits_per_pixel,
+            low.bits_per_pixel,
+            high.bits_per_pixel,
+            coarse_high.bits_per_pixel,
+            grouped.bits_per_pixel
+        );
+        // Three standard errors of both.
+        let spread = |bound: &PosteriorBound| 3.0 * error + (bound.interval_95[1] - bound.interval_95[0]) * 0.77;
+        // Shot plus read noise is a little off in the model of the walks.
+        let model = if matches!(noise, Noise::ShotRead { .. }) { 0.01 } else { 0.0 };
+        for below in [&coarse_low, &low] {
+            assert!(below.bits_per_pixel < truth + spread(below), "{noise}: {below:?} {truth}");
+        }
+        for above in [&coarse_high, &high, &grouped] {
+            assert!(above.bits_per_pixel > truth - spread(above), "{noise}: {above:?} {truth}");
+        }
+        assert!((low.bits_per_pixel - truth).abs() < spread(&low) + 0.1 + model, "{noise}: {low:?} {truth}");
+        assert!((high.bits_per_pixel - truth).abs() < spread(&high) + 0.1 + model, "{noise}: {high:?} {truth}");
+        assert!(coarse_low.bits_per_pixel < low.bits_per_pixel && high.bits_per_pixel < coarse_high.bits_per_pixel);
+        assert!(grouped.bits_per_pixel > high.bits_per_pixel);
+    }
+}
+
+#[test]
+fn equal_seeds_give_equal_bits_on_any_number_of_threads() {
+    let channel = toy(Noise::Shot);
+    let fit = PosteriorFit { samples: 24, ..fit(3, 10) };
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| bounds(&channel, &fit)).map(|bound| PosteriorBound { seconds: 0.0, ..bound })
+    };
+    let one = on(1);
+    assert_eq!(one, on(3));
+    let text = serde_json::to_string(&one[1]).unwrap();
+    assert_eq!(serde_json::from_str::<PosteriorBound>(&text).unwrap(), one[1]);
+    let other = bounds(&channel, &PosteriorFit { seed: 7, ..fit });
+    assert_ne!(one[1].bits_per_pixel, other[1].bits_per_pixel);
+}
+
+#[test]
+fn a_bound_stops_when_asked_and_keeps_within_its_time() {
+    let channel = toy(Noise::Shot);
+    let decoder = Decoder::shipped().unwrap();
+    let mut calls = 0;
+    let stopped = posterior_upper_bound(&channel, &fit(2, 5), decoder, &mut |_| {
+        calls += 1;
+        if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    });
+    assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
+    let budget = std::time::Duration::from_millis(600);
+    let fit = PosteriorFit { samples: usize::MAX, half_width: 0.0, ..PosteriorFit::within(budget, 1) };
+    let bound = posterior_upper_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(bound.seconds >= 0.6 && bound.seconds < 6.0 && bound.levels > 1, "{bound:?}");
+}
+
+#[test]
+fn what_is_no_fit_is_refused_in_a_sentence() {
+    let refused = |fit: &PosteriorFit, part: &str| {
+        let decoder = Decoder::shipped().unwrap();
+        let result = posterior_upper_bound(&toy(Noise::Shot), fit, decoder, &mut |_| ControlFlow::Continue(()));
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(part), "{message}");
+    };
+    refused(&fit(0, 5), "groups");
+    refused(&PosteriorFit { walkers: 0, ..fit(1, 5) }, "walkers");
+    refused(&fit(1, 0), "levels");
+    refused(&PosteriorFit { samples: 1, ..fit(1, 5) }, "two samples");
+    let none = posterior_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), &mut |_| {
+        ControlFlow::Continue(())
+    });
+    assert!(none.is_err());
+}
