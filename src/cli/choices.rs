@@ -131,8 +131,8 @@ pub enum EstimatorChoice {
     Live,
     /// The same with a fit of 30 minutes or the --budget.
     Full,
-    /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, in 5 minutes or the
-    /// --budget.
+    /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, posterior sampling on either
+    /// side, in 5 minutes or the --budget.
     Bracket,
 }
 

@@ -232,6 +232,22 @@ mod tests {
     }
 
     #[test]
+    fn bright_lenslets_move_their_weights_by_a_share_of_them() {
+        let by = |weight| LensletGradient { x: 0.0, y: 0.0, sigma: 0.0, covariance: [0.0; 3], weight };
+        let limits = Limits::default();
+        let gap = |count: usize| {
+            let (mut array, mut momentum) = (heuristic_layout(count), Momentum::default());
+            let gradient: Vec<_> = (0..count).map(|index| by(if index < count / 2 { 3.0 } else { -1.0 })).collect();
+            momentum.climb(&mut array, &gradient, (&settings(), &limits), &[], 1.0);
+            array.lenslets[0].weight - array.lenslets[count - 1].weight
+        };
+        let rates = settings().rates;
+        // Of two lenslets each has half of the light; of as many as fit, each has so little that the least step counts.
+        assert!((gap(2) - rates.relative_weight).abs() < 1e-9, "{}", gap(2));
+        assert!(2.0 * rates.weight < gap(8) && gap(8) < 0.3 * gap(2), "{}", gap(8));
+    }
+
+    #[test]
     fn a_width_below_the_floor_is_not_pulled_down_further() {
         let mut array = heuristic_layout(2);
         array.lenslets[0].spot = Spot::Anisotropic { xx: 1.0, xy: 0.0, yy: 0.7 };

@@ -43,7 +43,7 @@ impl EstimateForm {
         (
             Estimator::Bracket,
             "Bracket",
-            "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below",
+            "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below, posterior sampling on either side",
         ),
         (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
         (Estimator::PixelCnn, "PixelCNN", "The published density model, default protocol"),

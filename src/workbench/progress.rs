@@ -82,7 +82,7 @@ impl From<&DecoderProgress> for EstimateProgress {
 
 impl From<&PosteriorProgress> for EstimateProgress {
     fn from(found: &PosteriorProgress) -> Self {
-        let step = format!("Sampling the posterior, at most {:.3} bits per pixel", found.bits_per_pixel);
+        let step = format!("Following the posterior, {:.3} bits per pixel", found.bits_per_pixel);
         Self { step, done: found.samples, total: found.most, fit: None }
     }
 }
