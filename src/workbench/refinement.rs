@@ -20,10 +20,10 @@ use crate::information::{
 use crate::objects::Split;
 use crate::optics::LensletGradient;
 
-/// Time of a fit from the beginning.
-const COLD: Duration = Duration::from_mins(1);
-/// Time of a fit from the model of a similar design.
-const WARM: Duration = Duration::from_secs(20);
+/// Time of a fit from the beginning, with some seconds for following the posterior.
+const COLD: Duration = Duration::from_secs(66);
+/// Time of a fit from the model of a similar design, likewise.
+const WARM: Duration = Duration::from_secs(26);
 /// Share of the usual learning rate in the latter.
 const WARM_RATE: f64 = 0.5;
 /// Time from the beginning of a fit to its first score; later ones follow at times that grow by [`GROWTH`].

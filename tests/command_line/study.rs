@@ -206,7 +206,7 @@ fn brackets_hold_bounds_from_both_sides_and_are_drawn() {
         let number = |key: &str| cell["estimate"][key].as_f64().unwrap_or_else(|| panic!("{key} in {cell}"));
         assert!(number("lower") >= 0.0 && number("lower") <= number("upper"), "{cell}");
         assert!(number("upper") <= number("ceiling"));
-        assert_eq!(cell["estimate"]["upper_bounds"].as_array().unwrap().len(), 3);
+        assert_eq!(cell["estimate"]["upper_bounds"].as_array().unwrap().len(), 4);
     }
     let plot = written(&bench, "a/study.svg");
     for part in ["<svg ", "1 lenslet<", "4 lenslets<", "information (bits per pixel)", ">0.05<", "</svg>"] {
