@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Pictures of the three jobs for the README: editing a mask, a run, and designs side by side.
+# Pictures of the three jobs for the README: editing a mask, a run, an export; and designs side by side.
 # usage: screenshots.sh PROGRAM FOLDER
 set -euo pipefail
 program=$(realpath "$1")
@@ -14,12 +14,14 @@ trap 'kill "${app:-}" "${manager:-}" "$xvfb" 2>/dev/null || true; rm -rf "$work"
 sleep 2
 openbox >/dev/null 2>&1 &
 manager=$!
+# Not the first window: that one asks what to start from.
+mkdir -p "$work/home/lenslet-studio"
+echo '{"welcomed": true}' >"$work/home/lenslet-studio/preferences.json"
 "$program" >"$work/app.log" 2>&1 &
 app=$!
 sleep 6
 window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1)
 xdotool windowactivate --sync "$window"
-xdotool key Escape
 
 # Does an action by its name.
 do_action() {
@@ -34,6 +36,10 @@ shoot() { import -window "$window" "$shots/$1.png"; }
 
 sleep 20
 shoot studio
+xdotool key ctrl+e
+sleep 1
+shoot export
+xdotool key Escape
 for mask in "9 lenslets, heur" "4 lenslets, heur" "mask: 25 random"; do
   do_action "$mask"
   sleep 8
