@@ -374,7 +374,7 @@ impl Action {
 /// Lets the room under the pointer fill the window; the mask where there is none; all rooms where one fills it.
 fn maximise(ctx: &egui::Context, state: &mut State) {
     let pointer = ctx.pointer_latest_pos();
-    let under = state.capture.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
+    let under = state.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
     let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
     state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
 }

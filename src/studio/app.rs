@@ -233,13 +233,13 @@ impl Studio {
     /// Draws the window.
     pub fn ui(&mut self, ui: &mut Ui) {
         self.state.hover = None;
-        let seen: Vec<Pane> = self.state.capture.rooms.iter().map(|(pane, _)| *pane).collect();
         capture::go_on(ui.ctx(), &mut self.state);
-        Panel::top("menu").show(ui, |ui| self.menu_bar(ui, &seen));
+        Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
         self.state.messages.banner(ui);
         // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
         // room is taken first, its text drawn last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
+        self.state.rooms.clear();
         egui::CentralPanel::no_frame().show(ui, |ui| match self.state.maximised {
             Some(pane) => layout::show_maximised(ui, &mut self.state, pane),
             None => self.rooms.ui(&mut Rooms(&mut self.state), ui),
@@ -264,12 +264,12 @@ impl Studio {
         show_drop_hint(&ctx);
     }
 
-    fn menu_bar(&mut self, ui: &mut Ui, seen: &[Pane]) {
+    fn menu_bar(&mut self, ui: &mut Ui) {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button("File", |ui| menus::file_menu(ui, &mut self.state));
             ui.menu_button("Edit", |ui| menus::edit_menu(ui, &mut self.state));
             ui.menu_button("Presets", |ui| menus::presets_menu(ui, &mut self.state));
-            ui.menu_button("View", |ui| self.view_menu(ui, seen));
+            ui.menu_button("View", |ui| self.view_menu(ui));
             ui.menu_button("Help", |ui| menus::help_menu(ui, &mut self.state));
             ui.separator();
             let design = self.state.bench.design();
@@ -280,7 +280,7 @@ impl Studio {
         });
     }
 
-    fn view_menu(&mut self, ui: &mut Ui, seen: &[Pane]) {
+    fn view_menu(&mut self, ui: &mut Ui) {
         ui.menu_button("Theme", |ui| {
             if sheets::theme_choice(ui) {
                 ui.close();
@@ -297,7 +297,7 @@ impl Studio {
             }
         });
         menus::entry(ui, &mut self.state, Action::Maximise);
-        ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state, seen));
+        ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state));
         let mut live = self.state.bench.is_live();
         if ui
             .checkbox(&mut live, "Keep estimating")

@@ -16,8 +16,6 @@ const FRAMES: u8 = 8;
 /// A picture that is being made.
 #[derive(Default)]
 pub struct Capture {
-    /// Where each room was drawn in the last frame, points.
-    pub rooms: Vec<(Pane, Rect)>,
     wanted: Option<Wanted>,
 }
 
@@ -29,18 +27,15 @@ struct Wanted {
     picture: Option<Receiver<Array3<u8>>>,
 }
 
-impl Capture {
-    /// Makes a picture of a room, and then asks for a file.
-    pub fn take(&mut self, pane: Pane) {
-        if let Some((_, rect)) = self.rooms.iter().find(|(room, _)| *room == pane) {
-            self.wanted = Some(Wanted { name: pane.title(), rect: *rect, wait: FRAMES, picture: None });
-        }
+/// Makes a picture of a room that is seen, and then asks for a file.
+pub fn take(state: &mut State, pane: Pane) {
+    if let Some(&(_, rect)) = state.rooms.iter().find(|(room, _)| *room == pane) {
+        state.capture.wanted = Some(Wanted { name: pane.title(), rect, wait: FRAMES, picture: None });
     }
 }
 
-/// Goes on with the picture that was asked for. To be called for every frame, before the rooms are drawn.
+/// Goes on with the picture that was asked for. To be called for every frame.
 pub fn go_on(ctx: &egui::Context, state: &mut State) {
-    state.capture.rooms.clear();
     let Some(wanted) = &mut state.capture.wanted else { return };
     if wanted.wait > 0 {
         wanted.wait -= 1;
@@ -81,17 +76,19 @@ fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
     })
 }
 
-/// One entry for each room that can be seen.
-pub fn menu(ui: &mut Ui, state: &mut State, rooms: &[Pane]) {
-    for pane in Pane::ALL {
-        if rooms.contains(&pane) {
-            let response = ui.button(pane.title());
-            name_widget(&response, &format!("Picture of {}", pane.title()));
-            if response.clicked() {
-                state.capture.take(pane);
-                ui.close();
-            }
+/// One entry for each room that is seen.
+pub fn menu(ui: &mut Ui, state: &mut State) {
+    let mut wanted = None;
+    for &(pane, _) in &state.rooms {
+        let response = ui.button(pane.title());
+        name_widget(&response, &format!("Picture of {}", pane.title()));
+        if response.clicked() {
+            wanted = Some(pane);
+            ui.close();
         }
+    }
+    if let Some(pane) = wanted {
+        take(state, pane);
     }
 }
 

@@ -6,6 +6,7 @@ use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
+use super::capture;
 use super::dialogs::Purpose;
 use super::hand::Hand;
 use super::image_view::{ImageView, name_widget, placeholder, toolbar};
@@ -82,7 +83,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let picture = ui.small_button("Picture...").on_hover_text("This room as it is on the screen, as PNG");
             name_widget(&picture, "Export comparison as PNG");
             if picture.clicked() {
-                state.capture.take(Pane::Compare);
+                capture::take(state, Pane::Compare);
             }
         });
     });
@@ -120,6 +121,9 @@ fn open(state: &mut State, number: u64) {
 
 /// One row per design.
 fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
+    if state.snapshots.draw_next() {
+        ui.ctx().request_repaint();
+    }
     let State { snapshots, comparison, palettes, .. } = state;
     egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing([6.0, 3.0]).striped(true).show(ui, |ui| {
         for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
@@ -128,7 +132,6 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
         ui.end_row();
         for snapshot in &mut snapshots.entries {
             let number = snapshot.number;
-            snapshot.draw();
             thumbnail(ui, comparison, palettes, snapshot);
             for (side, letter) in ["A", "B"].into_iter().enumerate() {
                 let chosen = comparison.pair[side] == Some(number);

@@ -297,9 +297,7 @@ fn answer(state: &mut State, question: &Question) {
             state.bench.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
         }
         Purpose::KeepUnsaved => {
-            state.preferences.unsaved = Some(std::path::absolute(&path).unwrap_or(path));
-            // What another program left there is offered by the next window.
-            drop(state.keep_unsaved());
+            state.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
         }
         Purpose::ExportPicture { image, .. } => state.bench.submit(Job::ExportPicture { image: image.clone(), path }),
         Purpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),

@@ -1,5 +1,5 @@
-//! What the window remembers from one day to the next: preferences and the arrangement of its rooms, each in a file of
-//! its own.
+//! What the window remembers from one day to the next: preferences, the arrangement of its rooms, and designs that were put
+//! aside, each in a file of its own.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

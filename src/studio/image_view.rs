@@ -250,7 +250,7 @@ impl ImageView {
     }
 
     /// Finds the limits of a picture, and counts its values while the histogram is open.
-    fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: (u64, usize)) {
+    fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: Version) {
         let found_from = (version, self.levels);
         if self.levelled != Some(found_from) {
             self.limits = self.limits_of(image);

@@ -207,7 +207,7 @@ impl Behavior<Pane> for Rooms<'_> {
         let frame = egui::Frame::new().inner_margin(egui::Margin::symmetric(8, 6)).fill(ui.visuals().panel_fill);
         frame.show(ui, |ui| {
             ui.set_min_size(ui.available_size());
-            self.0.capture.rooms.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
+            self.0.rooms.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
             match pane {
                 Pane::Mask => mask_canvas::show(ui, self.0),
                 Pane::Lenslets => lenslet_table::show(ui, self.0),

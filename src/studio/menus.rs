@@ -1,8 +1,11 @@
 //! The menus: entries for actions, and what only stands in menus.
 
+use ndarray::Array2;
+
 use super::actions::{Action, Preset};
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, name_widget};
+use super::links::{measurement_of, object_of};
 use super::mtf_panel::MtfView;
 use super::state::{Leave, State};
 use crate::optics::DIFFUSER_APERTURES;
@@ -59,36 +62,57 @@ pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
     }
 }
 
+/// A picture that can be exported.
+#[derive(Clone, Copy)]
+enum View {
+    Psf,
+    Object,
+    Measurement,
+    Mtf,
+}
+
 /// One entry per picture that there is.
 fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
-    let mut pictures = Vec::new();
-    let mut picture = |view: &ImageView, image: ndarray::Array2<f32>| {
-        let limits = view.limits_of(image.view());
-        pictures.push(Purpose::ExportView { name: view.name(), image, limits, colormap: view.colormap });
-    };
-    if let Some(optics) = &state.live.optics {
-        picture(&state.views.psf, optics.value.image.clone());
-    }
-    if let Some(scene) = &state.live.scene {
-        let shown = state.sample.min(scene.value.objects.len_of(ndarray::Axis(0)) - 1);
-        let object = scene.value.objects.index_axis(ndarray::Axis(0), shown);
-        picture(&state.views.object, object.sum_axis(ndarray::Axis(0)));
-    }
-    if let Some(measurements) = &state.live.measurements {
-        let stack = if state.noisy { &measurements.value.noisy } else { &measurements.value.noiseless };
-        let shown = state.sample.min(stack.len_of(ndarray::Axis(0)) - 1);
-        picture(&state.views.measurement, stack.index_axis(ndarray::Axis(0), shown).to_owned());
-    }
-    if let Some(optics) = state.live.optics.as_ref().filter(|_| state.mtf_view == MtfView::Map) {
-        picture(&state.views.mtf, optics.value.mtf.map.clone());
-    }
-    for purpose in pictures {
-        let Purpose::ExportView { name, .. } = purpose else { continue };
-        if ui.button(format!("{name}...")).clicked() {
-            let beside = state.bench.path().map(ToOwned::to_owned);
-            state.dialogs.ask(purpose, beside.as_deref());
+    for view in [View::Psf, View::Object, View::Measurement, View::Mtf] {
+        let is_there = match view {
+            View::Psf => state.live.optics.is_some(),
+            View::Object => state.live.scene.is_some(),
+            View::Measurement => state.live.measurements.is_some(),
+            View::Mtf => state.live.optics.is_some() && state.mtf_view == MtfView::Map,
+        };
+        if is_there && ui.button(format!("{}...", view.of(state).name())).clicked() {
+            if let Some(image) = view.picture(state) {
+                let shown = view.of(state);
+                let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
+                let purpose = Purpose::ExportView { name, image, limits, colormap };
+                state.dialogs.ask(purpose, state.bench.path());
+            }
             ui.close();
         }
+    }
+}
+
+impl View {
+    fn of(self, state: &State) -> &ImageView {
+        match self {
+            Self::Psf => &state.views.psf,
+            Self::Object => &state.views.object,
+            Self::Measurement => &state.views.measurement,
+            Self::Mtf => &state.views.mtf,
+        }
+    }
+
+    /// What it shows, shape (rows, cols).
+    fn picture(self, state: &State) -> Option<Array2<f32>> {
+        let live = &state.live;
+        Some(match self {
+            Self::Psf => live.optics.as_ref()?.value.image.clone(),
+            Self::Object => object_of(&live.scene.as_ref()?.value, state.sample).into_owned(),
+            Self::Measurement => {
+                measurement_of(&live.measurements.as_ref()?.value, state.sample, state.noisy).to_owned()
+            }
+            Self::Mtf => live.optics.as_ref()?.value.mtf.map.clone(),
+        })
     }
 }
 

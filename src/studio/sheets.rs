@@ -129,9 +129,7 @@ fn settings(ui: &mut Ui, state: &mut State) {
             }
             let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Usual folder"));
             if usual.clicked() {
-                state.preferences.unsaved = None;
-                // What another program left there is offered by the next window.
-                drop(state.keep_unsaved());
+                state.move_unsaved(None);
             }
         });
         ui.end_row();

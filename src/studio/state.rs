@@ -92,6 +92,8 @@ pub struct State {
     pub jobs: JobsWindow,
     /// Pictures of rooms.
     pub capture: Capture,
+    /// Where each room was drawn last, points.
+    pub rooms: Vec<(Pane, egui::Rect)>,
     /// The room that fills the window, if one does.
     pub maximised: Option<Pane>,
     /// What newcomers are shown.
@@ -300,6 +302,7 @@ impl State {
             sheet: None,
             jobs: JobsWindow::default(),
             capture: Capture::default(),
+            rooms: Vec::new(),
             maximised: None,
             guide: Guide::default(),
             random_start: None,
@@ -388,6 +391,13 @@ impl State {
                 Vec::new()
             }
         }
+    }
+
+    /// Keeps unsaved changes in another folder, or in the usual one again. What another program left there is offered by the
+    /// next window.
+    pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
+        self.preferences.unsaved = folder;
+        drop(self.keep_unsaved());
     }
 
     /// Puts a command line into the clipboard, or tells why there is none.

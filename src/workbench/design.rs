@@ -157,11 +157,20 @@ impl Design {
     /// [`DesignFileError`] where the design cannot be rendered or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), DesignFileError> {
         let psf = self.psf(1)?;
-        write_json(
-            path,
-            &DesignFile { format: FORMAT, format_version: FORMAT_VERSION, design: self, psf: rows_of(&psf) },
-        )?;
-        Ok(())
+        Ok(write_json(path, &DesignFile::new(self, Some(rows_of(&psf))))?)
+    }
+
+    /// The text of a design file on one line, without the PSF.
+    ///
+    /// # Errors
+    /// [`DesignFileError`] where the design cannot be computed.
+    pub fn to_json(&self) -> Result<String, DesignFileError> {
+        self.check()?;
+        serde_json::to_string(&DesignFile::new(self, None)).map_err(|error| DesignFileError::Refused {
+            path: "the design".into(),
+            found: error.to_string(),
+            advice: "correct the entry",
+        })
     }
 
     /// The PSF, shape (planes, rows, cols), over at least `planes` planes and all that the lenslets are focused on.
@@ -174,8 +183,8 @@ impl Design {
     }
 }
 
-pub(super) const FORMAT: &str = "lenslet-studio/design";
-pub(super) const FORMAT_VERSION: u64 = 1;
+const FORMAT: &str = "lenslet-studio/design";
+const FORMAT_VERSION: u64 = 1;
 
 /// What stands in a design file. The PSF is for other programs: opening renders it anew from the encoder.
 #[derive(Serialize)]
@@ -184,7 +193,14 @@ struct DesignFile<'a> {
     format_version: u64,
     #[serde(flatten)]
     design: &'a Design,
-    psf: Vec<Vec<Vec<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    psf: Option<Vec<Vec<Vec<f64>>>>,
+}
+
+impl<'a> DesignFile<'a> {
+    fn new(design: &'a Design, psf: Option<Vec<Vec<Vec<f64>>>>) -> Self {
+        Self { format: FORMAT, format_version: FORMAT_VERSION, design, psf }
+    }
 }
 
 fn rows_of(psf: &Array3<f64>) -> Vec<Vec<Vec<f64>>> {

@@ -268,9 +268,13 @@ fn causal(
     Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
 }
 
-/// Share of a bracket's time that goes to the density model; without a prior there is no decoder to fit.
+/// Share of a bracket's time that goes to each of its parts where there is a prior: density model, decoder, and following
+/// the posterior on either side.
+const PART: f64 = 0.25;
+
+/// Share of a bracket's time that goes to the density model; without a prior there is no other part.
 fn density_share(set: &ObjectSet) -> f64 {
-    if set.bead_prior().is_some() { 0.25 } else { 1.0 }
+    if set.bead_prior().is_some() { PART } else { 1.0 }
 }
 
 /// A share of a time; steps are not shared.
@@ -280,11 +284,6 @@ fn share_of(length: FitLength, share: f64) -> FitLength {
         steps @ FitLength::Steps(_) => steps,
     }
 }
-
-/// Shares of a bracket's time that go to the fit of the decoder, and to following the posterior on either side, where there
-/// is a prior.
-const DECODER_SHARE: f64 = 0.25;
-const POSTERIOR_SHARE: f64 = 0.25;
 
 /// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
 fn bead_bounds(
@@ -298,14 +297,14 @@ fn bead_bounds(
     let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
     let start = if fresh { None } else { Decoder::shipped() };
     let (kind, seed) = (DecoderKind::Autoregressive, derived_seed(design.seed, 4));
-    let fit = match share_of(length, DECODER_SHARE) {
+    let fit = match share_of(length, PART) {
         FitLength::Time(budget) => DecoderFit::within(budget, kind, seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, seed),
     };
     let (bound, decoder) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
     let follow = |stream: u64| {
         let seed = derived_seed(design.seed, stream);
-        match share_of(length, POSTERIOR_SHARE) {
+        match share_of(length, PART) {
             FitLength::Time(budget) => PosteriorFit::within(budget, seed),
             FitLength::Steps(_) => PosteriorFit::usual(seed),
         }

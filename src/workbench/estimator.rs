@@ -329,9 +329,9 @@ impl Shared {
         if revision < self.newest.load(Ordering::Relaxed) {
             return;
         }
-        let published = std::cell::Cell::new(false);
+        let published = AtomicBool::new(false);
         let mut publish = |estimate: LiveEstimate| {
-            published.set(true);
+            published.store(true, Ordering::Relaxed);
             let mut estimates = lock(&self.estimates);
             estimates.live_failure = None;
             estimates.live = Some(Stamped { revision, value: Arc::new(estimate) });
@@ -340,7 +340,7 @@ impl Shared {
         };
         // While edits follow each other quickly, each one that was begun still brings its first number.
         let stop = || {
-            let superseded = revision < self.newest.load(Ordering::Relaxed) && published.get();
+            let superseded = revision < self.newest.load(Ordering::Relaxed) && published.load(Ordering::Relaxed);
             let unwanted = self.quit.load(Ordering::Relaxed) || !self.wants_live();
             superseded || unwanted || !lock(&self.mailbox).orders.is_empty()
         };

@@ -40,7 +40,7 @@ pub enum FittedModel {
 
 /// Hears of progress, and answers whether to go on; after `Break` the computation ends in
 /// [`InformationError::Cancelled`].
-pub type Watch<'a> = &'a mut dyn FnMut(&EstimateProgress) -> ControlFlow<()>;
+pub type Watch<'a> = &'a mut (dyn FnMut(&EstimateProgress) -> ControlFlow<()> + Send);
 
 /// Tells of a step that is no fit.
 pub(super) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> Result<(), InformationError> {
@@ -82,7 +82,11 @@ impl From<&DecoderProgress> for EstimateProgress {
 
 impl From<&PosteriorProgress> for EstimateProgress {
     fn from(found: &PosteriorProgress) -> Self {
-        let step = format!("Following the posterior, {:.3} bits per pixel", found.bits_per_pixel);
+        let step = if found.samples == 0 {
+            "Following the posterior".to_owned()
+        } else {
+            format!("Following the posterior, {:.3} bits per pixel", found.bits_per_pixel)
+        };
         Self { step, done: found.samples, total: found.most, fit: None }
     }
 }

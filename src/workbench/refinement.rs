@@ -107,7 +107,7 @@ impl Refiner {
         design: &Design,
         scene: &Arc<Scene>,
         publish: &mut dyn FnMut(LiveEstimate),
-        stop: &dyn Fn() -> bool,
+        stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), EvaluationError> {
         let set = &scene.set;
         let imaging = imaging(design, set)?;
@@ -207,7 +207,7 @@ impl Beads<'_> {
     }
 
     /// What the decoder tells of fresh samples.
-    fn decode(&mut self, samples: usize, stop: &dyn Fn() -> bool) {
+    fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
         let Some(channel) = &self.channel else { return };
         let seed = derived_seed(self.design.seed, 7);
         let Ok(Some(bound)) = QuickLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
@@ -218,7 +218,7 @@ impl Beads<'_> {
     }
 
     /// The posterior from both sides, for so long each.
-    fn follow(&mut self, time: Duration, stop: &dyn Fn() -> bool) {
+    fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
         let (Some(channel), Some(decoder)) = (&self.channel, Decoder::shipped()) else { return };
         let fit = |stream| PosteriorFit::within(time, derived_seed(self.design.seed, stream));
         let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };

@@ -3,9 +3,7 @@
 //! They hold the whole design: by flags where it is one of the published layouts, and otherwise as JSON on standard input,
 //! so that they come out the same in any folder and on any day.
 
-use serde_json::json;
-
-use super::design::{Design, DesignError};
+use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
 use crate::design::{Free, IdealSettings};
 use crate::information::{FitLength, Protocol};
@@ -121,22 +119,6 @@ fn anywhere(objects: &ObjectSource) -> ObjectSource {
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:+,@=".contains(c);
     if word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
-}
-
-impl Design {
-    /// The design as the text of a design file, on one line and without the PSF that it renders to.
-    ///
-    /// # Errors
-    /// [`DesignError`] where the design cannot be computed.
-    pub fn to_json(&self) -> Result<String, DesignError> {
-        self.check()?;
-        let mut value = json!({ "format": super::design::FORMAT, "format_version": super::design::FORMAT_VERSION });
-        let own = serde_json::to_value(self).unwrap_or_default();
-        if let (Some(all), serde_json::Value::Object(own)) = (value.as_object_mut(), own) {
-            all.extend(own);
-        }
-        Ok(value.to_string())
-    }
 }
 
 #[cfg(test)]

@@ -32,6 +32,8 @@ pub struct Snapshot {
     /// Name of its file, and whether that is behind.
     file: String,
     changed: bool,
+    /// Whether its PSF was rendered for its own sake.
+    drawn: bool,
     /// PSF and transfer function.
     pub optics: Option<Arc<Optics>>,
     /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols).
@@ -67,13 +69,12 @@ impl Snapshot {
         self.changed |= self.kept() != before;
     }
 
-    /// The PSF, for snapshots of another day.
-    pub fn draw(&mut self) {
-        if self.optics.is_none() {
-            let planes = if let ObjectSource::Volume { planes, .. } = self.design.objects { planes } else { 1 };
-            // A design that cannot be drawn shows no picture; opening it tells why.
-            self.optics = Optics::of(&self.design, planes).ok().map(Arc::new);
-        }
+    /// The PSF, for a snapshot of another day.
+    fn draw(&mut self) {
+        self.drawn = true;
+        let planes = if let ObjectSource::Volume { planes, .. } = self.design.objects { planes } else { 1 };
+        // A design that cannot be drawn shows no picture; opening it tells why.
+        self.optics = Optics::of(&self.design, planes).ok().map(Arc::new);
     }
 
     /// Another name.
@@ -195,6 +196,7 @@ impl Snapshots {
             // Sorted by name, files are in the order in which designs were kept.
             file: format!("{:024}-{}.json", now.as_nanos(), std::process::id()),
             changed: true,
+            drawn: false,
             optics: None,
             measurement: None,
             tamura: None,
@@ -236,6 +238,7 @@ impl Snapshots {
                 revision: None,
                 file: file.to_string_lossy().into_owned(),
                 changed: false,
+                drawn: false,
                 optics: None,
                 measurement: None,
                 tamura,
@@ -249,6 +252,13 @@ impl Snapshots {
         }
         let read = all.entries.len();
         Ok((all, found.min(Self::MOST) - read))
+    }
+
+    /// Renders the PSF of one that has none yet: a few milliseconds, so that a frame never waits for all. Tells whether
+    /// there was one.
+    pub fn draw_next(&mut self) -> bool {
+        let next = self.entries.iter_mut().find(|snapshot| snapshot.optics.is_none() && !snapshot.drawn);
+        next.map(Snapshot::draw).is_some()
     }
 
     /// Forgets one, its file as well.

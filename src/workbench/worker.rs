@@ -270,10 +270,16 @@ impl Evaluator {
             });
             tell(entry, progress);
         };
-        let scene = self.scene(design, revision, shared, &superseded, &told)?;
+        let scene = self.scene(design, revision, shared, &superseded, &told);
         if let Some(entry) = entry.into_inner() {
-            entry.end(Ok(scene.set.describe()));
+            match &scene {
+                Ok(scene) => entry.end(Ok(scene.set.describe())),
+                // Dropped without an end, it was stopped.
+                Err(EvaluationError::Objects(ObjectError::Cancelled)) => {}
+                Err(error) => entry.end(Err(error.to_string())),
+            }
         }
+        let scene = scene?;
         // Opening the objects may have told that they have more planes.
         let optics = if scene.set.planes() > planes {
             self.optics(design, scene.set.planes(), revision, shared)?

@@ -65,7 +65,7 @@ pub enum StudyEvent<'a> {
 }
 
 /// Hears of events, and answers whether to go on.
-pub(super) type StudyWatch<'a> = &'a mut dyn FnMut(&StudyEvent<'_>) -> ControlFlow<()>;
+pub(super) type StudyWatch<'a> = &'a mut (dyn FnMut(&StudyEvent<'_>) -> ControlFlow<()> + Send);
 
 impl Study {
     /// Opens the study of `folder`, which is made if need be, or begins it there. Objects are read, so that those that

@@ -95,7 +95,7 @@ fn only_missing_cells_are_computed() {
 fn a_study_that_is_stopped_keeps_its_finished_cells() {
     let folder = tempfile::tempdir().unwrap();
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
-    let steps = Cell::new(0);
+    let mut steps = 0;
     let progress = EstimateProgress { step: "Fitting".into(), done: 0, total: 1, fit: None };
     let stopped = study.run_with(
         &|_, _, watch| match watch(&progress) {
@@ -104,8 +104,8 @@ fn a_study_that_is_stopped_keeps_its_finished_cells() {
         },
         &mut |event| match event {
             StudyEvent::Step(step) => {
-                steps.set(steps.get() + 1);
-                assert_eq!((step.number, step.cells), (steps.get(), 4));
+                steps += 1;
+                assert_eq!((step.number, step.cells), (steps, 4));
                 // A cell is expected to take its budget, and then what those before it took.
                 let most = if step.number == 1 { 4.0 * 60.0 } else { 2.0 * (5 - step.number) as f64 };
                 assert!(step.left.as_secs_f64() <= most && step.left.as_secs_f64() > most - 2.0, "{:?}", step.left);

@@ -32,6 +32,8 @@ pub(super) struct Walk<'a> {
     pub effort: Effort,
     /// Number of steps.
     pub levels: usize,
+    /// Asked at every step; what a walk has that was ended early is nothing.
+    pub go_on: &'a dyn Fn() -> bool,
 }
 
 /// Heat after a share of the way.
@@ -76,6 +78,9 @@ impl<'a> Walk<'a> {
         let mut logs = vec![0.0; states.len()];
         let mut sum = 0.0;
         for level in 1..=self.levels {
+            if !(self.go_on)() {
+                return f64::NAN;
+            }
             let rise = self.heat(level) - self.heat(level - 1);
             for (log, state) in logs.iter_mut().zip(&states) {
                 *log += rise * self.ratio(state);
@@ -107,6 +112,9 @@ impl<'a> Walk<'a> {
         let mut state = self.state(truth.iter().copied());
         let mut sum = 0.0;
         for level in (1..=self.levels).rev() {
+            if !(self.go_on)() {
+                return f64::NAN;
+            }
             if level < self.levels {
                 self.stir(&mut state, level, random);
             }

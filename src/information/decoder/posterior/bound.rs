@@ -17,6 +17,7 @@ use super::anneal::Walk;
 use super::light::Light;
 use super::moves::{Effort, Guess, Steps};
 use super::state::Measured;
+use super::watch::Watch;
 use crate::information::InformationError;
 use crate::information::ceiling::AreaSums;
 use crate::information::likelihood::log_likelihood;
@@ -137,15 +138,18 @@ pub struct PosteriorBound {
     pub seed: u64,
 }
 
+/// Hears of progress, on any thread, and answers whether to go on.
+pub type OnPosterior<'a> = &'a mut (dyn FnMut(&PosteriorProgress) -> ControlFlow<()> + Send);
+
 /// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it.
 ///
 /// # Errors
-/// For what is no channel or no fit, and when cancelled: `on_progress` is called after every few samples and may break off.
+/// For what is no channel or no fit, and when cancelled: `on_progress` is called every 50 ms and may break off.
 pub fn posterior_upper_bound(
     channel: &BeadChannel,
     fit: &PosteriorFit,
     decoder: &Decoder,
-    on_progress: &mut dyn FnMut(&PosteriorProgress) -> ControlFlow<()>,
+    on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
     bound(channel, fit, (decoder, Side::Above), on_progress)
 }
@@ -159,7 +163,7 @@ pub fn posterior_lower_bound(
     channel: &BeadChannel,
     fit: &PosteriorFit,
     decoder: &Decoder,
-    on_progress: &mut dyn FnMut(&PosteriorProgress) -> ControlFlow<()>,
+    on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
     bound(channel, &PosteriorFit { groups: 1, walkers: 1, ..fit.clone() }, (decoder, Side::Below), on_progress)
 }
@@ -174,12 +178,13 @@ fn bound(
     channel: &BeadChannel,
     fit: &PosteriorFit,
     (decoder, side): (&Decoder, Side),
-    on_progress: &mut dyn FnMut(&PosteriorProgress) -> ControlFlow<()>,
+    on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
     let started = Instant::now();
+    let watch = Watch::new(on_progress, fit.samples, started);
     fit.check()?;
     let scene = Scene::new(channel)?;
-    let follower = Follower::new(channel, &scene, fit, decoder)?;
+    let follower = Follower::new(channel, &scene, fit, decoder, &watch)?;
     let levels = fit.levels.unwrap_or_else(|| follower.affordable_levels(side, started));
     let mut nats: Vec<f64> = Vec::new();
     loop {
@@ -187,8 +192,7 @@ fn bound(
         nats.extend(follower.block(first..first + REPORT.min(fit.samples - first), levels, side));
         let (mean, half_width) = mean_and_half_width(&nats, scene.pixels());
         let elapsed = started.elapsed();
-        let progress = PosteriorProgress { samples: nats.len(), most: fit.samples, elapsed, bits_per_pixel: mean };
-        if on_progress(&progress).is_break() {
+        if !watch.note(nats.len(), mean) {
             return Err(InformationError::Cancelled);
         }
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);
@@ -223,6 +227,7 @@ struct Follower<'a> {
     scene: &'a Scene,
     fit: &'a PosteriorFit,
     decoder: &'a Decoder,
+    watch: &'a Watch<'a>,
     free: Pool<Pass<'a>>,
     light: Light,
     /// The whole spot: planes, rows, cols.
@@ -238,6 +243,7 @@ impl<'a> Follower<'a> {
         scene: &'a Scene,
         fit: &'a PosteriorFit,
         decoder: &'a Decoder,
+        watch: &'a Watch<'a>,
     ) -> Result<Self, InformationError> {
         let spot = channel.checked_spot()?;
         let light = Light::new(&spot, scene);
@@ -255,7 +261,7 @@ impl<'a> Follower<'a> {
                 }
             }
         }
-        Ok(Self { scene, fit, decoder, free: Pool::default(), light, steps: Steps::new(&spot), spot, told })
+        Ok(Self { scene, fit, decoder, watch, free: Pool::default(), light, steps: Steps::new(&spot), spot, told })
     }
 
     fn with_sample<T>(&self, index: usize, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
@@ -332,7 +338,8 @@ impl<'a> Follower<'a> {
             shifts: (SHIFTS_PER_BEAD * scene.probability * sites).ceil() as usize,
         };
         let (light, steps) = (&self.light, &self.steps);
-        let walk = Walk { light, measured: &measured, guess: &guess, steps, effort, levels };
+        let go_on = || self.watch.goes_on();
+        let walk = Walk { light, measured: &measured, guess: &guess, steps, effort, levels, go_on: &go_on };
         match side {
             Side::Above => exact - walk.forwards(fit.walkers, &mut random),
             // The walk knows its model alone, so that both logs must be of it.

@@ -18,5 +18,6 @@ mod moves;
 mod state;
 #[cfg(test)]
 mod tests;
+mod watch;
 
 pub use bound::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};

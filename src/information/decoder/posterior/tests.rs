@@ -123,7 +123,15 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
         let effort = Effort { flips: 4, shifts: 2 };
         let mut last = f64::NEG_INFINITY;
         for (levels, walkers) in [(1, 1), (6, 3), (400, 3)] {
-            let walk = Walk { light: &light, measured: &measured, guess: &guess, steps: &steps, effort, levels };
+            let walk = Walk {
+                light: &light,
+                measured: &measured,
+                guess: &guess,
+                steps: &steps,
+                effort,
+                levels,
+                go_on: &|| true,
+            };
             let found: Vec<f64> = (0..800).map(|_| walk.forwards(walkers, &mut random) - truth).collect();
             let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
             let (log, _) = mean(&found);
@@ -146,7 +154,15 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
         };
         last = f64::INFINITY;
         for levels in [1, 6, 400] {
-            let walk = Walk { light: &light, measured: &measured, guess: &guess, steps: &steps, effort, levels };
+            let walk = Walk {
+                light: &light,
+                measured: &measured,
+                guess: &guess,
+                steps: &steps,
+                effort,
+                levels,
+                go_on: &|| true,
+            };
             let found: Vec<f64> = (0..800)
                 .map(|_| {
                     let beads = draw(&mut random);
@@ -249,6 +265,10 @@ fn a_bound_stops_when_asked_and_keeps_within_its_time() {
         if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
+    // In the middle of a walk, too: all of its levels would take hours.
+    let endless = PosteriorFit::of_levels(1 << 24, 1);
+    let stopped = posterior_lower_bound(&channel, &endless, decoder, &mut |_| ControlFlow::Break(()));
+    assert_eq!(stopped, Err(InformationError::Cancelled));
     let budget = std::time::Duration::from_millis(600);
     let fit = PosteriorFit { samples: usize::MAX, half_width: 0.0, ..PosteriorFit::within(budget, 1) };
     let bound = posterior_upper_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
