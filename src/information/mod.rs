@@ -40,8 +40,8 @@ pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use decoder::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, OnFirstStep,
-    PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
-    posterior_upper_bound,
+    PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound, fitted_decoder,
+    posterior_lower_bound, posterior_upper_bound, spot_slope,
 };
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;

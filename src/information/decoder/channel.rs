@@ -32,6 +32,18 @@ pub struct BeadChannel {
 impl BeadChannel {
     /// Refuses what is no channel, and returns the spot without its dark edges.
     pub(super) fn checked_spot(&self) -> Result<Array3<f64>, InformationError> {
+        self.check()?;
+        self.of_sites(self.trimmed()?)
+    }
+
+    /// As [`BeadChannel::checked_spot`], with its dark edges.
+    pub(super) fn whole_spot(&self) -> Result<Array3<f64>, InformationError> {
+        self.check()?;
+        self.trimmed()?;
+        self.of_sites(self.spot.clone())
+    }
+
+    fn check(&self) -> Result<(), InformationError> {
         check_noise(self.noise)?;
         if !(self.probability > 0.0 && self.probability < 1.0) {
             return Err(InformationError::Probability { found: self.probability });
@@ -44,7 +56,12 @@ impl BeadChannel {
         {
             return Err(InformationError::Photons { found });
         }
-        let spot = self.trimmed()?;
+        Ok(())
+    }
+
+    /// A spot that no more sites can reach the patch with than a decoder takes.
+    fn of_sites(&self, spot: Array3<f64>) -> Result<Array3<f64>, InformationError> {
+        let (rows, cols) = self.patch;
         let (planes, spot_rows, spot_cols) = spot.dim();
         let found = planes.saturating_mul((rows + spot_rows - 1) * (cols + spot_cols - 1));
         if found > MAX_SITES {

@@ -14,6 +14,7 @@ pub(super) enum Purpose {
     Training = 1,
     Test = 2,
     Posterior = 3,
+    Slope = 4,
 }
 
 /// Which sites are told to the decoder before it begins.

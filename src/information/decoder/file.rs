@@ -13,8 +13,25 @@ impl Decoder {
     /// # Errors
     /// None for weights that were not shortened; see [`write_weights`].
     pub fn to_bytes(&self) -> Result<Vec<u8>, InformationError> {
-        let details = vec![("unrolled", self.unrolled().to_string())];
+        self.to_bytes_with(Vec::new())
+    }
+
+    /// The same with more entries in its header.
+    ///
+    /// # Errors
+    /// As [`Decoder::to_bytes`].
+    pub fn to_bytes_with(&self, mut details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
+        details.push(("unrolled", self.unrolled().to_string()));
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
+    }
+
+    /// One of the entries that [`Decoder::to_bytes_with`] was given.
+    ///
+    /// # Errors
+    /// For other files, and where the entry is missing.
+    pub fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
+        let missing = || NetworkError::Weights { expected: format!("an entry {name:?}"), found: "none".into() };
+        Ok(read_details(bytes, &HEADER)?.remove(name).ok_or_else(missing)?)
     }
 
     /// Reads what [`Decoder::to_bytes`] wrote.

@@ -72,13 +72,18 @@ impl<'a> Passes<'a> {
         reveal: impl Fn(usize, &mut ChaCha8Rng) -> Reveal + Sync,
     ) -> Vec<Outcome> {
         let decoded = (0..count).into_par_iter().map(|index| {
-            lend(&self.free, self.scene, self.steps, |pass| {
+            self.lend(|pass| {
                 let draw = (seed, Purpose::Test, first + index);
                 pass.sample.draw(self.scene, draw, |random| reveal(index, random), &mut pass.blur);
                 decode(pass, decoder)
             })
         });
         decoded.collect()
+    }
+
+    /// Does work with the memory of a thread.
+    pub fn lend<T>(&self, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
+        lend(&self.free, self.scene, self.steps, work)
     }
 }
 

@@ -20,12 +20,14 @@ mod pass;
 mod posterior;
 mod quick;
 mod scene;
+mod slope;
 mod step;
 
-pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
+pub use bound::{DecoderKind, LowerBound, decoder_lower_bound, fitted_decoder};
 pub use channel::BeadChannel;
 pub use first::{FirstProgress, OnFirstStep};
 pub use fit::{DecoderFit, DecoderProgress};
 pub use layers::Decoder;
 pub use posterior::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
 pub use quick::QuickLowerBound;
+pub use slope::spot_slope;

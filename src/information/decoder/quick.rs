@@ -10,7 +10,7 @@ use super::fit::DecoderFit;
 use super::layers::Decoder;
 use crate::information::InformationError;
 
-/// A bound from below by the decoder that comes with the program, without any fit.
+/// A bound from below by a decoder as it is, without any fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct QuickLowerBound {
     /// Bits per pixel of the patch.
@@ -22,7 +22,7 @@ pub struct QuickLowerBound {
 }
 
 impl QuickLowerBound {
-    /// Tests the decoder on at most so many samples, or until half the width of the interval (bits per pixel) is this
+    /// Tests the decoder that comes with the program on at most so many samples, or until half the width of the interval (bits per pixel) is this
     /// small; none where the program has no decoder.
     ///
     /// # Errors
@@ -33,12 +33,29 @@ impl QuickLowerBound {
         seed: u64,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Self>, InformationError> {
-        let Some(decoder) = Decoder::shipped() else { return Ok(None) };
-        let fit =
-            DecoderFit { half_width, max_test: samples, ..DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed) };
+        Decoder::shipped().map(|decoder| Self::by(decoder, channel, (samples, half_width), seed, go_on)).transpose()
+    }
+
+    /// As [`QuickLowerBound::new`], by another decoder.
+    ///
+    /// # Errors
+    /// As [`QuickLowerBound::new`].
+    pub fn by(
+        decoder: &Decoder,
+        channel: &BeadChannel,
+        (samples, half_width): (usize, f64),
+        seed: u64,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Self, InformationError> {
+        let fit = DecoderFit {
+            half_width,
+            max_test: samples,
+            unrolled: decoder.unrolled(),
+            ..DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed)
+        };
         let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), watch)?;
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
-        Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
+        Ok(Self { bits_per_pixel, interval_95, samples: bound.test_patches })
     }
 }

@@ -1,5 +1,7 @@
 //! A channel made ready: which object pixels are decoded, and the blurs that connect them with the patch.
 
+use ndarray::Array3;
+
 use super::channel::BeadChannel;
 use crate::information::InformationError;
 use crate::information::ceiling::AreaSums;
@@ -42,7 +44,11 @@ impl Scene {
     /// # Errors
     /// As [`super::decoder_lower_bound`] for what is no channel.
     pub fn new(channel: &BeadChannel) -> Result<Self, InformationError> {
-        let spot = channel.checked_spot()?;
+        Self::of(channel, channel.checked_spot()?)
+    }
+
+    /// As [`Scene::new`], for a spot of the channel with or without its dark edges.
+    pub fn of(channel: &BeadChannel, spot: Array3<f64>) -> Result<Self, InformationError> {
         let (planes, spot_rows, spot_cols) = spot.dim();
         let patch = channel.patch;
         let (rows, cols) = (patch.0 + spot_rows - 1, patch.1 + spot_cols - 1);
@@ -64,7 +70,7 @@ impl Scene {
         }
         // The sites were counted and the spot is not empty, so the shapes fit.
         let plan = Convolution::new((rows, cols), (spot_rows, spot_cols)).map_err(|_| InformationError::NoLight)?;
-        let convolver = |spot: &ndarray::Array3<f64>| plan.with_psf(spot.view()).map_err(|_| InformationError::NoLight);
+        let convolver = |spot: &Array3<f64>| plan.with_psf(spot.view()).map_err(|_| InformationError::NoLight);
         let light = convolver(&spot)?;
         let mut on_patch = vec![0.0; sites];
         light.blur_transposed(&vec![1.0; patch.0 * patch.1], &mut on_patch, &mut light.blur_workspace());
