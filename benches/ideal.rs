@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Imaging, Preset};
+use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Imaging, Objective, Preset};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
 use lenslet_studio::optics::{Limits, random_layout};
 use lenslet_studio::sensor::Noise;
@@ -20,7 +20,7 @@ const BATCH: usize = 2;
 fn parts_of_a_run(criterion: &mut Criterion) {
     let set = ObjectSet::open(&"beads:0.02".parse().expect("beads"), &ObjectOptions::default()).expect("beads");
     let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
-    let settings = IdealSettings::new(Preset::Default, 1);
+    let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
     let start = random_layout(25, 1);
     let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     ideal.advance(&mut |_| ControlFlow::Continue(())).expect("the first round");
@@ -29,7 +29,9 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("ideal");
     group.sample_size(10).measurement_time(Duration::from_secs(12));
     group.bench_function("gradient of a step", |bencher| {
-        bencher.iter(|| imaging.gradient(&start, &draw, ideal.model()).expect("a gradient"));
+        bencher.iter(|| {
+            imaging.gradient(&start, &draw, ideal.density_model().expect("a density model")).expect("a gradient")
+        });
     });
     group.bench_function("its products alone", |bencher| {
         bencher.iter(|| products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs));

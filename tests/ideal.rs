@@ -2,8 +2,10 @@
 
 use std::ops::ControlFlow;
 
-use lenslet_studio::design::{Free, Ideal, IdealError, IdealSettings, Imaging, Preset, derived_seed, merged};
-use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, score};
+use lenslet_studio::design::{
+    Free, Ideal, IdealError, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
+};
+use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
 use lenslet_studio::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
 use lenslet_studio::sensor::{Noise, Patches};
@@ -33,8 +35,15 @@ fn settings() -> IdealSettings {
         first_fit: 60,
         refit: 20,
         last_fit: 60,
-        ..IdealSettings::new(Preset::Default, 3)
+        ..IdealSettings::new(Preset::Default, Objective::Density, 3)
     }
+}
+
+/// The same length of run, up the posterior.
+fn up_the_posterior() -> IdealSettings {
+    let IdealSettings { steps, patch, refit_every, first_fit, refit, last_fit, .. } = settings();
+    let usual = IdealSettings::new(Preset::Default, Objective::Posterior, 3);
+    IdealSettings { steps, patches: 8, patch, refit_every, first_fit, refit, last_fit, ..usual }
 }
 
 fn imaging(set: &ObjectSet) -> Imaging<'_> {
@@ -77,12 +86,39 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
 }
 
 #[test]
+fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
+    let set = beads(0.03);
+    let imaging = imaging(&set);
+    let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.03, weight: 1e-3, relative_weight: 0.0 };
+    let settings = IdealSettings { steps: 240, refit_every: 20, rates, ..up_the_posterior() };
+    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
+    assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
+    assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
+    let psf = render_psf(&last.array, 1).unwrap();
+    let channel = imaging.bead_channel(psf.view(), (8, 8)).unwrap();
+    let (rows, cols) = (channel.spot.dim().1, channel.spot.dim().2);
+    let sites = ((8 + rows - 1) * (8 + cols - 1)) as f64;
+    assert!(last.interval_95[1] < sites / 64.0 * binary_entropy(0.03), "{last:?}");
+    // Neither are there bounds beside a bound, nor a density model.
+    assert!(ideal.state().frames.iter().all(|frame| frame.lower.is_none()) && ideal.density_model().is_none());
+}
+
+#[test]
 fn equal_runs_are_equal_and_interrupted_ones_go_on_bit_for_bit() {
+    for settings in [settings(), up_the_posterior()] {
+        goes_on_bit_for_bit(&settings);
+    }
+}
+
+fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let set = beads(0.05);
     let imaging = imaging(&set);
+    let settings = || settings.clone();
     let whole = run(&imaging, &two(), settings());
     let again = run(&imaging, &two(), settings());
     assert_eq!(whole.state().array, again.state().array);
+    assert_ne!(whole.state().array, two());
 
     let new = || Ideal::new(&imaging, &two(), Limits::default(), settings()).unwrap();
     let mut first = new();
@@ -128,7 +164,8 @@ fn information_is_told_of_held_out_objects_only() {
         let clean = Patches::one_each(encoded.dim(), (8, 8), derived_seed(3, 3)).unwrap().cut(encoded.view());
         let noisy = Noise::Shot.draw(clean.view(), derived_seed(3, 4));
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
-        let (bits, _) = score(ideal.model(), &entropy, &PatchBatch { noisy, clean: Some(clean) }).unwrap();
+        let (bits, _) =
+            score(ideal.density_model().unwrap(), &entropy, &PatchBatch { noisy, clean: Some(clean) }).unwrap();
         bits.iter().sum::<f64>() / bits.len() as f64
     };
     assert_eq!(frame.bits_per_pixel, value(Split::Test));
@@ -181,4 +218,9 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
     let silent = Imaging::new(&set, (12, 12), 10.0, Noise::None).unwrap();
     let error = Ideal::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
     assert!(error.contains("noise"), "{error}");
+    let spread = ObjectSet::open(&"beads:1".parse().unwrap(), &ObjectOptions { field: (27, 27), mean_photons: 100.0 });
+    let (known, spread) = (up_the_posterior(), spread.unwrap());
+    let full = self::imaging(&spread);
+    let of_unknown = Ideal::new(&full, &two(), Limits::default(), known).err().unwrap().to_string();
+    assert!(of_unknown.contains("objective is posterior"), "{of_unknown}");
 }

@@ -12,7 +12,7 @@ use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, ch
 use super::design_args::{SceneArgs, open_design};
 use super::study::run_with_bar;
 use super::{Failure, output};
-use crate::design::{Frame, Free, IdealProgress, IdealSettings, Preset, time_left};
+use crate::design::{Frame, Free, IdealProgress, IdealSettings, Objective, Preset, time_left};
 use crate::optics::Encoder;
 use crate::workbench::study::Study;
 use crate::workbench::{
@@ -37,10 +37,15 @@ pub struct Arguments {
     #[arg(long)]
     seed: Option<u64>,
 
-    /// default: warm refits of the live density model every few steps; paper: its fits from the beginning with the steps,
-    /// batches, rates and patches as published (which took a PixelCNN).
+    /// default: warm refits every few steps of what the mask climbs; paper: fits of the live density model from the beginning
+    /// with the steps, batches, rates and patches as published (which took a PixelCNN).
     #[arg(long, default_value_t)]
     preset: Preset,
+
+    /// What the mask climbs. posterior: what can be told of beads, by a decoder; density: a density model of the
+    /// measurements, for any objects [default: posterior for beads and the default preset].
+    #[arg(long)]
+    objective: Option<Objective>,
 
     /// Folder of the run. One that holds a part of the same run is continued.
     #[arg(long, value_name = "DIR")]
@@ -171,7 +176,8 @@ impl Arguments {
     }
 
     fn settings(&self, design: &Design) -> anyhow::Result<IdealSettings> {
-        let preset = IdealSettings::new(self.preset, design.seed);
+        let objective = self.objective.unwrap_or_else(|| Objective::usual(self.preset, &design.objects));
+        let preset = IdealSettings::new(self.preset, objective, design.seed);
         let settings = IdealSettings {
             steps: self.steps.unwrap_or(preset.steps),
             patch: self.patch.map_or(preset.patch, PatchChoice::shape),
@@ -192,7 +198,7 @@ impl Arguments {
     fn finish(&self, record: &IdealRecord) -> Result<(), Failure> {
         let mut files = export_design(&record.design(), &self.out)?;
         let curve = self.out.join("curve.csv");
-        curve_of(&record.frames).write(&curve)?;
+        curve_of(record.settings.objective, &record.frames).write(&curve)?;
         let path = self.out.join("run.json");
         record.save(&path)?;
         files.extend([curve, path]);
@@ -237,15 +243,23 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     };
     let patch = patches_of(record.settings.patch);
     let mut lines = vec![
-        format!("{} before {}, {patch}, {} preset", record.start.encoder.describe(), record.start.objects, record.settings.preset),
-        format!("information from {} to {} bits per pixel on held-out objects", bits(start), bits(end)),
+        format!(
+            "{} before {}, {patch}, {} preset, {} objective",
+            record.start.encoder.describe(),
+            record.start.objects,
+            record.settings.preset,
+            record.settings.objective
+        ),
+        format!(
+            "from {} to {} bits per pixel on held-out objects, {}",
+            bits(start),
+            bits(end),
+            record.settings.objective.kind_of_value()
+        ),
         format!(
             "{} lenslets, {:.1} effective; Tamura {:.3} to {:.3}; {} steps in {:.0} s",
             end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
         ),
-        "These are upper bounds by the run's own density model; `estimate --estimator bracket` bounds the design from both \
-         sides."
-            .into(),
     ];
     if !record.events.is_empty() {
         lines.push(format!(
@@ -264,7 +278,7 @@ fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
     let left = time_left(state, settings, progress.seconds)
         .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));
     match progress.fitting {
-        Some(_) if state.frames.is_empty() => "First fit of the density model".into(),
+        Some(_) if state.frames.is_empty() => "First fit".into(),
         _ => format!("{value}{left}"),
     }
 }

@@ -1,34 +1,23 @@
-//! IDEAL: the mask climbs the information of its measurements under a density model that follows it (Kabuli et al. 2026).
+//! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use ndarray::{Array4, Axis, s};
-
 use super::error::IdealError;
 use super::gradient::GradientDraw;
-use super::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
+use super::guide::{DensityGuide, Guide, GuideFit, PosteriorGuide};
+use super::imaging::{Imaging, derived_seed};
 use super::merge::{closest, joined, merged};
 use super::movement::project;
-use super::settings::IdealSettings;
+use super::settings::{IdealSettings, Objective};
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
-use crate::information::{
-    CausalFit, CausalModel, CausalShape, FitLength, InformationError, NoiseEntropy, PatchBatch, PatchStream, Protocol,
-    QuickLowerBound, paired_interval, score,
-};
+use crate::information::{CausalModel, Decoder, InformationError, QuickLowerBound};
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
-use crate::sensor::Patches;
 use crate::sparsity::tamura_of_stack;
 
-/// Patches that levels and units are taken from.
-const SAMPLE: usize = 256;
-/// Held-out objects, one patch of each.
-const HELD_OUT: usize = 128;
 /// Held-out measurements that the Tamura coefficient is taken from.
 const TAMURA_IMAGES: usize = 32;
-/// Factor of the learning rate of fits that start from the model before.
-const WARM_RATE: f64 = 0.5;
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
 /// Information that a mask can gain in one round, bits per pixel; a model that gives it more has lost track of it.
@@ -52,16 +41,10 @@ pub type OnIdeal<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
 /// A run that goes on as long as it is told to [`advance`](Ideal::advance).
 pub struct Ideal<'a> {
     imaging: &'a Imaging<'a>,
-    moments: KnownMoments<'a>,
     limits: Limits,
     settings: IdealSettings,
     patch: (usize, usize),
-    entropy: NoiseEntropy,
-    /// Shape (n, planes, rows, cols).
-    held_out: Array4<f32>,
-    /// Unfitted, before the mask of the start.
-    first: CausalModel,
-    model: CausalModel,
+    guide: Box<dyn Guide + 'a>,
     state: IdealState,
 }
 
@@ -87,13 +70,13 @@ impl<'a> Ideal<'a> {
         }
         project(&mut array, &settings, &limits);
         let patch = imaging.patch(settings.patch);
-        let moments = imaging.known_moments((array.rows, array.cols), patch)?;
-        let held_out = imaging.set.objects(Split::Test, HELD_OUT, derived_seed(settings.seed, 1))?;
-        let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
-        let first = first_model(imaging, &moments, &array, &limits, (patch, settings.seed))?;
+        let as_seen = (patch, settings.seed);
+        let guide: Box<dyn Guide + 'a> = match settings.objective {
+            Objective::Density => Box::new(DensityGuide::new(imaging, &array, &limits, as_seen)?),
+            Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
+        };
         let state = IdealState::new(array);
-        let model = first.clone();
-        Ok(Self { imaging, moments, limits, settings, patch, entropy, held_out, first, model, state })
+        Ok(Self { imaging, limits, settings, patch, guide, state })
     }
 
     /// The same run where [`Ideal::to_bytes`] was called; it goes on bit for bit as it would have then.
@@ -102,13 +85,13 @@ impl<'a> Ideal<'a> {
     /// For bytes that are no state of this run.
     pub fn resumed(mut self, bytes: &[u8]) -> Result<Self, IdealError> {
         let other = |reason: String| IdealError::OtherRun { reason };
-        let key = CausalModel::detail_of_state(bytes, "key").map_err(|error| other(error.to_string()))?;
+        let key = detail(bytes, "key").map_err(|error| other(error.to_string()))?;
         if key != self.key() {
             return Err(other("it was started from another mask, scene or setting".into()));
         }
         let state = Self::state_in(bytes)?;
         if !state.frames.is_empty() {
-            self.model = self.first.clone().with_state(bytes)?;
+            self.guide.restore(bytes)?;
         }
         self.state = state;
         Ok(self)
@@ -119,7 +102,7 @@ impl<'a> Ideal<'a> {
     /// # Errors
     /// For bytes that are no state of a run.
     pub fn state_in(bytes: &[u8]) -> Result<IdealState, IdealError> {
-        let text = CausalModel::detail_of_state(bytes, "run")?;
+        let text = detail(bytes, "run")?;
         serde_json::from_str(&text).map_err(|error| IdealError::OtherRun { reason: error.to_string() })
     }
 
@@ -130,7 +113,7 @@ impl<'a> Ideal<'a> {
     pub fn to_bytes(&self) -> Result<Vec<u8>, IdealError> {
         let run =
             serde_json::to_string(&self.state).map_err(|error| IdealError::OtherRun { reason: error.to_string() })?;
-        Ok(self.model.state(vec![("key", self.key()), ("run", run)])?)
+        self.guide.to_bytes(vec![("key", self.key()), ("run", run)])
     }
 
     /// Tells runs apart that would go another way; their length may change.
@@ -159,9 +142,9 @@ impl<'a> Ideal<'a> {
         self.imaging.set.fingerprint()
     }
 
-    /// The density model as it was fitted last.
-    pub fn model(&self) -> &CausalModel {
-        &self.model
+    /// The density model as it was fitted last, where the run climbs one.
+    pub fn density_model(&self) -> Option<&CausalModel> {
+        self.guide.density_model()
     }
 
     /// Whether there is nothing left to do.
@@ -177,7 +160,7 @@ impl<'a> Ideal<'a> {
         }
     }
 
-    /// One round: makes the density model ready for the mask as it is, values the mask on held-out objects, and takes the steps
+    /// One round: makes the guide ready for the mask as it is, values the mask on held-out objects, and takes the steps
     /// up to the next round. States for [`Ideal::to_bytes`] lie between two rounds.
     ///
     /// # Errors
@@ -188,15 +171,15 @@ impl<'a> Ideal<'a> {
         let before = self.state.seconds;
         let seconds = || before + started.elapsed().as_secs_f64();
         self.prune();
-        let stream = self.follow()?;
+        self.guide.follow(&self.state.array, self.settings.warm)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
         let steps = match (is_last, is_first || !self.settings.warm) {
             (true, _) => self.settings.last_fit,
             (false, true) => self.settings.first_fit,
             (false, false) => self.settings.refit,
         };
-        self.fit(&stream, (steps, 0), &seconds, watch)?;
-        let mut frame = self.frame(seconds())?;
+        self.fit((steps, 0), &seconds, watch)?;
+        let mut frame = self.frame(is_last, seconds())?;
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
         for part in 1..=MOST_REFITS {
@@ -205,10 +188,10 @@ impl<'a> Ideal<'a> {
             }
             self.state.events.push(IdealEvent::Refitted { step: self.state.step });
             self.state.caution = (0.5 * self.state.caution).max(SLOWEST);
-            self.fit(&stream, (CATCH_UP * self.settings.refit, part), &seconds, watch)?;
-            frame = self.frame(seconds())?;
+            self.fit((CATCH_UP * self.settings.refit, part), &seconds, watch)?;
+            frame = self.frame(is_last, seconds())?;
         }
-        if is_last || self.state.frames.len().is_multiple_of(LOWER_EVERY) {
+        if self.guide.can_overrate() && (is_last || self.state.frames.len().is_multiple_of(LOWER_EVERY)) {
             frame.lower = self.lower(&frame.array)?;
         }
         self.state.frames.push(frame);
@@ -225,47 +208,28 @@ impl<'a> Ideal<'a> {
         Ok(())
     }
 
-    /// Gives the density model what belongs to the mask as it is; returns measurements through it.
-    fn follow(&mut self) -> Result<MeasurementStream<'a>, IdealError> {
-        let psf = render_psf(&self.state.array, self.imaging.set.planes())?;
-        let convolver = self.imaging.convolver(psf.view())?;
-        let stream = self.imaging.stream(convolver, Split::Train, self.patch);
-        let sample = stream.draw(SAMPLE, derived_seed(self.settings.seed, 2))?;
-        let moments = self.moments.of(psf.view())?;
-        let from = if self.settings.warm { &self.model } else { &self.first };
-        self.model = from.following(&sample, &moments)?;
-        Ok(stream)
-    }
-
-    /// Fits the density model to the mask as it is: so many steps of fresh patches, the same for each part of a round.
+    /// Fits the guide to the mask as it is: so many steps, each part of a round with draws of its own.
     fn fit(
         &mut self,
-        stream: &MeasurementStream<'_>,
         (steps, part): (usize, u64),
         seconds: &dyn Fn() -> f64,
         watch: OnIdeal<'_>,
     ) -> Result<(), IdealError> {
         let round = self.state.frames.len() as u64;
         let seed = derived_seed(self.settings.seed, FIT_SEEDS | part << 28 | round);
-        let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
-        if part > 0 || (self.settings.warm && round > 0) {
-            fit.rate *= WARM_RATE;
-        }
+        let fit = GuideFit { steps, seed, warm: part > 0 || (self.settings.warm && round > 0) };
         let state = &self.state;
-        fit.fit(&mut self.model, stream, &mut |progress| {
-            let share = progress.step as f64 / steps as f64;
-            watch(&IdealProgress { state, fitting: Some(share), seconds: seconds() })
-        })?;
-        Ok(())
+        self.guide.fit(&fit, &mut |share| watch(&IdealProgress { state, fitting: Some(share), seconds: seconds() }))
     }
 
     /// Whether a value says more of the model than of the mask: no mask gains so much in one round, or becomes so much more
     /// uneven from patch to patch. A mask that went on climbing would climb what the model does not know.
     fn has_lost_track(&self, frame: &Frame) -> bool {
         let width = |frame: &Frame| frame.interval_95[1] - frame.interval_95[0];
-        self.state.frames.last().is_some_and(|last| {
-            frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN || width(frame) > MOST_WIDENING * width(last)
-        })
+        self.guide.can_overrate()
+            && self.state.frames.last().is_some_and(|last| {
+                frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN || width(frame) > MOST_WIDENING * width(last)
+            })
     }
 
     /// One step of the mask on fresh training objects.
@@ -276,10 +240,9 @@ impl<'a> Ideal<'a> {
             patches: self.settings.patches,
             seed: derived_seed(self.settings.seed, STEP_SEEDS | self.state.step as u64),
         };
-        let gradient = self.imaging.gradient(&self.state.array, &draw, &self.model)?;
+        let slopes = self.guide.slopes(&self.state.array, &draw)?;
         self.state.step += 1;
-        let finite = gradient
-            .lenslets
+        let finite = slopes
             .iter()
             .all(|by| [by.x, by.y, by.sigma, by.weight].iter().chain(&by.covariance).all(|slope| slope.is_finite()));
         let state = &mut self.state;
@@ -291,27 +254,24 @@ impl<'a> Ideal<'a> {
         }
         let rate = state.caution * self.settings.rate(state.step);
         let how = (&self.settings, &self.limits);
-        state.momentum.climb(&mut state.array, &gradient.lenslets, how, &state.pruned, rate);
+        state.momentum.climb(&mut state.array, &slopes, how, &state.pruned, rate);
         Ok(())
     }
 
-    /// What the mask is worth on objects that neither model nor mask has seen; the same ones every time.
-    fn frame(&self, seconds: f64) -> Result<Frame, IdealError> {
+    /// What the mask is worth on objects that neither guide nor mask has seen; the same ones every time.
+    fn frame(&self, last: bool, seconds: f64) -> Result<Frame, IdealError> {
         let array = &self.state.array;
+        let (bits_per_pixel, interval_95) = self.guide.value(array, last)?;
         let psf = render_psf(array, self.imaging.set.planes())?;
-        let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
-        let clean =
-            Patches::one_each(encoded.dim(), self.patch, derived_seed(self.settings.seed, 3))?.cut(encoded.view());
-        let noisy = self.imaging.noise.draw(clean.view(), derived_seed(self.settings.seed, 4));
-        let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
-        let images = encoded.slice(s![..TAMURA_IMAGES.min(encoded.len_of(Axis(0))), .., ..]);
-        let measured = self.imaging.noise.draw(images, derived_seed(self.settings.seed, 5));
+        let held_out = self.imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(self.settings.seed, 1))?;
+        let encoded = self.imaging.convolver(psf.view())?.measure(held_out.view(), self.imaging.bias)?;
+        let measured = self.imaging.noise.draw(encoded.view(), derived_seed(self.settings.seed, 5));
         let distinct = merged(array);
         Ok(Frame {
             step: self.state.step,
             array: array.clone(),
-            bits_per_pixel: information.iter().sum::<f64>() / information.len() as f64,
-            interval_95: paired_interval(&information, self.settings.seed)?,
+            bits_per_pixel,
+            interval_95,
             lower: None,
             tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
             distinct_lenslets: distinct.lenslets.len(),
@@ -366,29 +326,9 @@ const LOWER_SAMPLES: usize = 512;
 const FIT_SEEDS: u64 = 1 << 32;
 const STEP_SEEDS: u64 = 1 << 33;
 
-/// The model of the start, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet.
-fn first_model(
-    imaging: &Imaging<'_>,
-    moments: &KnownMoments<'_>,
-    start: &LensletArray,
-    limits: &Limits,
-    (patch, seed): ((usize, usize), u64),
-) -> Result<CausalModel, IdealError> {
-    let planes = imaging.set.planes();
-    let drawn = |array: &LensletArray| -> Result<_, IdealError> {
-        let psf = render_psf(array, planes)?;
-        let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch);
-        Ok((stream.draw(SAMPLE, derived_seed(seed, 2))?, psf))
-    };
-    let (sample, psf) = drawn(start)?;
-    let (x, y) = ((start.cols / 2) as f64, (start.rows / 2) as f64);
-    let planes_in_use = start.planes().min(planes);
-    let sharp = |plane| Lenslet { plane, ..Lenslet::round(x, y, limits.min_sigma_px, 1.0) };
-    let sharpest = LensletArray { lenslets: (0..planes_in_use).map(sharp).collect(), ..start.clone() };
-    let (extremes, _) = drawn(&sharpest)?;
-    let extremes = extremes.clean.unwrap_or(extremes.noisy);
-    let moments = moments.of(psf.view())?;
-    Ok(CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &moments, &extremes, seed)?)
+/// One of the entries that a state was given.
+fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
+    CausalModel::detail_of_state(bytes, name).or_else(|error| Decoder::detail(bytes, name).map_err(|_| error))
 }
 
 #[cfg(test)]
@@ -396,6 +336,7 @@ mod tests {
     use super::super::settings::Preset;
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::optics::Lenslet;
     use crate::sensor::Noise;
 
     #[test]
@@ -410,7 +351,7 @@ mod tests {
             refit: 10,
             refit_every: 1,
             steps: 2,
-            ..IdealSettings::new(Preset::Default, 1)
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
         let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
         let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();

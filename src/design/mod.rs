@@ -2,6 +2,7 @@
 
 mod error;
 mod gradient;
+mod guide;
 mod ideal;
 mod imaging;
 mod merge;
@@ -14,5 +15,5 @@ pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_grad
 pub use ideal::{Ideal, OnIdeal};
 pub use imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed, mean_measurement, spots_on_sensor};
 pub use merge::merged;
-pub use settings::{Free, IdealSettings, Preset, Rates};
+pub use settings::{Free, IdealSettings, Objective, Preset, Rates};
 pub use state::{Frame, IdealEvent, IdealProgress, IdealState, time_left};

@@ -163,12 +163,12 @@ fn separate(array: &mut LensletArray, settings: &IdealSettings, limits: &Limits)
 
 #[cfg(test)]
 mod tests {
-    use super::super::settings::{Free, Preset};
+    use super::super::settings::{Free, Objective, Preset};
     use super::*;
     use crate::optics::{heuristic_layout, random_layout};
 
     fn settings() -> IdealSettings {
-        IdealSettings::new(Preset::Default, 1)
+        IdealSettings::new(Preset::Default, Objective::Density, 1)
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::error::IdealError;
+use crate::objects::ObjectSource;
 use crate::optics::LensletArray;
 
 /// Named settings.
@@ -37,6 +38,56 @@ impl FromStr for Preset {
             "default" => Ok(Self::Default),
             "paper" => Ok(Self::Paper),
             _ => Err(format!("preset {text:?}: expected default or paper")),
+        }
+    }
+}
+
+/// What a mask climbs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Objective {
+    /// Information under a density model of the measurements, a bound from above: for any objects. Where scenes are sparse a
+    /// mask can climb what the model does not know.
+    #[default]
+    Density,
+    /// Information by what a decoder expects of the clean measurement given the noisy one: for beads, whose prior is known.
+    /// A mask climbs what can be told.
+    Posterior,
+}
+
+impl Objective {
+    /// The one whose designs keep what they promise: that of the posterior where the prior is known. The published
+    /// procedure climbs a density model.
+    pub fn usual(preset: Preset, objects: &ObjectSource) -> Self {
+        if preset == Preset::Default && objects.is_beads() { Self::Posterior } else { Self::Density }
+    }
+
+    /// What this one says of a mask, for people.
+    pub fn kind_of_value(self) -> &'static str {
+        match self {
+            Self::Density => "upper bound by the run's density model",
+            Self::Posterior => "lower bound by the run's decoder",
+        }
+    }
+}
+
+impl fmt::Display for Objective {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Density => "density",
+            Self::Posterior => "posterior",
+        })
+    }
+}
+
+impl FromStr for Objective {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "density" => Ok(Self::Density),
+            "posterior" => Ok(Self::Posterior),
+            _ => Err(format!("objective {text:?}: expected density or posterior")),
         }
     }
 }
@@ -77,15 +128,18 @@ impl Default for Free {
 pub struct IdealSettings {
     /// Where the settings come from.
     pub preset: Preset,
+    /// What the mask climbs.
+    #[serde(default)]
+    pub objective: Objective,
     /// Steps of the mask.
     pub steps: usize,
-    /// Training objects that are measured in one step.
+    /// Training objects that are measured in one step; for the density model.
     pub objects: usize,
-    /// Patches of these measurements.
+    /// Patches of these measurements; for the posterior, scenes of a patch each.
     pub patches: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.
     pub patch: Option<(usize, usize)>,
-    /// Steps of the mask in a round, which begins with a fit of the density model.
+    /// Steps of the mask in a round, which begins with a fit of what it climbs.
     pub refit_every: usize,
     /// Steps of the fit of the first round, and of every round where they are not warm.
     pub first_fit: usize,
@@ -117,10 +171,11 @@ impl IdealSettings {
     /// Most steps, objects and patches.
     pub const MOST: usize = 1_000_000;
 
-    /// The settings of a preset.
-    pub fn new(preset: Preset, seed: u64) -> Self {
+    /// The settings of a preset for an objective.
+    pub fn new(preset: Preset, objective: Objective, seed: u64) -> Self {
         let paper = Self {
             preset,
+            objective,
             steps: 2000,
             objects: 50,
             patches: 4096,
@@ -145,9 +200,22 @@ impl IdealSettings {
             anisotropic: false,
             seed,
         };
-        match preset {
-            Preset::Paper => paper,
-            Preset::Default => Self {
+        match (preset, objective) {
+            (Preset::Paper, _) => paper,
+            (Preset::Default, Objective::Posterior) => Self {
+                steps: 800,
+                patches: 32,
+                patch: Some((32, 32)),
+                refit_every: 20,
+                first_fit: 100,
+                refit: 50,
+                last_fit: 400,
+                warm: true,
+                rates: Rates { position: 0.03, variance: 1e-2, weight: 1.2e-4, relative_weight: 3e-3 },
+                settle: 0.4,
+                ..paper
+            },
+            (Preset::Default, Objective::Density) => Self {
                 steps: 600,
                 objects: 12,
                 patches: 24,
@@ -173,6 +241,9 @@ impl IdealSettings {
     /// [`IdealError::Setting`] names the first one that cannot.
     pub fn check(&self, start: &LensletArray) -> Result<(), IdealError> {
         let wrong = |name, found: String, expected| Err(IdealError::Setting { name, found, expected });
+        if self.preset == Preset::Paper && self.objective != Objective::Density {
+            return wrong("objective", self.objective.to_string(), "density, which the paper preset climbs");
+        }
         for (name, count) in [
             ("steps", self.steps),
             ("objects", self.objects),
@@ -218,6 +289,14 @@ impl IdealSettings {
         Ok(())
     }
 
+    /// The settings of a preset for an objective, with what a person may have set for any: what may move, patch and number
+    /// of lenslets.
+    #[must_use]
+    pub fn turned_to(self, preset: Preset, objective: Objective) -> Self {
+        let Self { free, locked, min_separation_px, lenslets, anisotropic, seed, .. } = self;
+        Self { free, locked, min_separation_px, lenslets, anisotropic, ..Self::new(preset, objective, seed) }
+    }
+
     /// Factor of the rates at a step.
     pub(super) fn rate(&self, step: usize) -> f64 {
         let left = 1.0 - step as f64 / self.steps.max(1) as f64;
@@ -243,15 +322,17 @@ mod tests {
     fn presets_can_be_followed_and_what_cannot_is_named() {
         let start = heuristic_layout(3);
         for preset in [Preset::Default, Preset::Paper] {
-            IdealSettings::new(preset, 1).check(&start).unwrap();
+            let beads = "beads:0.02".parse().unwrap();
+            IdealSettings::new(preset, Objective::usual(preset, &beads), 1).check(&start).unwrap();
             assert_eq!(preset.to_string().parse(), Ok(preset));
         }
         let told = |change: &dyn Fn(&mut IdealSettings)| {
-            let mut settings = IdealSettings::new(Preset::Default, 1);
+            let mut settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
             change(&mut settings);
             settings.check(&start).unwrap_err().to_string()
         };
         for (told, part) in [
+            (told(&|settings| settings.preset = Preset::Paper), "objective is posterior"),
             (told(&|settings| settings.steps = 0), "steps is 0"),
             (told(&|settings| settings.rates.position = f64::NAN), "rates.position is NaN"),
             (told(&|settings| settings.locked = vec![3]), "locked is 4"),
@@ -269,10 +350,29 @@ mod tests {
 
     #[test]
     fn rates_fall_at_the_end() {
-        let settings = IdealSettings { steps: 100, settle: 0.4, ..IdealSettings::new(Preset::Default, 1) };
+        let settings =
+            IdealSettings { steps: 100, settle: 0.4, ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
         assert_eq!([settings.rate(0), settings.rate(60)], [1.0, 1.0]);
         assert!(settings.rate(80) < settings.rate(70) && (settings.rate(80) - 0.525).abs() < 1e-9);
         assert!((settings.rate(100) - LAST_RATE).abs() < 1e-12);
-        assert_eq!(IdealSettings::new(Preset::Paper, 1).rate(1999), 1.0);
+        assert_eq!(IdealSettings::new(Preset::Paper, Objective::Density, 1).rate(1999), 1.0);
+    }
+
+    #[test]
+    fn objectives_have_names_and_beads_a_posterior() {
+        for objective in [Objective::Density, Objective::Posterior] {
+            assert_eq!(objective.to_string().parse(), Ok(objective));
+        }
+        assert!("gaussian".parse::<Objective>().is_err());
+        let usual = |preset, objects: &str| Objective::usual(preset, &objects.parse().unwrap());
+        assert_eq!(usual(Preset::Default, "volume:5:0.01"), Objective::Posterior);
+        assert_eq!(usual(Preset::Default, "idx:digits"), Objective::Density);
+        assert_eq!(usual(Preset::Paper, "beads:0.02"), Objective::Density);
+        // What a person set stays.
+        let settings =
+            IdealSettings { lenslets: Some(7), ..IdealSettings::new(Preset::Default, Objective::Density, 4) };
+        let turned = settings.turned_to(Preset::Default, Objective::Posterior);
+        let expected = IdealSettings::new(Preset::Default, Objective::Posterior, 4);
+        assert_eq!(turned, IdealSettings { lenslets: Some(7), ..expected });
     }
 }

@@ -62,6 +62,16 @@ impl ObjectSource {
     }
 }
 
+impl ObjectSource {
+    /// Whether these are beads at random places, whose probability is known.
+    pub fn is_beads(&self) -> bool {
+        match self {
+            Self::Beads { density } | Self::BeadsMax { density } | Self::Volume { density, .. } => *density < 1.0,
+            Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_) => false,
+        }
+    }
+}
+
 impl fmt::Display for ObjectSource {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

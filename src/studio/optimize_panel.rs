@@ -11,7 +11,8 @@ use super::image_view::name_widget;
 use super::information_panel::{DENSITY, LOWER, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
-use crate::design::{Frame, Free, IdealEvent, IdealSettings, Preset};
+use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset};
+use crate::objects::ObjectSource;
 use crate::optics::{Encoder, random_layout};
 use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of, patches_of, run_command, spoken};
 
@@ -50,6 +51,8 @@ pub struct OptimizeForm {
     /// Lenslets of random starts.
     count: usize,
     settings: IdealSettings,
+    /// What the mask climbs, where a person chose.
+    objective: Option<Objective>,
     /// Whether selected lenslets stay as they are.
     lock_selected: bool,
     /// The frame that is looked at; the newest one where none was chosen.
@@ -60,13 +63,35 @@ pub struct OptimizeForm {
 
 impl Default for OptimizeForm {
     fn default() -> Self {
-        let settings = IdealSettings::new(Preset::Default, 1);
-        Self { from: From::Design, count: 25, settings, lock_selected: false, frame: None, trails: true }
+        let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
+        Self {
+            from: From::Design,
+            count: 25,
+            settings,
+            objective: None,
+            lock_selected: false,
+            frame: None,
+            trails: true,
+        }
+    }
+}
+
+impl OptimizeForm {
+    /// Settings that suit the objects.
+    fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
+        let usual = Objective::usual(preset, objects);
+        // What was chosen for beads says nothing of other objects.
+        let objective = self.objective.filter(|_| usual == Objective::Posterior).unwrap_or(usual);
+        if (self.settings.preset, self.settings.objective) != (preset, objective) {
+            self.settings = self.settings.clone().turned_to(preset, objective);
+        }
     }
 }
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
+    let form = &mut state.optimize_form;
+    form.turn_to(form.settings.preset, &state.bench.design().objects);
     let run = state.run.clone();
     match &run {
         Some(run) if run.is_active() => progress(ui, state, run),
@@ -86,7 +111,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         ranking(ui, state, &run);
         if run.frames.is_empty() {
-            ui.weak("The first fit of the density model takes some seconds.");
+            ui.weak("The first fit takes some seconds.");
             return;
         }
         rewind(ui, state, &run);
@@ -118,7 +143,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             .width(72.0)
             .show_ui(ui, |ui| {
                 for (preset, hint) in [
-                    (Preset::Default, "Small warm refits of the density model, patches of 32 x 32 px"),
+                    (Preset::Default, "Small warm refits of what the mask climbs, patches of 32 x 32 px"),
                     (
                         Preset::Paper,
                         "Steps, batches, rates and refits as published, patches of 16 x 16 px, the live density model; takes hours",
@@ -126,7 +151,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                 ] {
                     let chosen = form.settings.preset == preset;
                     if ui.selectable_label(chosen, preset.to_string()).on_hover_text(hint).clicked() {
-                        form.settings = IdealSettings::new(preset, 1);
+                        form.turn_to(preset, &state.bench.design().objects);
                     }
                 }
             })
@@ -155,6 +180,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
 fn details(ui: &mut Ui, state: &mut State) {
     let selected = state.selection.len();
     let form = &mut state.optimize_form;
+    let usual = Objective::usual(form.settings.preset, &state.bench.design().objects);
     ui.collapsing("Details", |ui| {
         let settings = &mut form.settings;
         ui.horizontal_wrapped(|ui| {
@@ -164,6 +190,17 @@ fn details(ui: &mut Ui, state: &mut State) {
             ui.checkbox(widths, "widths");
             ui.checkbox(weights, "weights");
             ui.checkbox(&mut settings.anisotropic, "ellipses").on_hover_text("Lets spots become elliptic");
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Climb");
+            for (objective, hint) in OBJECTIVES {
+                let chosen = settings.objective == objective;
+                let offered = objective == usual || usual == Objective::Posterior;
+                let label = ui.add_enabled(offered, egui::Button::selectable(chosen, objective.to_string()));
+                if label.on_hover_text(hint).on_disabled_hover_text(hint).clicked() {
+                    form.objective = Some(objective);
+                }
+            }
         });
         ui.horizontal_wrapped(|ui| {
             ui.label("Patch");
@@ -196,7 +233,20 @@ fn details(ui: &mut Ui, state: &mut State) {
     });
 }
 
-/// Orders what the form says.
+/// What a mask can climb, and what that is good for.
+const OBJECTIVES: [(Objective, &str); 2] = [
+    (
+        Objective::Posterior,
+        "What can be told of beads, by a decoder: some minutes. For beads and the default preset; other objects have no known \
+         prior",
+    ),
+    (
+        Objective::Density,
+        "Information under a density model of the measurements, for any objects. Before sparse beads a mask can climb what \
+         the model does not know",
+    ),
+];
+
 /// Starts the run that the room asks for.
 pub fn start(state: &mut State) {
     let design = Arc::clone(state.bench.design());
@@ -266,11 +316,20 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let mut shown = state.optimize_form.frame.unwrap_or(last).min(last);
     let frame = &run.frames[shown];
     ui.horizontal_wrapped(|ui| {
-        ui.strong(format!("\u{2264} {}", rounded(frame.bits_per_pixel)));
-        ui.label(format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step)).on_hover_text(
-            "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can climb \
-             because it is loose; the lower bound tells.",
-        );
+        let (sign, hint) = match run.settings.objective {
+            Objective::Density => (
+                '\u{2264}',
+                "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
+                 climb because it is loose; the lower bound tells.",
+            ),
+            Objective::Posterior => (
+                '\u{2265}',
+                "What the decoder of the run tells of fresh scenes: the information is at least this. A bracket of the \
+                 design follows the posterior and tells more.",
+            ),
+        };
+        ui.strong(format!("{sign} {}", rounded(frame.bits_per_pixel)));
+        ui.label(format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step)).on_hover_text(hint);
         // The last that was taken up to this frame.
         if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
             ui.colored_label(LOWER, format!("\u{2265} {}", rounded(lower.bits_per_pixel))).on_hover_text(
@@ -311,7 +370,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         let export = ui.small_button("Curve CSV...");
         name_widget(&export, "Export curve of run");
         if export.clicked() {
-            let curve = curve_of(&run.frames);
+            let curve = curve_of(run.settings.objective, &run.frames);
             state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
         }
         if let Some(record) = &run.record {
@@ -336,6 +395,10 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
         run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
     };
     let link = ui.scope_id().with("run");
+    let colour = match run.settings.objective {
+        Objective::Density => DENSITY,
+        Objective::Posterior => LOWER,
+    };
     Plot::new("Information of the run")
         .height(140.0)
         .link_axis(link, [true, false])
@@ -346,9 +409,9 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
             let column = |value: &dyn Fn(&Frame) -> f64| -> Vec<f64> { run.frames.iter().map(value).collect() };
             let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
             let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
-            plot.add(band.fill_color(DENSITY.gamma_multiply(0.35)));
-            plot.line(Line::new("information", points(&|frame| frame.bits_per_pixel)).color(DENSITY).width(2.0));
-            plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(DENSITY).radius(2.0));
+            plot.add(band.fill_color(colour.gamma_multiply(0.35)));
+            plot.line(Line::new("information", points(&|frame| frame.bits_per_pixel)).color(colour).width(2.0));
+            plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(colour).radius(2.0));
             let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
             let lower: Vec<[f64; 2]> = lower.collect();
             if !lower.is_empty() {
@@ -381,7 +444,7 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
         let refitted = run.events.iter().filter(|event| matches!(event, IdealEvent::Refitted { .. })).count();
         let refused = run.events.len() - refitted;
         ui.weak(format!(
-            "{refused} steps without finite numbers were refused; the density model lost track of the mask and was fitted for \
+            "{refused} steps without finite numbers were refused; the run's model lost track of the mask and was fitted for \
              longer {refitted} times."
         ));
     }

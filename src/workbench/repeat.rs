@@ -52,7 +52,8 @@ pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<St
 /// # Errors
 /// As [`look_command`].
 pub fn run_command(start: &Design, settings: &IdealSettings) -> Result<String, String> {
-    let mut flags = vec![format!("--preset {} --steps {}", settings.preset, settings.steps)];
+    let mut flags =
+        vec![format!("--preset {} --objective {} --steps {}", settings.preset, settings.objective, settings.steps)];
     flags.push(format!("--patch {}", patch_name(settings.patch)));
     if settings.free != Free::default() {
         let Free { positions, widths, weights } = settings.free;
@@ -126,7 +127,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::design::Preset;
+    use crate::design::{Objective, Preset};
     use crate::information::{EngineChoice, Estimator};
     use crate::optics::random_layout;
 
@@ -161,12 +162,12 @@ mod tests {
     fn other_designs_come_along_whole() {
         let encoder = Encoder::Lenslets(random_layout(25, 3));
         let design = Design { encoder, seed: 9, ..Design::default() };
-        let mut settings = IdealSettings::new(Preset::Default, 11);
+        let mut settings = IdealSettings::new(Preset::Default, Objective::Posterior, 11);
         settings.locked = vec![0, 4];
         settings.free.widths = false;
         let text = run_command(&design, &settings).unwrap();
         let (head, rest) = text.split_once(" <<'END'\n").unwrap();
-        assert!(head.starts_with("lenslet-studio design - --preset default --steps"), "{head}");
+        assert!(head.starts_with("lenslet-studio design - --preset default --objective posterior --steps"), "{head}");
         assert!(head.contains("--free positions,weights --lock 1,5") && head.ends_with("--out run"), "{head}");
         let value = serde_json::from_str(rest.strip_suffix("\nEND").unwrap()).unwrap();
         assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design });

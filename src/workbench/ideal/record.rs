@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, merged};
+use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, Objective, merged};
 use crate::formats::{FormatError, write_json};
 use crate::optics::Encoder;
 use crate::workbench::study::Machine;
@@ -79,10 +79,10 @@ pub fn patches_of(patch: Option<(usize, usize)>) -> String {
 }
 
 /// How a run went, as columns.
-pub fn curve_of(frames: &[Frame]) -> Curve {
+pub fn curve_of(objective: Objective, frames: &[Frame]) -> Curve {
     let row = |frame: &Frame| {
         let [low, high] = frame.interval_95;
-        vec![
+        let mut row = vec![
             frame.step as f64,
             frame.bits_per_pixel,
             low,
@@ -91,10 +91,13 @@ pub fn curve_of(frames: &[Frame]) -> Curve {
             frame.distinct_lenslets as f64,
             frame.effective_lenslets,
             frame.seconds,
-            frame.lower.map_or(f64::NAN, |lower| lower.bits_per_pixel),
-        ]
+        ];
+        if objective == Objective::Density {
+            row.push(frame.lower.map_or(f64::NAN, |lower| lower.bits_per_pixel));
+        }
+        row
     };
-    let header = [
+    let mut header = vec![
         "step",
         "bits_per_pixel",
         "low_95_bits_per_pixel",
@@ -103,7 +106,11 @@ pub fn curve_of(frames: &[Frame]) -> Curve {
         "distinct_lenslets",
         "effective_lenslets",
         "seconds",
-        "lower_bound_bits_per_pixel",
     ];
-    Curve { header: header.map(String::from).to_vec(), rows: frames.iter().map(row).collect(), names: Vec::new() }
+    match objective {
+        Objective::Density => header.push("lower_bound_bits_per_pixel"),
+        Objective::Posterior => header[1] = "lower_bound_bits_per_pixel",
+    }
+    let header = header.into_iter().map(String::from).collect();
+    Curve { header, rows: frames.iter().map(row).collect(), names: Vec::new() }
 }

@@ -112,7 +112,7 @@ fn lower_of(cell: &StudyCell) -> Option<(f64, [f64; 2])> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::design::{Ideal, IdealSettings, Imaging, Preset};
+    use crate::design::{Ideal, IdealSettings, Imaging, Objective, Preset};
     use crate::objects::{ObjectOptions, ObjectSet};
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
@@ -124,7 +124,8 @@ mod tests {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..Design::default() };
         let set = ObjectSet::open(&design.objects, &ObjectOptions::default()).unwrap();
         let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
-        let settings = IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, 1) };
+        let settings =
+            IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
         let ideal = Ideal::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
         let mut settings =
             score_settings(&IdealRecord::new(&design, &ideal), &[1, 3], Duration::from_millis(300)).unwrap();

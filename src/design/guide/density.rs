@@ -1,0 +1,126 @@
+//! A density model of the measurements, whose cross-entropy bounds the information from above.
+
+use ndarray::Array4;
+
+use super::{Guide, GuideFit, OnFit};
+use crate::design::error::IdealError;
+use crate::design::gradient::GradientDraw;
+use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
+use crate::information::{
+    CausalFit, CausalModel, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, paired_interval,
+    score,
+};
+use crate::objects::Split;
+use crate::optics::{Lenslet, LensletArray, LensletGradient, Limits, render_psf};
+use crate::sensor::Patches;
+
+/// Patches that levels and units are taken from.
+const SAMPLE: usize = 256;
+/// Held-out objects, one patch of each.
+const HELD_OUT: usize = 128;
+/// Factor of the learning rate of fits that start from the model before.
+const WARM_RATE: f64 = 0.5;
+
+/// The causal density model of live estimates.
+pub(in crate::design) struct DensityGuide<'a> {
+    imaging: &'a Imaging<'a>,
+    moments: KnownMoments<'a>,
+    patch: (usize, usize),
+    seed: u64,
+    entropy: NoiseEntropy,
+    /// Shape (n, planes, rows, cols).
+    held_out: Array4<f32>,
+    /// Unfitted, before the mask of the start.
+    first: CausalModel,
+    model: CausalModel,
+    /// Measurements through the mask that it follows.
+    stream: MeasurementStream<'a>,
+}
+
+impl<'a> DensityGuide<'a> {
+    /// An unfitted model, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet.
+    ///
+    /// # Errors
+    /// Where objects, noise and patch allow none.
+    pub fn new(
+        imaging: &'a Imaging<'a>,
+        start: &LensletArray,
+        limits: &Limits,
+        (patch, seed): ((usize, usize), u64),
+    ) -> Result<Self, IdealError> {
+        let moments = imaging.known_moments((start.rows, start.cols), patch)?;
+        let held_out = imaging.set.objects(Split::Test, HELD_OUT, derived_seed(seed, 1))?;
+        let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
+        let planes = imaging.set.planes();
+        let drawn = |array: &LensletArray| -> Result<_, IdealError> {
+            let psf = render_psf(array, planes)?;
+            let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch);
+            Ok((stream.draw(SAMPLE, derived_seed(seed, 2))?, psf, stream))
+        };
+        let (sample, psf, stream) = drawn(start)?;
+        let (x, y) = ((start.cols / 2) as f64, (start.rows / 2) as f64);
+        let planes_in_use = start.planes().min(planes);
+        let sharp = |plane| Lenslet { plane, ..Lenslet::round(x, y, limits.min_sigma_px, 1.0) };
+        let sharpest = LensletArray { lenslets: (0..planes_in_use).map(sharp).collect(), ..start.clone() };
+        let (extremes, _, _) = drawn(&sharpest)?;
+        let extremes = extremes.clean.unwrap_or(extremes.noisy);
+        let known = moments.of(psf.view())?;
+        let first = CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &known, &extremes, seed)?;
+        let model = first.clone();
+        Ok(Self { imaging, moments, patch, seed, entropy, held_out, first, model, stream })
+    }
+}
+
+impl Guide for DensityGuide<'_> {
+    fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
+        let psf = render_psf(array, self.imaging.set.planes())?;
+        let convolver = self.imaging.convolver(psf.view())?;
+        self.stream = self.imaging.stream(convolver, Split::Train, self.patch);
+        let sample = self.stream.draw(SAMPLE, derived_seed(self.seed, 2))?;
+        let moments = self.moments.of(psf.view())?;
+        let from = if warm { &self.model } else { &self.first };
+        self.model = from.following(&sample, &moments)?;
+        Ok(())
+    }
+
+    fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
+        let &GuideFit { steps, seed, warm } = fit;
+        let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
+        if warm {
+            fit.rate *= WARM_RATE;
+        }
+        fit.fit(&mut self.model, &self.stream, &mut |progress| watch(progress.step as f64 / steps as f64))?;
+        Ok(())
+    }
+
+    fn value(&self, array: &LensletArray, _last: bool) -> Result<(f64, [f64; 2]), IdealError> {
+        let psf = render_psf(array, self.imaging.set.planes())?;
+        let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
+        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, 3))?.cut(encoded.view());
+        let noisy = self.imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
+        let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
+        let mean = information.iter().sum::<f64>() / information.len() as f64;
+        Ok((mean, paired_interval(&information, self.seed)?))
+    }
+
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
+        Ok(self.imaging.gradient(array, draw, &self.model)?.lenslets)
+    }
+
+    fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
+        Ok(self.model.state(details)?)
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), IdealError> {
+        self.model = self.first.clone().with_state(bytes)?;
+        Ok(())
+    }
+
+    fn can_overrate(&self) -> bool {
+        true
+    }
+
+    fn density_model(&self) -> Option<&CausalModel> {
+        Some(&self.model)
+    }
+}

@@ -1,0 +1,120 @@
+//! A decoder of beads, which bounds the information from below and tells what is expected of a measurement's clean light.
+
+use ndarray::{Array3, ArrayView3, s};
+
+use super::{Guide, GuideFit, OnFit};
+use crate::design::error::IdealError;
+use crate::design::gradient::GradientDraw;
+use crate::design::imaging::{Imaging, derived_seed};
+use crate::information::{BeadChannel, Decoder, DecoderFit, DecoderKind, QuickLowerBound, fitted_decoder, spot_slope};
+use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
+
+/// Learning rates of fits from the beginning and from a similar mask.
+const RATE: f64 = 1e-2;
+const WARM_RATE: f64 = 5e-3;
+/// Fresh scenes that a value rests on, and that of the last mask.
+const SAMPLES: usize = 512;
+const LAST_SAMPLES: usize = 2048;
+
+/// The autoregressive decoder of lower bounds.
+pub(in crate::design) struct PosteriorGuide<'a> {
+    imaging: &'a Imaging<'a>,
+    patch: (usize, usize),
+    seed: u64,
+    /// Before any fit to a mask of this run.
+    first: Decoder,
+    decoder: Decoder,
+    /// Of the mask that it follows.
+    channel: BeadChannel,
+}
+
+impl<'a> PosteriorGuide<'a> {
+    /// The decoder that comes with the program.
+    ///
+    /// # Errors
+    /// For objects whose prior is not known, and masks without light.
+    pub fn new(
+        imaging: &'a Imaging<'a>,
+        start: &LensletArray,
+        (patch, seed): ((usize, usize), u64),
+    ) -> Result<Self, IdealError> {
+        let channel = channel(imaging, start, patch)?;
+        let first = match Decoder::shipped() {
+            Some(decoder) => decoder.clone(),
+            None => Decoder::new(DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed).unrolled, seed)?,
+        };
+        Ok(Self { imaging, patch, seed, decoder: first.clone(), first, channel })
+    }
+}
+
+impl Guide for PosteriorGuide<'_> {
+    fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
+        self.channel = channel(self.imaging, array, self.patch)?;
+        if !warm {
+            self.decoder = self.first.clone();
+        }
+        Ok(())
+    }
+
+    fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
+        let &GuideFit { steps, seed, warm } = fit;
+        let rate = if warm { WARM_RATE } else { RATE };
+        let fit = DecoderFit { rate, ..DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed) };
+        let progress = &mut |step: usize| watch(step as f64 / steps as f64);
+        self.decoder = fitted_decoder(&self.channel, &fit, &self.decoder, progress)?;
+        Ok(())
+    }
+
+    fn value(&self, array: &LensletArray, last: bool) -> Result<(f64, [f64; 2]), IdealError> {
+        let channel = channel(self.imaging, array, self.patch)?;
+        let samples = if last { LAST_SAMPLES } else { SAMPLES };
+        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), derived_seed(self.seed, 6), &|| true)?;
+        Ok((bound.bits_per_pixel, bound.interval_95))
+    }
+
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
+        let channel = channel(self.imaging, array, self.patch)?;
+        let by_spot = spot_slope(&channel, &self.decoder, (draw.seed, 0, draw.patches))?;
+        let prior = self.imaging.set.bead_prior().ok_or_else(no_prior)?;
+        let by_psf = by_psf(by_spot.view(), &prior.spot);
+        Ok(psf_gradient(array, by_psf.view())?)
+    }
+
+    fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
+        Ok(self.decoder.to_bytes_with(details)?)
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), IdealError> {
+        self.decoder = Decoder::from_bytes(bytes)?;
+        Ok(())
+    }
+
+    fn can_overrate(&self) -> bool {
+        false
+    }
+}
+
+fn channel(imaging: &Imaging<'_>, array: &LensletArray, patch: (usize, usize)) -> Result<BeadChannel, IdealError> {
+    let psf = render_psf(array, imaging.set.planes())?;
+    imaging.bead_channel(psf.view(), patch).ok_or_else(no_prior)
+}
+
+fn no_prior() -> IdealError {
+    IdealError::Setting {
+        name: "objective",
+        found: "posterior".into(),
+        expected: "density for objects other than beads, whose prior is not known",
+    }
+}
+
+/// From slopes by the spot of a bead on the sensor to those by the point spread function, both (planes, rows, cols); `bead`
+/// is what it is blurred with.
+fn by_psf(by_spot: ArrayView3<'_, f64>, bead: &ndarray::Array2<f64>) -> Array3<f64> {
+    let (planes, rows, cols) = by_spot.dim();
+    let (rows, cols) = (rows + 1 - bead.nrows(), cols + 1 - bead.ncols());
+    let mut by_psf = Array3::zeros((planes, rows, cols));
+    for ((row, col), &photons) in bead.indexed_iter() {
+        by_psf.scaled_add(photons, &by_spot.slice(s![.., row..row + rows, col..col + cols]));
+    }
+    by_psf
+}
