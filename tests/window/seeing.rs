@@ -4,7 +4,7 @@ use egui::{Key, Modifiers, Pos2, Role, Vec2, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, lenslets, menu, open, settle, studio};
+use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
 
 /// Zoom and pixel coordinates (x, y) in the middle of a picture, as assistive technology reads them.
 fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
@@ -22,21 +22,6 @@ fn value_of(window: &Window, name: &str) -> String {
 
 fn rect_of(window: &Window, name: &str) -> egui::Rect {
     window.get_by_role_and_label(Role::Image, name).rect()
-}
-
-fn turn(window: &mut Window, place: Pos2, notches: f32, modifiers: Modifiers) {
-    window.hover_at(place);
-    window.run_steps(2);
-    let wheel = egui::Event::MouseWheel {
-        unit: egui::MouseWheelUnit::Line,
-        delta: vec2(0.0, notches),
-        phase: egui::TouchPhase::Move,
-        source: egui::MouseWheelSource::Wheel,
-        modifiers,
-    };
-    window.event_modifiers(wheel, modifiers);
-    // The turn is spread over some frames.
-    window.run_steps(40);
 }
 
 fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) {

@@ -1,0 +1,204 @@
+//! The mask in the hands of its user.
+
+use egui::{Key, Modifiers, Vec2};
+use egui_kittest::kittest::Queryable;
+use lenslet_studio::optics::Encoder;
+use lenslet_studio::workbench::Design;
+
+use super::{Window, click, lenslets, menu, open, settle, studio, turn};
+
+#[test]
+fn a_lenslet_is_dragged_and_every_number_follows() {
+    let mut window = open(Design::default());
+    let before = studio(&window).bench().live();
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 1").rect().center();
+    window.drag_at(from);
+    window.step();
+    for step in 1..=8 {
+        window.hover_at(from + Vec2::new(5.0, -3.0) * step as f32);
+        window.step();
+    }
+    window.drop_at(from + Vec2::new(40.0, -24.0));
+    settle(&mut window);
+
+    let moved = lenslets(&window);
+    assert!(moved[0].x > start[0].x + 1.0 && moved[0].y < start[0].y - 0.5, "{:?} {:?}", start[0], moved[0]);
+    assert_eq!(moved[1..], start[1..], "only the dragged lenslet moves");
+    let after = studio(&window).bench().live();
+    assert_ne!(after.optics.unwrap().value.psf, before.optics.unwrap().value.psf);
+    assert_ne!(after.measurements.unwrap().value.noisy, before.measurements.unwrap().value.noisy);
+    let (after, before) = (after.information.unwrap().value, before.information.unwrap().value);
+    assert_ne!(after.gaussian.bits_per_pixel, before.gaussian.bits_per_pixel);
+    assert!(studio(&window).bench().is_dirty());
+}
+
+#[test]
+fn a_lenslet_that_the_pointer_has_left_within_a_frame_is_dragged() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 1").rect().center();
+    window.hover_at(from);
+    window.step();
+    let to = from + Vec2::new(40.0, -24.0);
+    let press = |pressed, pos| {
+        let (button, modifiers) = (egui::PointerButton::Primary, Modifiers::NONE);
+        egui::Event::PointerButton { pos, button, pressed, modifiers }
+    };
+    // All of a slow frame at once.
+    window.input_mut().events.extend([press(true, from), egui::Event::PointerMoved(to)]);
+    window.step();
+    window.step();
+    window.input_mut().events.push(press(false, to));
+    settle(&mut window);
+    let moved = lenslets(&window);
+    assert!(moved[0].x > start[0].x + 1.0 && moved[0].y < start[0].y - 0.5, "{:?} {:?}", start[0], moved[0]);
+    assert_eq!(moved[1..], start[1..]);
+}
+
+#[test]
+fn a_drag_of_two_points_is_a_click() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 3").rect().center();
+    window.drag_at(from);
+    window.step();
+    window.hover_at(from + Vec2::new(2.0, 0.0));
+    window.step();
+    window.drop_at(from + Vec2::new(2.0, 0.0));
+    settle(&mut window);
+    assert_eq!(lenslets(&window), start);
+    window.get_by_label("1 selected");
+}
+
+#[test]
+fn lenslets_are_added_nudged_and_deleted() {
+    let mut window = open(Design::default());
+    click(&mut window, "Add lenslet");
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 10);
+
+    // The new lenslet is selected: the arrow keys move it, with Shift ten times as far.
+    let before = lenslets(&window)[9];
+    window.get_by_label("Lenslet 10").focus();
+    window.run_steps(2);
+    window.key_press(Key::ArrowRight);
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::ArrowDown);
+    settle(&mut window);
+    let after = lenslets(&window)[9];
+    assert!((after.x - before.x - 0.1).abs() < 1e-9, "{before:?} {after:?}");
+    assert!((after.y - before.y - 1.0).abs() < 1e-9, "{before:?} {after:?}");
+
+    window.key_press(Key::Delete);
+    settle(&mut window);
+    assert_eq!(lenslets(&window).len(), 9);
+}
+
+#[test]
+fn a_double_click_adds_where_it_was() {
+    let mut window = open(Design::default());
+    let place = window.get_by_label("PSF").rect().left_top() + Vec2::new(45.0, 60.0);
+    for _ in 0..2 {
+        window.hover_at(place);
+        window.drag_at(place);
+        window.drop_at(place);
+        window.step();
+    }
+    settle(&mut window);
+    let added = lenslets(&window);
+    assert_eq!(added.len(), 10);
+    let handle = window.get_by_label("Lenslet 10").rect().center();
+    assert!((handle - place).length() < 1.5, "{handle:?} {place:?}");
+}
+
+#[test]
+fn several_lenslets_are_selected_by_a_box_and_move_together() {
+    let mut window = open(Design::default());
+    let picture = window.get_by_label("PSF").rect();
+    window.drag_at(picture.left_top() + Vec2::splat(3.0));
+    window.step();
+    for share in [0.3, 0.6, 0.9, 0.99] {
+        window.hover_at(picture.left_top() + picture.size() * share);
+        window.step();
+    }
+    window.drop_at(picture.left_top() + picture.size() * 0.99);
+    window.run_steps(3);
+    window.get_by_label("9 selected");
+    let before = lenslets(&window);
+    let from = window.get_by_label("Lenslet 2").rect().center();
+    window.drag_at(from);
+    window.step();
+    for step in 1..=4 {
+        window.hover_at(from + Vec2::new(6.0, 0.0) * step as f32);
+        window.step();
+    }
+    window.drop_at(from + Vec2::new(24.0, 0.0));
+    settle(&mut window);
+    let shifts: Vec<f64> = lenslets(&window).iter().zip(&before).map(|(after, before)| after.x - before.x).collect();
+    assert!(shifts[0] > 0.5, "{shifts:?}");
+    assert!(shifts.iter().all(|shift| (shift - shifts[0]).abs() < 1e-9), "{shifts:?}");
+}
+
+#[test]
+fn the_table_takes_typed_numbers() {
+    let mut window = open(Design::default());
+    for (field, text) in [("Lenslet 2 x", "12.25"), ("Lenslet 2 width", "1.5"), ("Lenslet 2 weight", "0.5")] {
+        window.get_by_label(field).click();
+        window.run_steps(2);
+        window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+        window.get_by_label(field).type_text(text);
+        window.run_steps(2);
+        window.key_press(Key::Enter);
+        settle(&mut window);
+    }
+    let changed = lenslets(&window)[1];
+    assert_eq!((changed.x, changed.spot.mean_sigma(), changed.weight), (12.25, 1.5, 0.5));
+}
+
+#[test]
+fn presets_replace_the_mask() {
+    let mut window = open(Design::default());
+    menu(&mut window, &["Presets", "Heuristic lenslets", "4 lenslets"]);
+    assert_eq!(lenslets(&window).len(), 4);
+    menu(&mut window, &["Presets", "25 random lenslets"]);
+    let first = lenslets(&window);
+    assert_eq!(first.len(), 25);
+    menu(&mut window, &["Presets", "25 random lenslets"]);
+    assert_ne!(lenslets(&window), first, "again draws others");
+    menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
+    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Diffuser(_)));
+    assert!(window.query_by_label("Lenslet 1").is_none(), "a diffuser has no handles");
+}
+
+#[test]
+fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
+    let mut window = open(Design::default());
+    click(&mut window, "Edit");
+    click(&mut window, "Select all lenslets");
+    window.get_by_label("Lenslet 4 width").click();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label("Lenslet 4 width").type_text("1.25");
+    window.key_press(Key::Enter);
+    settle(&mut window);
+    assert!(lenslets(&window).iter().all(|lenslet| lenslet.spot.mean_sigma() == 1.25));
+}
+
+#[test]
+fn the_wheel_changes_weight_and_with_alt_width() {
+    let mut window = open(Design::default());
+    let turned = |window: &mut Window, modifiers: Modifiers| {
+        let place = window.get_by_label("Lenslet 5").rect().center();
+        turn(window, place, 1.0, modifiers);
+        settle(window);
+    };
+    let before = lenslets(&window)[4];
+    turned(&mut window, Modifiers::NONE);
+    let heavier = lenslets(&window)[4];
+    assert!(heavier.weight > 1.02 * before.weight && heavier.spot == before.spot, "{before:?} {heavier:?}");
+    turned(&mut window, Modifiers::ALT);
+    let wider = lenslets(&window)[4];
+    assert!(wider.spot.mean_sigma() > 1.02 * before.spot.mean_sigma(), "{heavier:?} {wider:?}");
+    assert_eq!(wider.weight, heavier.weight);
+}
