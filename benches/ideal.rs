@@ -1,5 +1,6 @@
-//! The parts of a run of IDEAL from 25 random lenslets before beads: the gradient of one step of the mask against the matrix
-//! products that it cannot do without, and a whole round (fit, value on held-out objects, five steps) against its products.
+//! The parts of a run of IDEAL from 25 random lenslets before beads. Up a density model: the gradient of one step of the mask,
+//! of that the optics on the way there and back, and the matrix products that the rest cannot do without; a whole round (fit,
+//! value on held-out objects, five steps) against its products. Up the posterior: a step, and a round of twenty.
 
 mod training;
 
@@ -8,9 +9,11 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Imaging, Objective, Preset};
+use lenslet_studio::information::{Decoder, spot_slope};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
-use lenslet_studio::optics::{Limits, random_layout};
-use lenslet_studio::sensor::Noise;
+use lenslet_studio::optics::{Limits, psf_gradient, random_layout, render_psf};
+use lenslet_studio::sensor::{Noise, Patches};
+use ndarray::Array3;
 use training::{Gradients, causal_shapes, products_alone};
 
 const PIXELS: usize = 32 * 32;
@@ -31,6 +34,26 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     group.bench_function("gradient of a step", |bencher| {
         bencher.iter(|| {
             imaging.gradient(&start, &draw, ideal.density_model().expect("a density model")).expect("a gradient")
+        });
+    });
+    let objects = set.objects(Split::Train, settings.objects, 1).expect("objects");
+    let shape = imaging.plan().measurement_shape();
+    let patches = Patches::draw((settings.objects, shape.0, shape.1), (32, 32), settings.patches, 1).expect("patches");
+    group.bench_function("optics forward", |bencher| {
+        bencher.iter(|| {
+            let psf = render_psf(&start, 1).expect("a PSF");
+            let convolver = imaging.convolver(psf.view()).expect("optics");
+            let encoded = convolver.measure(objects.view(), imaging.bias).expect("measurements");
+            patches.cut(encoded.view())
+        });
+    });
+    let psf = render_psf(&start, 1).expect("a PSF");
+    let convolver = imaging.convolver(psf.view()).expect("optics");
+    let by_encoded = Array3::from_elem((settings.objects, shape.0, shape.1), 1e-3);
+    group.bench_function("optics backward", |bencher| {
+        bencher.iter(|| {
+            let by_psf = convolver.psf_cotangent(objects.view(), by_encoded.view()).expect("a gradient");
+            psf_gradient(&start, by_psf.view()).expect("a gradient")
         });
     });
     group.bench_function("its products alone", |bencher| {
@@ -54,6 +77,23 @@ fn parts_of_a_run(criterion: &mut Criterion) {
             for _ in 0..settings.refit_every {
                 products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs);
             }
+        });
+    });
+    let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
+    let channel = imaging.bead_channel(psf.view(), (32, 32)).expect("beads");
+    let decoder = Decoder::shipped().expect("a decoder");
+    group.bench_function("slope of a step up the posterior", |bencher| {
+        bencher.iter(|| spot_slope(&channel, decoder, (1, 0, settings.patches)).expect("a slope"));
+    });
+    let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
+    group.bench_function("a round up the posterior", |bencher| {
+        bencher.iter_custom(|rounds| {
+            let started = Instant::now();
+            for _ in 0..rounds {
+                ideal.extend_to(ideal.state().step + 2 * settings.refit_every);
+                ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
+            }
+            started.elapsed()
         });
     });
     group.finish();

@@ -203,7 +203,8 @@ impl IdealSettings {
         match (preset, objective) {
             (Preset::Paper, _) => paper,
             (Preset::Default, Objective::Posterior) => Self {
-                steps: 800,
+                // Half as many end in worse layouts: lenslets die before the others have found their places.
+                steps: 1600,
                 patches: 32,
                 patch: Some((32, 32)),
                 refit_every: 20,

@@ -42,7 +42,7 @@ pub enum IdealEvent {
         /// Steps of the mask so far.
         step: usize,
     },
-    /// The density model had lost track of the mask and was fitted for longer; the rates were halved until it follows.
+    /// The density model had lost track of the mask: one that began anew knew more and took its place; the rates were halved.
     Refitted {
         /// Steps of the mask so far.
         step: usize,

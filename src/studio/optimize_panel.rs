@@ -444,8 +444,8 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
         let refitted = run.events.iter().filter(|event| matches!(event, IdealEvent::Refitted { .. })).count();
         let refused = run.events.len() - refitted;
         ui.weak(format!(
-            "{refused} steps without finite numbers were refused; the run's model lost track of the mask and was fitted for \
-             longer {refitted} times."
+            "{refused} steps without finite numbers were refused; {refitted} times the run's model had lost track of the mask and \
+             one that began anew took its place."
         ));
     }
     let ceiling = state.live.information.as_ref().and_then(|information| information.value.ceiling_bits());

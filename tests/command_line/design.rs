@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::{Bench, text};
 
 /// A run of a few seconds.
-const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6";
+const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density";
 
 fn read(bench: &Bench, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
@@ -39,10 +39,29 @@ fn a_run_leaves_design_pictures_curve_and_record() {
     assert_eq!(longer["end"]["step"], json!(12));
     assert_eq!(longer["record"]["frames"][0], frames[0]);
     let told = bench.done(&format!("{TINY} --steps 12 --out a"));
-    assert!(told.contains("information from") && told.contains("12 steps"), "{told}");
+    assert!(told.contains("upper bound by the run's density model") && told.contains("12 steps"), "{told}");
 
     // Another run has no place in this folder.
     let sentence = bench.refused(&format!("{TINY} --steps 12 --free positions --out a"));
+    assert!(sentence.contains("not the state of this run"), "{sentence}");
+}
+
+#[test]
+fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
+    let bench = Bench::new();
+    let line = TINY.replace(" --objective density", "");
+    let told = bench.json(&format!("{line} --steps 21 --out a"));
+    let record = read(&bench, "a/run.json");
+    assert_eq!(record["settings"]["objective"], json!("posterior"));
+    let steps: Vec<&Value> = record["frames"].as_array().unwrap().iter().map(|frame| &frame["step"]).collect();
+    assert_eq!(steps, [0, 20, 21]);
+    assert!(told["end"]["lower"].is_null() && told["end"]["bits_per_pixel"].as_f64().unwrap() > 0.0);
+    let curve = std::fs::read_to_string(bench.path("a/curve.csv")).unwrap();
+    assert!(curve.starts_with("step,lower_bound_bits_per_pixel,") && curve.lines().count() == 4, "{curve}");
+    let told = bench.done(&format!("{line} --steps 21 --out a"));
+    assert!(told.contains("lower bound by the run's decoder"), "{told}");
+    // The same scene up a density model is another run.
+    let sentence = bench.refused(&format!("{line} --objective density --steps 21 --out a"));
     assert!(sentence.contains("not the state of this run"), "{sentence}");
 }
 
@@ -88,6 +107,8 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --score 1s --against 10", "from 1 to 9"),
         ("design --out a --free speed", "expected positions"),
         ("design --out a --preset best", "expected default or paper"),
+        ("design --out a --objective all", "expected density or posterior"),
+        ("design --out a --preset paper --objective posterior", "objective is posterior"),
         ("design --out a --min-separation 90", "min_separation_px is 90"),
         ("design --out a --patch 0", "patch"),
         ("design --out taken", "taken: expected a folder"),

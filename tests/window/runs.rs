@@ -2,6 +2,8 @@
 
 use super::estimates::wait_for;
 use super::*;
+use egui_kittest::kittest::NodeT;
+use lenslet_studio::design::{IdealSettings, Objective, Preset};
 use lenslet_studio::workbench::RunStatus;
 
 #[test]
@@ -18,7 +20,8 @@ fn a_run_is_started_watched_rewound_and_undone() {
     assert_ne!(lenslets(&window), before);
     assert!(studio(&window).bench().is_following());
     let run = studio(&window).bench().run().unwrap();
-    assert!(run.frames[0].bits_per_pixel > 0.1 && run.frames[2].step == 10);
+    assert!(run.frames[0].bits_per_pixel > 0.1 && run.frames[2].step == 40);
+    assert_eq!(run.settings.objective, Objective::Posterior, "the prior of beads is known");
     assert!(window.query_by_label("Rewind").is_some());
 
     click(&mut window, "Pause run");
@@ -57,13 +60,17 @@ fn a_run_is_started_watched_rewound_and_undone() {
 }
 
 #[test]
-fn an_edit_takes_over_from_the_run() {
+fn an_edit_takes_over_from_a_run_up_a_density_model() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
     click(&mut window, "Details");
+    click(&mut window, "density");
     click(&mut window, "16 px");
     click(&mut window, "Start run");
     wait_for(&mut window, "the first steps", |window| studio(window).bench().run().is_some_and(|run| run.step >= 2));
+    let settings = studio(&window).bench().run().unwrap().settings.clone();
+    assert_eq!((settings.objective, settings.patch), (Objective::Density, Some((16, 16))));
+    assert_eq!(IdealSettings { patch: Some((32, 32)), ..settings }, density_for(&Design::default()));
     click(&mut window, "Add lenslet");
     assert!(!studio(&window).bench().is_following());
     let edited = lenslets(&window);
@@ -72,6 +79,36 @@ fn an_edit_takes_over_from_the_run() {
     wait_for(&mut window, "the run to go on", |window| studio(window).bench().run().unwrap().step > step + 1);
     assert_eq!(lenslets(&window), edited);
     click(&mut window, "Stop run");
+}
+
+fn density_for(design: &Design) -> IdealSettings {
+    IdealSettings::new(Preset::Default, Objective::Density, design.seed)
+}
+
+#[test]
+fn what_a_run_climbs_suits_the_objects() {
+    let mut window = open(Design::default());
+    click(&mut window, "Optimize");
+    click(&mut window, "Details");
+    let offered = |window: &Window| !window.get_by_label("posterior").accesskit_node().is_disabled();
+    assert!(offered(&window));
+    // The published procedure climbs a density model.
+    click(&mut window, "Preset");
+    click(&mut window, "paper");
+    assert!(!offered(&window));
+    click(&mut window, "Preset");
+    click(&mut window, "default");
+    assert!(offered(&window));
+    // Of pictures nobody knows the prior.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("objects.npy");
+    let objects = ndarray::Array3::from_shape_fn((20, 96, 96), |(n, r, c)| ((n + r * c) % 7) as f32);
+    lenslet_studio::formats::write_array(&path, objects.view()).unwrap();
+    click(&mut window, "Scene");
+    click(&mut window, "Open objects...");
+    answer(&mut window, &path, "Open");
+    click(&mut window, "Optimize");
+    assert!(!offered(&window));
 }
 
 #[test]
