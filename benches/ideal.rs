@@ -20,6 +20,16 @@ const PIXELS: usize = 32 * 32;
 /// Patches of one step of a fit.
 const BATCH: usize = 2;
 
+/// Time for so many rounds from where a run has come to.
+fn time_of_rounds(ideal: &mut Ideal<'_>, count: u64) -> Duration {
+    let started = Instant::now();
+    for _ in 0..count {
+        ideal.extend_to(ideal.state().step + 2 * ideal.settings().refit_every);
+        ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
+    }
+    started.elapsed()
+}
+
 fn parts_of_a_run(criterion: &mut Criterion) {
     let set = ObjectSet::open(&"beads:0.02".parse().expect("beads"), &ObjectOptions::default()).expect("beads");
     let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
@@ -60,14 +70,7 @@ fn parts_of_a_run(criterion: &mut Criterion) {
         bencher.iter(|| products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs));
     });
     group.bench_function("a round", |bencher| {
-        bencher.iter_custom(|rounds| {
-            let started = Instant::now();
-            for _ in 0..rounds {
-                ideal.extend_to(ideal.state().step + 2 * settings.refit_every);
-                ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
-            }
-            started.elapsed()
-        });
+        bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
     });
     group.bench_function("the products of a round alone", |bencher| {
         bencher.iter(|| {
@@ -87,14 +90,7 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     });
     let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     group.bench_function("a round up the posterior", |bencher| {
-        bencher.iter_custom(|rounds| {
-            let started = Instant::now();
-            for _ in 0..rounds {
-                ideal.extend_to(ideal.state().step + 2 * settings.refit_every);
-                ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
-            }
-            started.elapsed()
-        });
+        bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
     });
     group.finish();
 }

@@ -90,10 +90,10 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
     let imaging = imaging(&set);
     let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.03, weight: 1e-3, relative_weight: 0.0 };
-    let settings = IdealSettings { steps: 240, refit_every: 20, rates, ..up_the_posterior() };
+    let settings = IdealSettings { steps: 240, patches: 32, refit_every: 20, rates, ..up_the_posterior() };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
-    assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
+    assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.05, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
     let psf = render_psf(&last.array, 1).unwrap();
     let channel = imaging.bead_channel(psf.view(), (8, 8)).unwrap();
@@ -218,6 +218,8 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
     let silent = Imaging::new(&set, (12, 12), 10.0, Noise::None).unwrap();
     let error = Ideal::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
     assert!(error.contains("noise"), "{error}");
+    let error = Ideal::new(&silent, &two(), Limits::default(), up_the_posterior()).err().unwrap().to_string();
+    assert!(error.contains("without noise"), "{error}");
     let spread = ObjectSet::open(&"beads:1".parse().unwrap(), &ObjectOptions { field: (27, 27), mean_photons: 100.0 });
     let (known, spread) = (up_the_posterior(), spread.unwrap());
     let full = self::imaging(&spread);

@@ -250,12 +250,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             record.settings.preset,
             record.settings.objective
         ),
-        format!(
-            "from {} to {} bits per pixel on held-out objects, {}",
-            bits(start),
-            bits(end),
-            record.settings.objective.kind_of_value()
-        ),
+        format!("from {} to {} bits per pixel, {}", bits(start), bits(end), record.settings.objective.kind_of_value()),
         format!(
             "{} lenslets, {:.1} effective; Tamura {:.3} to {:.3}; {} steps in {:.0} s",
             end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds

@@ -19,7 +19,7 @@ pub enum IdealError {
     /// Objects, PSF and patches together.
     #[error(transparent)]
     Sensor(#[from] SensorError),
-    /// The density model.
+    /// The density model or the decoder.
     #[error(transparent)]
     Information(#[from] InformationError),
     /// A setting of the run.

@@ -1,5 +1,6 @@
 //! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -26,7 +27,7 @@ const MOST_GAIN: f64 = 0.015;
 const MOST_WIDENING: f64 = 1.4;
 /// Rounds from one comparison with a model that begins anew to the next.
 const AUDIT_EVERY: usize = 30;
-/// Factor by which the rates, halved by every fit from the beginning, recover in a round, and their least factor.
+/// Factor by which the rates, halved where a model that begins anew takes over, recover in a round, and their least factor.
 const RECOVERY: f64 = 1.2;
 const SLOWEST: f64 = 0.25;
 /// Share of the steps after which no more than the wished number of lenslets is left.
@@ -85,7 +86,7 @@ impl<'a> Ideal<'a> {
         let other = |reason: String| IdealError::OtherRun { reason };
         let key = detail(bytes, "key").map_err(|error| other(error.to_string()))?;
         if key != self.key() {
-            return Err(other("it was started from another mask, scene or setting".into()));
+            return Err(other("it was started from another mask, scene or setting, or by another version".into()));
         }
         let state = Self::state_in(bytes)?;
         if !state.frames.is_empty() {
@@ -177,14 +178,14 @@ impl<'a> Ideal<'a> {
             (false, false) => self.settings.refit,
         };
         self.fit((steps, 0), &seconds, watch)?;
-        let mut frame = self.frame(is_last, seconds())?;
+        let mut frame = self.frame(is_last, &seconds, watch)?;
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
-        if self.has_lost_track(&frame) || self.is_due_for_audit() {
+        if self.can_lag_behind() && (self.has_lost_track(&frame) || self.is_due_for_audit(is_last)) {
             let before = self.guide.to_bytes(Vec::new())?;
             self.guide.follow(&self.state.array, false)?;
             self.fit((self.settings.first_fit, 1), &seconds, watch)?;
-            let afresh = self.frame(is_last, seconds())?;
+            let afresh = self.frame(is_last, &seconds, watch)?;
             // Both are bounds from above: the lower one knows more.
             if afresh.bits_per_pixel < frame.bits_per_pixel {
                 frame = afresh;
@@ -226,21 +227,24 @@ impl<'a> Ideal<'a> {
         self.guide.fit(&fit, &mut |share| watch(&IdealProgress { state, fitting: Some(share), seconds: seconds() }))
     }
 
+    /// Whether the guide is one that can give the mask too much because it was fitted to other masks.
+    fn can_lag_behind(&self) -> bool {
+        self.guide.can_overrate() && self.settings.warm && !self.state.frames.is_empty()
+    }
+
     /// Whether it is time to see whether a model that was fitted again and again still knows more than one that begins anew: a
     /// model that lags behind by a little more in every round is not found out otherwise.
-    fn is_due_for_audit(&self) -> bool {
-        let round = self.state.frames.len();
-        self.guide.can_overrate() && self.settings.warm && round > 0 && round.is_multiple_of(AUDIT_EVERY)
+    fn is_due_for_audit(&self, is_last: bool) -> bool {
+        is_last || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
     }
 
     /// Whether a value says more of the model than of the mask: no mask gains so much in one round, or becomes so much more
     /// uneven from patch to patch. A mask that went on climbing would climb what the model does not know.
     fn has_lost_track(&self, frame: &Frame) -> bool {
         let width = |frame: &Frame| frame.interval_95[1] - frame.interval_95[0];
-        self.guide.can_overrate()
-            && self.state.frames.last().is_some_and(|last| {
-                frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN || width(frame) > MOST_WIDENING * width(last)
-            })
+        self.state.frames.last().is_some_and(|last| {
+            frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN || width(frame) > MOST_WIDENING * width(last)
+        })
     }
 
     /// One step of the mask on fresh training objects.
@@ -270,9 +274,13 @@ impl<'a> Ideal<'a> {
     }
 
     /// What the mask is worth on objects that neither guide nor mask has seen; the same ones every time.
-    fn frame(&self, last: bool, seconds: f64) -> Result<Frame, IdealError> {
-        let array = &self.state.array;
-        let (bits_per_pixel, interval_95) = self.guide.value(array, last)?;
+    fn frame(&self, last: bool, seconds: &dyn Fn() -> f64, watch: OnIdeal<'_>) -> Result<Frame, IdealError> {
+        let (array, watch) = (&self.state.array, RefCell::new(watch));
+        let go_on = || {
+            let progress = IdealProgress { state: &self.state, fitting: Some(1.0), seconds: seconds() };
+            watch.borrow_mut()(&progress).is_continue()
+        };
+        let (bits_per_pixel, interval_95) = self.guide.value(array, last, &go_on)?;
         let psf = render_psf(array, self.imaging.set.planes())?;
         let held_out = self.imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(self.settings.seed, 1))?;
         let encoded = self.imaging.convolver(psf.view())?.measure(held_out.view(), self.imaging.bias)?;
@@ -287,7 +295,7 @@ impl<'a> Ideal<'a> {
             tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
             distinct_lenslets: distinct.lenslets.len(),
             effective_lenslets: distinct.effective_count(),
-            seconds,
+            seconds: seconds(),
         })
     }
 
@@ -376,5 +384,45 @@ mod tests {
         let [before, after] = &ideal.state.frames[..] else { panic!("two frames") };
         assert!((after.bits_per_pixel - before.bits_per_pixel).abs() < 0.1, "{before:?} {after:?}");
         assert_eq!(ideal.state.step, 2);
+    }
+
+    #[test]
+    fn a_run_goes_on_bit_for_bit_across_an_audit() {
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
+        let settings = IdealSettings {
+            patch: Some((5, 5)),
+            // A model that begins anew knows next to nothing.
+            first_fit: 1,
+            refit: 4,
+            refit_every: 1,
+            steps: AUDIT_EVERY + 2,
+            patches: 2,
+            objects: 1,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
+        let new = || Ideal::new(&imaging, &start, Limits::default(), settings.clone()).unwrap();
+        let mut whole = new();
+        let mut kept = Vec::new();
+        while !whole.is_finished() {
+            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            if [AUDIT_EVERY, AUDIT_EVERY + 1].contains(&whole.state.frames.len()) {
+                kept.push(whole.to_bytes().unwrap());
+            }
+        }
+        assert_eq!(kept.len(), 2);
+        for bytes in kept {
+            let mut resumed = new().resumed(&bytes).unwrap();
+            while !resumed.is_finished() {
+                resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            }
+            assert_eq!(resumed.state.array, whole.state.array);
+            let bits = |ideal: &Ideal<'_>| -> Vec<f64> {
+                ideal.state.frames.iter().map(|frame| frame.bits_per_pixel).collect()
+            };
+            assert_eq!(bits(&resumed), bits(&whole));
+        }
     }
 }

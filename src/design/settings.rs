@@ -13,7 +13,7 @@ use crate::optics::LensletArray;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// Warm refits of the density model every few steps, patches of 32 x 32 px.
+    /// Warm refits every few steps of what the mask climbs, patches of 32 x 32 px.
     #[default]
     Default,
     /// The steps, batches, rates and refits of Kabuli et al. 2026, patches of 16 x 16 px; the density model is the live one
@@ -65,8 +65,16 @@ impl Objective {
     /// What this one says of a mask, for people.
     pub fn kind_of_value(self) -> &'static str {
         match self {
-            Self::Density => "upper bound by the run's density model",
-            Self::Posterior => "lower bound by the run's decoder",
+            Self::Density => "upper bound by the run's density model on held-out objects",
+            Self::Posterior => "lower bound by the run's decoder on fresh scenes",
+        }
+    }
+
+    /// Whether the information is at "most" or at "least" what this one says.
+    pub fn side(self) -> &'static str {
+        match self {
+            Self::Density => "most",
+            Self::Posterior => "least",
         }
     }
 }
@@ -290,12 +298,15 @@ impl IdealSettings {
         Ok(())
     }
 
-    /// The settings of a preset for an objective, with what a person may have set for any: what may move, patch and number
-    /// of lenslets.
+    /// The settings of a preset for an objective, with what a person may have set for any: what may move, the number of
+    /// lenslets, and steps and patch where they are not those of the preset before.
     #[must_use]
     pub fn turned_to(self, preset: Preset, objective: Objective) -> Self {
+        let (before, after) = (Self::new(self.preset, self.objective, 0), Self::new(preset, objective, 0));
+        let steps = if self.steps == before.steps { after.steps } else { self.steps };
+        let patch = if self.patch == before.patch { after.patch } else { self.patch };
         let Self { free, locked, min_separation_px, lenslets, anisotropic, seed, .. } = self;
-        Self { free, locked, min_separation_px, lenslets, anisotropic, ..Self::new(preset, objective, seed) }
+        Self { steps, patch, free, locked, min_separation_px, lenslets, anisotropic, seed, ..after }
     }
 
     /// Factor of the rates at a step.
@@ -370,10 +381,11 @@ mod tests {
         assert_eq!(usual(Preset::Default, "idx:digits"), Objective::Density);
         assert_eq!(usual(Preset::Paper, "beads:0.02"), Objective::Density);
         // What a person set stays.
-        let settings =
-            IdealSettings { lenslets: Some(7), ..IdealSettings::new(Preset::Default, Objective::Density, 4) };
+        let set = |settings| IdealSettings { lenslets: Some(7), patch: None, ..settings };
+        let settings = set(IdealSettings::new(Preset::Default, Objective::Density, 4));
         let turned = settings.turned_to(Preset::Default, Objective::Posterior);
-        let expected = IdealSettings::new(Preset::Default, Objective::Posterior, 4);
-        assert_eq!(turned, IdealSettings { lenslets: Some(7), ..expected });
+        assert_eq!(turned, set(IdealSettings::new(Preset::Default, Objective::Posterior, 4)));
+        let turned = IdealSettings { steps: 77, ..turned }.turned_to(Preset::Paper, Objective::Density);
+        assert_eq!((turned.steps, turned.patch, turned.patches), (77, None, 4096));
     }
 }

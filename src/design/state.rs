@@ -16,11 +16,12 @@ pub struct Frame {
     pub step: usize,
     /// The mask; lenslets keep their places in the list.
     pub array: LensletArray,
-    /// Information of patches of held-out objects under the density model, bits per pixel.
+    /// Bits per pixel by what was climbed: an upper bound by the density model on patches of held-out objects, or a lower
+    /// bound by the decoder on fresh scenes.
     pub bits_per_pixel: f64,
-    /// Over these patches.
+    /// Over these patches or scenes.
     pub interval_95: [f64; 2],
-    /// Bound from below, in every fifth frame and the last, where the prior of the objects is known.
+    /// Bound from below beside the upper one, in every fifth frame and the last, where the prior of the objects is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<QuickLowerBound>,
     /// Mean Tamura coefficient of held-out measurements.
@@ -97,7 +98,7 @@ impl IdealState {
 pub struct IdealProgress<'a> {
     /// The run so far.
     pub state: &'a IdealState,
-    /// Share of a fit of the density model that is done; none while the mask moves.
+    /// Share of a fit that is done; none while the mask moves.
     pub fitting: Option<f64>,
     /// Seconds of computing since the start of the run.
     pub seconds: f64,

@@ -167,7 +167,10 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         }
         let resumable = last.is_some_and(|run| run.status == RunStatus::Stopped || run.status == RunStatus::Finished);
         if resumable && ui.button("Go on").on_hover_text("Takes the run further, from where it was left").clicked() {
-            let steps = state.optimize_form.settings.steps;
+            let form = &state.optimize_form.settings;
+            // Steps for another objective say nothing of this run.
+            let of_run = last.map(|run| &run.settings).filter(|settings| settings.objective != form.objective);
+            let steps = of_run.unwrap_or(form).steps;
             state.optimize_form.frame = None;
             if let Err(refusal) = state.bench.extend_run(steps, SCORE) {
                 state.messages.push(Severity::Failure, refusal);
@@ -252,6 +255,7 @@ pub fn start(state: &mut State) {
     let design = Arc::clone(state.bench.design());
     let form = &mut state.optimize_form;
     form.frame = None;
+    form.turn_to(form.settings.preset, &design.objects);
     let mut settings = IdealSettings { seed: design.seed, ..form.settings.clone() };
     let random = |seed: u64| {
         let encoder = Encoder::Lenslets(random_layout(form.count, seed));
@@ -395,9 +399,9 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
         run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
     };
     let link = ui.scope_id().with("run");
-    let colour = match run.settings.objective {
-        Objective::Density => DENSITY,
-        Objective::Posterior => LOWER,
+    let (name, colour) = match run.settings.objective {
+        Objective::Density => ("upper bound", DENSITY),
+        Objective::Posterior => ("lower bound", LOWER),
     };
     Plot::new("Information of the run")
         .height(140.0)
@@ -410,7 +414,7 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
             let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
             let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
             plot.add(band.fill_color(colour.gamma_multiply(0.35)));
-            plot.line(Line::new("information", points(&|frame| frame.bits_per_pixel)).color(colour).width(2.0));
+            plot.line(Line::new(name, points(&|frame| frame.bits_per_pixel)).color(colour).width(2.0));
             plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(colour).radius(2.0));
             let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
             let lower: Vec<[f64; 2]> = lower.collect();

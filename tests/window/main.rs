@@ -89,6 +89,17 @@ fn click(window: &mut Window, name: &str) {
     window.run_steps(8);
 }
 
+/// Replaces the number in a field.
+fn type_number(window: &mut Window, field: &str, text: &str) {
+    window.get_by_label(field).click();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label(field).type_text(text);
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+}
+
 /// Answers the open path question.
 fn answer(window: &mut Window, path: &Path, button: &str) {
     let field = window.get_by_label("Path");

@@ -5,7 +5,7 @@ use egui_kittest::kittest::Queryable;
 use lenslet_studio::optics::Encoder;
 use lenslet_studio::workbench::Design;
 
-use super::{Window, click, lenslets, menu, open, settle, studio, turn};
+use super::{Window, click, lenslets, menu, open, settle, studio, turn, type_number};
 
 #[test]
 fn a_lenslet_is_dragged_and_every_number_follows() {
@@ -144,12 +144,7 @@ fn several_lenslets_are_selected_by_a_box_and_move_together() {
 fn the_table_takes_typed_numbers() {
     let mut window = open(Design::default());
     for (field, text) in [("Lenslet 2 x", "12.25"), ("Lenslet 2 width", "1.5"), ("Lenslet 2 weight", "0.5")] {
-        window.get_by_label(field).click();
-        window.run_steps(2);
-        window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-        window.get_by_label(field).type_text(text);
-        window.run_steps(2);
-        window.key_press(Key::Enter);
+        type_number(&mut window, field, text);
         settle(&mut window);
     }
     let changed = lenslets(&window)[1];
@@ -176,11 +171,7 @@ fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
     let mut window = open(Design::default());
     click(&mut window, "Edit");
     click(&mut window, "Select all lenslets");
-    window.get_by_label("Lenslet 4 width").click();
-    window.run_steps(2);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.get_by_label("Lenslet 4 width").type_text("1.25");
-    window.key_press(Key::Enter);
+    type_number(&mut window, "Lenslet 4 width", "1.25");
     settle(&mut window);
     assert!(lenslets(&window).iter().all(|lenslet| lenslet.spot.mean_sigma() == 1.25));
 }

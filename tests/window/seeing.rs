@@ -4,7 +4,7 @@ use egui::{Key, Modifiers, Pos2, Role, Vec2, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
+use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn, type_number};
 
 /// Zoom and pixel coordinates (x, y) in the middle of a picture, as assistive technology reads them.
 fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
@@ -51,16 +51,6 @@ fn pixel_told(text: &str, picture: &str) -> (i64, i64) {
     let mut numbers = text[start..].split(|c: char| !c.is_ascii_digit() && c != '-').filter(|part| !part.is_empty());
     let mut next = || numbers.next().unwrap().parse().unwrap();
     (next(), next())
-}
-
-fn set_number(window: &mut Window, field: &str, text: &str) {
-    window.get_by_label(field).click();
-    window.run_steps(2);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.get_by_label(field).type_text(text);
-    window.run_steps(2);
-    window.key_press(Key::Enter);
-    window.run_steps(4);
 }
 
 #[test]
@@ -260,14 +250,14 @@ fn levels_are_set_by_hand_kept_for_other_pictures_and_exported() {
     assert_eq!(high, f64::from(brightest));
     click(&mut window, "Auto Measurement levels");
     assert!(number(&window, "Measurement highest value") < full, "a few bright pixels are left out");
-    set_number(&mut window, "Measurement lowest value", "50");
-    set_number(&mut window, "Measurement highest value", "100");
+    type_number(&mut window, "Measurement lowest value", "50");
+    type_number(&mut window, "Measurement highest value", "100");
     // The limits are handles on the histogram, too.
     let handle = window.get_by_label("Measurement high limit").rect();
     drag(&mut window, handle.center(), vec2(-12.0, 0.0), egui::PointerButton::Primary);
     let dragged = number(&window, "Measurement highest value");
     assert!(dragged < 100.0 && dragged > 50.0, "{dragged}");
-    set_number(&mut window, "Measurement highest value", "100");
+    type_number(&mut window, "Measurement highest value", "100");
     click(&mut window, "Measurement logarithmic counts");
     click(&mut window, "Measurement levels");
     assert!(window.query_by_label("Measurement highest value").is_none());

@@ -34,15 +34,6 @@ fn run_line(line: &str) -> serde_json::Value {
     serde_json::from_slice(&shell.stdout).unwrap()
 }
 
-/// Types a number into a field.
-fn type_number(window: &mut Window, name: &str, text: &str) {
-    click(window, name);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.get_by_label(name).type_text(text);
-    window.key_press(Key::Enter);
-    window.run_steps(3);
-}
-
 /// Asks for fits of the density model of so many steps.
 fn ask_for_steps(window: &mut Window, steps: &str) {
     click(window, "Estimates");

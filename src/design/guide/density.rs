@@ -93,7 +93,12 @@ impl Guide for DensityGuide<'_> {
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, _last: bool) -> Result<(f64, [f64; 2]), IdealError> {
+    fn value(
+        &self,
+        array: &LensletArray,
+        _last: bool,
+        _go_on: &dyn Fn() -> bool,
+    ) -> Result<(f64, [f64; 2]), IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
         let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, 3))?.cut(encoded.view());

@@ -34,8 +34,8 @@ pub(super) trait Guide {
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError>;
 
     /// Information of a mask on objects that neither guide nor mask has seen, the same ones every time, and its 95 %
-    /// interval, bits per pixel; of as many as are taken at a `last` time.
-    fn value(&self, array: &LensletArray, last: bool) -> Result<(f64, [f64; 2]), IdealError>;
+    /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
+    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError>;
 
     /// How the information changes with every lenslet.
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError>;

@@ -1,6 +1,6 @@
-//! A decoder of beads, which bounds the information from below and tells what is expected of a measurement's clean light.
+//! A decoder of beads, which bounds the information from below and tells what clean light is expected of a measurement.
 
-use ndarray::{Array3, ArrayView3, s};
+use ndarray::{Array2, Array3, ArrayView3, s};
 
 use super::{Guide, GuideFit, OnFit};
 use crate::design::error::IdealError;
@@ -26,24 +26,27 @@ pub(in crate::design) struct PosteriorGuide<'a> {
     decoder: Decoder,
     /// Of the mask that it follows.
     channel: BeadChannel,
+    /// What a bead is blurred with.
+    bead: Array2<f64>,
 }
 
 impl<'a> PosteriorGuide<'a> {
     /// The decoder that comes with the program.
     ///
     /// # Errors
-    /// For objects whose prior is not known, and masks without light.
+    /// For objects whose prior is not known, and masks and noise that make no channel.
     pub fn new(
         imaging: &'a Imaging<'a>,
         start: &LensletArray,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
         let channel = channel(imaging, start, patch)?;
-        let first = match Decoder::shipped() {
-            Some(decoder) => decoder.clone(),
-            None => Decoder::new(DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed).unrolled, seed)?,
-        };
-        Ok(Self { imaging, patch, seed, decoder: first.clone(), first, channel })
+        channel.check()?;
+        let bead = imaging.set.bead_prior().ok_or_else(no_prior)?.spot.clone();
+        let found = "posterior".into();
+        let no_decoder = IdealError::Setting { name: "objective", found, expected: "density: there is no decoder" };
+        let first = Decoder::shipped().ok_or(no_decoder)?.clone();
+        Ok(Self { imaging, patch, seed, decoder: first.clone(), first, channel, bead })
     }
 }
 
@@ -65,18 +68,17 @@ impl Guide for PosteriorGuide<'_> {
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, last: bool) -> Result<(f64, [f64; 2]), IdealError> {
+    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
         let samples = if last { LAST_SAMPLES } else { SAMPLES };
-        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), derived_seed(self.seed, 6), &|| true)?;
+        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), derived_seed(self.seed, 6), go_on)?;
         Ok((bound.bits_per_pixel, bound.interval_95))
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
         let by_spot = spot_slope(&channel, &self.decoder, (draw.seed, 0, draw.patches))?;
-        let prior = self.imaging.set.bead_prior().ok_or_else(no_prior)?;
-        let by_psf = by_psf(by_spot.view(), &prior.spot);
+        let by_psf = by_psf(by_spot.view(), &self.bead);
         Ok(psf_gradient(array, by_psf.view())?)
     }
 
@@ -103,13 +105,13 @@ fn no_prior() -> IdealError {
     IdealError::Setting {
         name: "objective",
         found: "posterior".into(),
-        expected: "density for objects other than beads, whose prior is not known",
+        expected: "density for objects that are no beads, or leave nothing to tell",
     }
 }
 
 /// From slopes by the spot of a bead on the sensor to those by the point spread function, both (planes, rows, cols); `bead`
 /// is what it is blurred with.
-fn by_psf(by_spot: ArrayView3<'_, f64>, bead: &ndarray::Array2<f64>) -> Array3<f64> {
+fn by_psf(by_spot: ArrayView3<'_, f64>, bead: &Array2<f64>) -> Array3<f64> {
     let (planes, rows, cols) = by_spot.dim();
     let (rows, cols) = (rows + 1 - bead.nrows(), cols + 1 - bead.ncols());
     let mut by_psf = Array3::zeros((planes, rows, cols));
@@ -117,4 +119,21 @@ fn by_psf(by_spot: ArrayView3<'_, f64>, bead: &ndarray::Array2<f64>) -> Array3<f
         by_psf.scaled_add(photons, &by_spot.slice(s![.., row..row + rows, col..col + cols]));
     }
     by_psf
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::spots_on_sensor;
+
+    #[test]
+    fn slopes_are_pulled_back_by_the_adjoint_of_the_blur() {
+        let number = |place: usize| ((place * 7 + place * place) % 13) as f64 - 5.0;
+        let bead = Array2::from_shape_fn((3, 2), |(r, c)| number(r * 2 + c));
+        let psf = Array3::from_shape_fn((2, 4, 5), |(z, r, c)| number(z * 20 + r * 5 + c));
+        let by_spot = Array3::from_shape_fn((2, 6, 6), |(z, r, c)| number(z * 36 + r * 6 + c + 3));
+        let (there, back) = (spots_on_sensor(&bead, psf.view()), by_psf(by_spot.view(), &bead));
+        assert_eq!((there.dim(), back.dim()), (by_spot.dim(), psf.dim()));
+        assert!(((there * &by_spot).sum() - (back * &psf).sum()).abs() < 1e-9);
+    }
 }

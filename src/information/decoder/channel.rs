@@ -30,20 +30,28 @@ pub struct BeadChannel {
 }
 
 impl BeadChannel {
+    /// Refuses what is no channel, whether or not the dark edges of its spot are left out.
+    ///
+    /// # Errors
+    /// As [`super::decoder_lower_bound`] for what is no channel.
+    pub fn check(&self) -> Result<(), InformationError> {
+        self.whole_spot().map(|_| ())
+    }
+
     /// Refuses what is no channel, and returns the spot without its dark edges.
     pub(super) fn checked_spot(&self) -> Result<Array3<f64>, InformationError> {
-        self.check()?;
+        self.check_numbers()?;
         self.of_sites(self.trimmed()?)
     }
 
     /// As [`BeadChannel::checked_spot`], with its dark edges.
     pub(super) fn whole_spot(&self) -> Result<Array3<f64>, InformationError> {
-        self.check()?;
+        self.check_numbers()?;
         self.trimmed()?;
         self.of_sites(self.spot.clone())
     }
 
-    fn check(&self) -> Result<(), InformationError> {
+    fn check_numbers(&self) -> Result<(), InformationError> {
         check_noise(self.noise)?;
         if !(self.probability > 0.0 && self.probability < 1.0) {
             return Err(InformationError::Probability { found: self.probability });

@@ -51,7 +51,7 @@ pub fn spot_slope(
                 scene.light.blur(&pass.sample.beads, &mut slopes, &mut pass.blur);
                 scene.light.blur(&guessed, &mut mean, &mut pass.blur);
                 for (clean, mean) in slopes.iter_mut().zip(&mean) {
-                    let photons = |light: f32| f64::from(light.max(0.0) + scene.bias);
+                    let photons = |light: f32| at_least(f64::from(light), 0.0) + f64::from(scene.bias);
                     *clean = pixel_slope(photons(*clean), photons(*mean), scene.noise) as f32;
                 }
                 (pass.sample.beads.clone(), slopes)
@@ -64,11 +64,11 @@ pub fn spot_slope(
         slopes.extend(sloped);
     }
     let sites = (count, scene.sites.images, scene.sites.rows, scene.sites.cols);
-    let wrong = |_| InformationError::NoLight;
-    let beads = ArrayView4::from_shape(sites, &beads).map_err(|_| InformationError::NoLight)?;
-    let slopes =
-        Array3::from_shape_vec((count, scene.patch.0, scene.patch.1), slopes).map_err(|_| InformationError::NoLight)?;
-    let by_spot = scene.light.psf_cotangent(beads, slopes.view()).map_err(wrong)?;
+    // All have the shapes of the scene, so these fit.
+    let no_light = |_| InformationError::NoLight;
+    let beads = ArrayView4::from_shape(sites, &beads).map_err(no_light)?;
+    let slopes = Array3::from_shape_vec((count, scene.patch.0, scene.patch.1), slopes).map_err(no_light)?;
+    let by_spot = scene.light.psf_cotangent(beads, slopes.view()).map_err(|_| InformationError::NoLight)?;
     Ok(by_spot / (count * scene.pixels()).max(1) as f64)
 }
 
@@ -77,7 +77,7 @@ pub fn spot_slope(
 fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     let variance = noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
     if noise.has_shot_noise() {
-        ((clean + variance).max(LEAST) / (mean + variance).max(LEAST)).log2()
+        (at_least(clean + variance, LEAST) / at_least(mean + variance, LEAST)).log2()
     } else {
         (clean - mean) / variance / std::f64::consts::LN_2
     }
@@ -85,6 +85,11 @@ fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
 
 /// Photons are not taken for fewer.
 const LEAST: f64 = 1e-3;
+
+/// The larger of both. What is no number stays none, so that whoever takes the slope hears of it.
+fn at_least(value: f64, least: f64) -> f64 {
+    if value < least { least } else { value }
+}
 
 #[cfg(test)]
 mod tests {
@@ -176,6 +181,14 @@ mod tests {
                 let tolerance = if noise.has_shot_noise() && noise.read_sigma().is_some() { 0.02 } else { 1e-4 };
                 assert!((found[site] / slope - 1.0).abs() < tolerance, "{noise} {site}: {} {slope}", found[site]);
             }
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_gives_no_slope() {
+        for noise in NOISES {
+            assert!(pixel_slope(8.0, f64::NAN, noise).is_nan() && pixel_slope(f64::NAN, 8.0, noise).is_nan());
+            assert!(pixel_slope(0.0, 0.0, noise).abs() < 1e-12);
         }
     }
 

@@ -424,10 +424,9 @@ impl Shared {
 
     fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
         let state = progress.state;
-        let bits = state
-            .frames
-            .last()
-            .map_or(String::new(), |frame| format!(", at most {:.3} bits per pixel", frame.bits_per_pixel));
+        let bits = state.frames.last().map_or(String::new(), |frame| {
+            format!(", at {} {:.3} bits per pixel", settings.objective.side(), frame.bits_per_pixel)
+        });
         let step = format!("Step {} of {}{bits}", state.step, settings.steps);
         let left = time_left(state, settings, progress.seconds);
         self.tell(&step, state.step as f64 / settings.steps.max(1) as f64, left);

@@ -32,7 +32,7 @@ pub struct IdealRecord {
     pub settings: IdealSettings,
     /// Whether it came to its end.
     pub finished: bool,
-    /// The masks at all refits, with what they were worth on held-out objects.
+    /// The masks at all refits, with what they were worth on objects that nothing was fitted to.
     pub frames: Vec<Frame>,
     /// What else happened.
     pub events: Vec<IdealEvent>,
