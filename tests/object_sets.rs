@@ -120,6 +120,15 @@ fn sets_have_the_mean_that_was_asked_for() {
 }
 
 #[test]
+fn a_source_of_beads_is_one_whose_prior_leaves_something_to_tell() {
+    for text in ["beads:0.02", "beads-max:0.05", "volume:3:0.02", "beads:1"] {
+        let source: ObjectSource = text.parse().unwrap();
+        let prior = open(text).bead_prior();
+        assert_eq!(source.is_beads(), prior.is_some_and(|prior| prior.probability < 1.0), "{text}");
+    }
+}
+
+#[test]
 fn bead_autocovariance_is_that_of_the_objects() {
     let set = open("beads:0.02");
     let objects = set.objects(Split::All, 150, 2).unwrap();

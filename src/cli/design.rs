@@ -228,7 +228,7 @@ impl Arguments {
         let Some(budget) = self.score else { return Ok(Vec::new()) };
         let all: Vec<usize> = (1..=9).collect();
         let against = if self.against.is_empty() { &all } else { &self.against };
-        let settings = score_settings(record, against, budget.0)?;
+        let settings = score_settings(record, against, budget.0);
         let mut study = Study::open(settings, &self.out.join("score"))?;
         run_with_bar(&mut study)?;
         Ok(verdict(study.record()))
@@ -256,6 +256,9 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
         ),
     ];
+    if record.start.objects.is_beads() {
+        lines.push("`estimate --estimator bracket` bounds the design from both sides".into());
+    }
     if !record.events.is_empty() {
         lines.push(format!(
             "note: {} times a step was refused or the model had lost track; see run.json",

@@ -4,6 +4,8 @@ use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
+use ndarray::Array4;
+
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::guide::{DensityGuide, Guide, GuideFit, PosteriorGuide};
@@ -43,6 +45,8 @@ pub struct Ideal<'a> {
     limits: Limits,
     settings: IdealSettings,
     patch: (usize, usize),
+    /// Whose measurements the Tamura coefficient is taken from, shape (n, planes, rows, cols).
+    held_out: Array4<f32>,
     guide: Box<dyn Guide + 'a>,
     state: IdealState,
 }
@@ -75,7 +79,8 @@ impl<'a> Ideal<'a> {
             Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
         };
         let state = IdealState::new(array);
-        Ok(Self { imaging, limits, settings, patch, guide, state })
+        let held_out = imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(settings.seed, 1))?;
+        Ok(Self { imaging, limits, settings, patch, held_out, guide, state })
     }
 
     /// The same run where [`Ideal::to_bytes`] was called; it goes on bit for bit as it would have then.
@@ -282,8 +287,7 @@ impl<'a> Ideal<'a> {
         };
         let (bits_per_pixel, interval_95) = self.guide.value(array, last, &go_on)?;
         let psf = render_psf(array, self.imaging.set.planes())?;
-        let held_out = self.imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(self.settings.seed, 1))?;
-        let encoded = self.imaging.convolver(psf.view())?.measure(held_out.view(), self.imaging.bias)?;
+        let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
         let measured = self.imaging.noise.draw(encoded.view(), derived_seed(self.settings.seed, 5));
         let distinct = merged(array);
         Ok(Frame {
@@ -358,21 +362,30 @@ mod tests {
     use crate::optics::Lenslet;
     use crate::sensor::Noise;
 
+    fn beads() -> ObjectSet {
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap()
+    }
+
+    /// One lenslet before a small sensor, and a step of it in every round.
+    fn small<'a>(imaging: &'a Imaging<'a>, settings: &IdealSettings) -> Ideal<'a> {
+        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
+        let settings = IdealSettings { refit_every: 1, ..settings.clone() };
+        Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
+    }
+
     #[test]
     fn a_model_that_lost_track_makes_room_for_one_that_begins_anew() {
-        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
-        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+        let set = beads();
         let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 40,
             refit: 1,
-            refit_every: 1,
             steps: 2,
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
-        let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
+        let mut ideal = small(&imaging, &settings);
         let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         let unfitted = ideal.guide.to_bytes(Vec::new()).unwrap();
         advance(&mut ideal);
@@ -388,23 +401,19 @@ mod tests {
 
     #[test]
     fn a_run_goes_on_bit_for_bit_across_an_audit() {
-        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
-        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+        let set = beads();
         let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let settings = IdealSettings {
             patch: Some((5, 5)),
             // A model that begins anew knows next to nothing.
             first_fit: 1,
             refit: 4,
-            refit_every: 1,
             steps: AUDIT_EVERY + 2,
             patches: 2,
             objects: 1,
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
-        let new = || Ideal::new(&imaging, &start, Limits::default(), settings.clone()).unwrap();
-        let mut whole = new();
+        let mut whole = small(&imaging, &settings);
         let mut kept = Vec::new();
         while !whole.is_finished() {
             whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
@@ -414,7 +423,7 @@ mod tests {
         }
         assert_eq!(kept.len(), 2);
         for bytes in kept {
-            let mut resumed = new().resumed(&bytes).unwrap();
+            let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
             while !resumed.is_finished() {
                 resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
             }

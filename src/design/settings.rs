@@ -211,7 +211,6 @@ impl IdealSettings {
         match (preset, objective) {
             (Preset::Paper, _) => paper,
             (Preset::Default, Objective::Posterior) => Self {
-                // Half as many end in worse layouts: lenslets die before the others have found their places.
                 steps: 1600,
                 patches: 32,
                 patch: Some((32, 32)),

@@ -40,5 +40,5 @@ pub use pool::Pool;
 pub use product::{Write, product, product_of_transposed, product_with_transposed};
 pub use schedule::rate_schedule;
 pub use taps::{Grid, Taps};
-pub use weights_file::{WeightsHeader, read_details, read_weights, write_weights};
+pub use weights_file::{WeightsHeader, read_detail, read_details, read_weights, write_weights};
 pub use window_product::{Window, transposed_kernel, window_product, window_product_by_kernel};

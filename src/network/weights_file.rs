@@ -63,6 +63,15 @@ pub fn read_details(bytes: &[u8], header: &WeightsHeader<'_>) -> Result<HashMap<
     }
 }
 
+/// One of the details that [`read_details`] returns.
+///
+/// # Errors
+/// As [`read_details`], and where it is missing.
+pub fn read_detail(bytes: &[u8], header: &WeightsHeader<'_>, name: &str) -> Result<String, NetworkError> {
+    let missing = || wrong(format!("an entry {name:?}"), "none that can be read".to_owned());
+    read_details(bytes, header)?.remove(name).ok_or_else(missing)
+}
+
 /// Reads weights of exactly this layout from the bytes of a safetensors file; call [`read_details`] first.
 ///
 /// # Errors

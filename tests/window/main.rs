@@ -112,6 +112,21 @@ fn answer(window: &mut Window, path: &Path, button: &str) {
     settle(window);
 }
 
+/// Presses a button, moves in five steps, and lets go.
+fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) {
+    let press = |pressed, pos| egui::Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+    window.hover_at(from);
+    window.step();
+    window.input_mut().events.push(press(true, from));
+    window.step();
+    for step in 1..=5 {
+        window.hover_at(from + by * (step as f32 / 5.0));
+        window.step();
+    }
+    window.input_mut().events.push(press(false, from + by));
+    window.run_steps(3);
+}
+
 /// Turns the wheel over a place.
 fn turn(window: &mut Window, place: Pos2, notches: f32, modifiers: Modifiers) {
     window.hover_at(place);

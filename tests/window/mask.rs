@@ -1,11 +1,11 @@
 //! The mask in the hands of its user.
 
-use egui::{Key, Modifiers, Vec2};
+use egui::{Key, Modifiers, PointerButton, Vec2};
 use egui_kittest::kittest::Queryable;
 use lenslet_studio::optics::Encoder;
 use lenslet_studio::workbench::Design;
 
-use super::{Window, click, lenslets, menu, open, settle, studio, turn, type_number};
+use super::{Window, click, drag, lenslets, menu, open, settle, studio, turn, type_number};
 
 #[test]
 fn a_lenslet_is_dragged_and_every_number_follows() {
@@ -13,13 +13,7 @@ fn a_lenslet_is_dragged_and_every_number_follows() {
     let before = studio(&window).bench().live();
     let start = lenslets(&window);
     let from = window.get_by_label("Lenslet 1").rect().center();
-    window.drag_at(from);
-    window.step();
-    for step in 1..=8 {
-        window.hover_at(from + Vec2::new(5.0, -3.0) * step as f32);
-        window.step();
-    }
-    window.drop_at(from + Vec2::new(40.0, -24.0));
+    drag(&mut window, from, Vec2::new(40.0, -24.0), PointerButton::Primary);
     settle(&mut window);
 
     let moved = lenslets(&window);
@@ -61,11 +55,7 @@ fn a_drag_of_two_points_is_a_click() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
     let from = window.get_by_label("Lenslet 3").rect().center();
-    window.drag_at(from);
-    window.step();
-    window.hover_at(from + Vec2::new(2.0, 0.0));
-    window.step();
-    window.drop_at(from + Vec2::new(2.0, 0.0));
+    drag(&mut window, from, Vec2::new(2.0, 0.0), PointerButton::Primary);
     settle(&mut window);
     assert_eq!(lenslets(&window), start);
     window.get_by_label("1 selected");
@@ -116,24 +106,11 @@ fn a_double_click_adds_where_it_was() {
 fn several_lenslets_are_selected_by_a_box_and_move_together() {
     let mut window = open(Design::default());
     let picture = window.get_by_label("PSF").rect();
-    window.drag_at(picture.left_top() + Vec2::splat(3.0));
-    window.step();
-    for share in [0.3, 0.6, 0.9, 0.99] {
-        window.hover_at(picture.left_top() + picture.size() * share);
-        window.step();
-    }
-    window.drop_at(picture.left_top() + picture.size() * 0.99);
-    window.run_steps(3);
+    drag(&mut window, picture.left_top() + Vec2::splat(3.0), picture.size() - Vec2::splat(7.0), PointerButton::Primary);
     window.get_by_label("9 selected");
     let before = lenslets(&window);
     let from = window.get_by_label("Lenslet 2").rect().center();
-    window.drag_at(from);
-    window.step();
-    for step in 1..=4 {
-        window.hover_at(from + Vec2::new(6.0, 0.0) * step as f32);
-        window.step();
-    }
-    window.drop_at(from + Vec2::new(24.0, 0.0));
+    drag(&mut window, from, Vec2::new(24.0, 0.0), PointerButton::Primary);
     settle(&mut window);
     let shifts: Vec<f64> = lenslets(&window).iter().zip(&before).map(|(after, before)| after.x - before.x).collect();
     assert!(shifts[0] > 0.5, "{shifts:?}");

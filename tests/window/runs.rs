@@ -116,12 +116,7 @@ fn gestures_are_undone_one_by_one() {
     let mut window = open(Design::default());
     let before = lenslets(&window);
     let from = window.get_by_label("Lenslet 1").rect().center();
-    window.drag_at(from);
-    for step in 1..6 {
-        window.hover_at(from + Vec2::new(8.0 * step as f32, 3.0 * step as f32));
-        window.step();
-    }
-    window.drop_at(from + Vec2::new(40.0, 15.0));
+    drag(&mut window, from, Vec2::new(40.0, 15.0), egui::PointerButton::Primary);
     settle(&mut window);
     let dragged = lenslets(&window);
     assert_ne!(dragged, before);

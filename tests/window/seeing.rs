@@ -1,10 +1,10 @@
 //! Looking at pictures: zoom, pan, links, levels, spectrum.
 
-use egui::{Key, Modifiers, Pos2, Role, Vec2, vec2};
+use egui::{Key, Modifiers, Role, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn, type_number};
+use super::{Window, answer, click, drag, lenslets, menu, open, settle, studio, turn, type_number};
 
 /// Zoom and pixel coordinates (x, y) in the middle of a picture, as assistive technology reads them.
 fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
@@ -22,20 +22,6 @@ fn value_of(window: &Window, name: &str) -> String {
 
 fn rect_of(window: &Window, name: &str) -> egui::Rect {
     window.get_by_role_and_label(Role::Image, name).rect()
-}
-
-fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) {
-    let press = |pressed, pos| egui::Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
-    window.hover_at(from);
-    window.step();
-    window.input_mut().events.push(press(true, from));
-    window.step();
-    for step in 1..=5 {
-        window.hover_at(from + by * (step as f32 / 5.0));
-        window.step();
-    }
-    window.input_mut().events.push(press(false, from + by));
-    window.run_steps(3);
 }
 
 /// The text of the status bar about a picture.

@@ -2,7 +2,7 @@
 
 use ndarray::Array4;
 
-use super::{Guide, GuideFit, OnFit};
+use super::{Guide, GuideFit, OnFit, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
@@ -18,8 +18,6 @@ use crate::sensor::Patches;
 const SAMPLE: usize = 256;
 /// Held-out objects, one patch of each.
 const HELD_OUT: usize = 128;
-/// Factor of the learning rate of fits that start from the model before.
-const WARM_RATE: f64 = 0.5;
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {

@@ -13,6 +13,9 @@ use super::gradient::GradientDraw;
 use crate::information::CausalModel;
 use crate::optics::{LensletArray, LensletGradient};
 
+/// Factor of the learning rate of fits that go on from weights of a similar mask.
+const WARM_RATE: f64 = 0.5;
+
 /// Hears which share of a fit is done, and answers whether to go on.
 pub(super) type OnFit<'a> = &'a mut dyn FnMut(f64) -> ControlFlow<()>;
 

@@ -2,16 +2,13 @@
 
 use ndarray::{Array2, Array3, ArrayView3, s};
 
-use super::{Guide, GuideFit, OnFit};
+use super::{Guide, GuideFit, OnFit, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, derived_seed};
 use crate::information::{BeadChannel, Decoder, DecoderFit, DecoderKind, QuickLowerBound, fitted_decoder, spot_slope};
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 
-/// Learning rates of fits from the beginning and from a similar mask.
-const RATE: f64 = 1e-2;
-const WARM_RATE: f64 = 5e-3;
 /// Fresh scenes that a value rests on, and that of the last mask.
 const SAMPLES: usize = 512;
 const LAST_SAMPLES: usize = 2048;
@@ -61,8 +58,10 @@ impl Guide for PosteriorGuide<'_> {
 
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
         let &GuideFit { steps, seed, warm } = fit;
-        let rate = if warm { WARM_RATE } else { RATE };
-        let fit = DecoderFit { rate, ..DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed) };
+        let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
+        if warm {
+            fit.rate *= WARM_RATE;
+        }
         let progress = &mut |step: usize| watch(step as f64 / steps as f64);
         self.decoder = fitted_decoder(&self.channel, &fit, &self.decoder, progress)?;
         Ok(())

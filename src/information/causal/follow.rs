@@ -9,7 +9,7 @@ use super::model::{CausalModel, check};
 use super::shape::CausalShape;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, NoiseEntropy, Protocol};
-use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
+use crate::network::{NetworkError, WeightsHeader, read_detail, read_weights, write_weights};
 use crate::sensor::Noise;
 
 /// Levels beyond those of a sample that are taken to be in use: others are brighter and darker.
@@ -99,8 +99,7 @@ impl CausalModel {
     /// # Errors
     /// For other files, and where the detail is missing.
     pub fn detail_of_state(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-        let mut details = read_details(bytes, &HEADER)?;
-        details.remove(name).ok_or_else(|| missing(name).into())
+        Ok(read_detail(bytes, &HEADER, name)?)
     }
 
     /// This model with the state of another one of the same levels.

@@ -2,7 +2,7 @@
 
 use super::layers::Decoder;
 use crate::information::InformationError;
-use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
+use crate::network::{NetworkError, WeightsHeader, read_detail, read_details, read_weights, write_weights};
 
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/bead-decoder", version: 1 };
@@ -20,7 +20,7 @@ impl Decoder {
     ///
     /// # Errors
     /// As [`Decoder::to_bytes`].
-    pub fn to_bytes_with(&self, mut details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
+    pub(crate) fn to_bytes_with(&self, mut details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
         details.push(("unrolled", self.unrolled().to_string()));
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
     }
@@ -29,9 +29,8 @@ impl Decoder {
     ///
     /// # Errors
     /// For other files, and where the entry is missing.
-    pub fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-        let missing = || NetworkError::Weights { expected: format!("an entry {name:?}"), found: "none".into() };
-        Ok(read_details(bytes, &HEADER)?.remove(name).ok_or_else(missing)?)
+    pub(crate) fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
+        Ok(read_detail(bytes, &HEADER, name)?)
     }
 
     /// Reads what [`Decoder::to_bytes`] wrote.

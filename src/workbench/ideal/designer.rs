@@ -389,7 +389,7 @@ impl Shared {
     /// What a design is worth, by models of its own: a bracket where the prior of the objects is known.
     fn score(&self, design: &Design, budget: Duration) -> Result<Estimate, EvaluationError> {
         let request = EstimateRequest {
-            model: DensityModel::new(judge_of(design)?, Some(budget), EngineChoice::default()),
+            model: DensityModel::new(judge_of(design), Some(budget), EngineChoice::default()),
             protocol: Protocol::Default,
             patch: Some((32, 32)),
             patches_train: 0,

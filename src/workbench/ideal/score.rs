@@ -6,9 +6,8 @@ use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
 use crate::information::Estimator;
 use crate::optics::Encoder;
-use crate::workbench::simulation::open_set;
+use crate::workbench::Design;
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
-use crate::workbench::{Design, EvaluationError};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
@@ -19,24 +18,17 @@ const PATCH: usize = 32;
 /// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
 /// 32 x 32 px and for the whole sensor, with `budget` for each: brackets where the prior of the objects is known, live
 /// estimates otherwise.
-///
-/// # Errors
-/// Where the objects cannot be read.
-pub fn score_settings(
-    record: &IdealRecord,
-    against: &[usize],
-    budget: Duration,
-) -> Result<StudySettings, EvaluationError> {
+pub fn score_settings(record: &IdealRecord, against: &[usize], budget: Duration) -> StudySettings {
     let start = &record.start;
     let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
     let begun = record.frames.first().map_or_else(|| start.encoder.clone(), mask_of);
     let designs = [named(RESULT, &record.result), named(START, &begun)];
-    Ok(StudySettings {
+    StudySettings {
         kind: StudyKind::Grid,
         objects: vec![StudyObjects::new(start.objects.clone(), None)],
         designs: designs.into_iter().chain(against.iter().map(|&count| StudyDesign::heuristic(count))).collect(),
         patches: vec![Some((PATCH, PATCH)), None],
-        estimator: judge_of(start)?,
+        estimator: judge_of(start),
         budget_seconds: Some(budget.as_secs_f64()),
         patches_train: 0,
         patches_test: 600,
@@ -45,15 +37,12 @@ pub fn score_settings(
         mean_photons: start.mean_photons,
         bias_photons: start.bias_photons,
         seed: start.seed,
-    })
+    }
 }
 
 /// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
-///
-/// # Errors
-/// Where the objects cannot be read.
-pub(super) fn judge_of(design: &Design) -> Result<Estimator, EvaluationError> {
-    Ok(if open_set(design)?.bead_prior().is_some() { Estimator::Bracket } else { Estimator::Live })
+pub(super) fn judge_of(design: &Design) -> Estimator {
+    if design.objects.is_beads() { Estimator::Bracket } else { Estimator::Live }
 }
 
 fn mask_of(frame: &Frame) -> Encoder {
@@ -127,8 +116,7 @@ mod tests {
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
         let ideal = Ideal::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
-        let mut settings =
-            score_settings(&IdealRecord::new(&design, &ideal), &[1, 3], Duration::from_millis(300)).unwrap();
+        let mut settings = score_settings(&IdealRecord::new(&design, &ideal), &[1, 3], Duration::from_millis(300));
         assert_eq!((settings.estimator, settings.cells()), (Estimator::Bracket, 8));
         settings.patches = vec![Some((6, 6))];
         settings.patches_test = 20;

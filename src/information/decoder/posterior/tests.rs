@@ -121,17 +121,11 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
         let odds: Vec<f32> = (0..10).map(|site| [-1.5, 0.3, 1.1][site % 3]).collect();
         let guess = Guess::new(&odds, vec![true; 10], (f64::from(scene.prior_logit()), 14.0));
         let effort = Effort { flips: 4, shifts: 2 };
+        let (light, measured, guess, steps) = (&light, &measured, &guess, &steps);
+        let walk = |levels| Walk { light, measured, guess, steps, effort, levels, go_on: &|| true };
         let mut last = f64::NEG_INFINITY;
         for (levels, walkers) in [(1, 1), (6, 3), (400, 3)] {
-            let walk = Walk {
-                light: &light,
-                measured: &measured,
-                guess: &guess,
-                steps: &steps,
-                effort,
-                levels,
-                go_on: &|| true,
-            };
+            let walk = walk(levels);
             let found: Vec<f64> = (0..800).map(|_| walk.forwards(walkers, &mut random) - truth).collect();
             let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
             let (log, _) = mean(&found);
@@ -154,15 +148,7 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
         };
         last = f64::INFINITY;
         for levels in [1, 6, 400] {
-            let walk = Walk {
-                light: &light,
-                measured: &measured,
-                guess: &guess,
-                steps: &steps,
-                effort,
-                levels,
-                go_on: &|| true,
-            };
+            let walk = walk(levels);
             let found: Vec<f64> = (0..800)
                 .map(|_| {
                     let beads = draw(&mut random);
