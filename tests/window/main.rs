@@ -20,6 +20,10 @@ use lenslet_studio::optics::{Encoder, Lenslet};
 use lenslet_studio::studio::Studio;
 use lenslet_studio::workbench::Design;
 
+/// The program's own, since the soak weighs what it keeps.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 type Window = Harness<'static, Option<Studio>>;
 
 fn open(design: Design) -> Window {
