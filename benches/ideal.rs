@@ -43,7 +43,8 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     group.sample_size(10).measurement_time(Duration::from_secs(12));
     group.bench_function("gradient of a step", |bencher| {
         bencher.iter(|| {
-            imaging.gradient(&start, &draw, ideal.density_model().expect("a density model")).expect("a gradient")
+            let model = ideal.density_model().expect("a density model");
+            imaging.gradient(&start, &draw, model.patch(), model).expect("a gradient")
         });
     });
     let objects = set.objects(Split::Train, settings.objects, 1).expect("objects");

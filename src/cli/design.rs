@@ -37,13 +37,14 @@ pub struct Arguments {
     #[arg(long)]
     seed: Option<u64>,
 
-    /// default: warm refits every few steps of what the mask climbs; paper: fits of the live density model from the beginning
-    /// with the steps, batches, rates and patches as published (which took a PixelCNN).
+    /// default: warm refits every few steps of what the mask climbs; paper: steps, batches, rates and patches as published,
+    /// with fits from the beginning (hours).
     #[arg(long, default_value_t)]
     preset: Preset,
 
     /// What the mask climbs. posterior: what can be told of beads, by a decoder; density: a density model of the
-    /// measurements, for any objects [default: posterior for beads and the default preset].
+    /// measurements, for any objects; pixelcnn: the published density model, for the paper preset [default: pixelcnn for the
+    /// paper preset, otherwise posterior for beads and density for other objects].
     #[arg(long)]
     objective: Option<Objective>,
 

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::error::IdealError;
 use super::imaging::Imaging;
-use crate::information::CausalModel;
+use crate::information::HeldDensity;
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 use crate::sensor::{Convolution, Patches};
@@ -47,7 +47,7 @@ pub struct DesignGradient {
 pub fn information_gradient(
     array: &LensletArray,
     scene: &GradientScene<'_>,
-    model: &CausalModel,
+    model: &dyn HeldDensity,
 ) -> Result<DesignGradient, IdealError> {
     let planes = scene.objects.len_of(Axis(1));
     let psf = render_psf(array, planes)?;
@@ -75,7 +75,8 @@ pub struct GradientDraw {
 }
 
 impl Imaging<'_> {
-    /// The [`information_gradient`] of freshly drawn measurements, cut to the model's patch.
+    /// The [`information_gradient`] of freshly drawn measurements, cut to patches of `patch` (rows, cols), which the model
+    /// must take.
     ///
     /// # Errors
     /// As [`information_gradient`]; where objects cannot be drawn.
@@ -83,15 +84,15 @@ impl Imaging<'_> {
         &self,
         array: &LensletArray,
         draw: &GradientDraw,
-        model: &CausalModel,
+        patch: (usize, usize),
+        model: &dyn HeldDensity,
     ) -> Result<DesignGradient, IdealError> {
         let &GradientDraw { split, objects, patches: count, seed } = draw;
         let objects = self.set.objects(split, objects, seed)?;
         let (rows, cols) = self.plan().measurement_shape();
-        let patches = Patches::draw((objects.len_of(Axis(0)), rows, cols), model.patch(), count, seed)?;
+        let patches = Patches::draw((objects.len_of(Axis(0)), rows, cols), patch, count, seed)?;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let (rows, cols) = model.patch();
-        let normals = Array3::from_shape_simple_fn((count, rows, cols), || StandardNormal.sample(&mut random));
+        let normals = Array3::from_shape_simple_fn((count, patch.0, patch.1), || StandardNormal.sample(&mut random));
         let scene = GradientScene {
             plan: self.plan(),
             objects: objects.view(),

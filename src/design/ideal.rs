@@ -8,13 +8,13 @@ use ndarray::Array4;
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
-use super::guide::{DensityGuide, Guide, GuideFit, PosteriorGuide};
+use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide};
 use super::imaging::{Imaging, derived_seed};
 use super::merge::{closest, joined, merged};
 use super::movement::project;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
-use crate::information::{CausalModel, Decoder, InformationError, QuickLowerBound};
+use crate::information::{CausalModel, Decoder, InformationError, PixelCnn, QuickLowerBound};
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
 use crate::sparsity::tamura_of_stack;
@@ -76,6 +76,7 @@ impl<'a> Ideal<'a> {
         let as_seen = (patch, settings.seed);
         let guide: Box<dyn Guide + 'a> = match settings.objective {
             Objective::Density => Box::new(DensityGuide::new(imaging, &array, &limits, as_seen)?),
+            Objective::PixelCnn => Box::new(PixelCnnGuide::new(imaging, &array, as_seen)?),
             Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
         };
         let state = IdealState::new(array);
@@ -351,7 +352,9 @@ const STEP_SEEDS: u64 = 1 << 33;
 
 /// One of the entries that a state was given.
 fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-    CausalModel::detail_of_state(bytes, name).or_else(|error| Decoder::detail(bytes, name).map_err(|_| error))
+    CausalModel::detail_of_state(bytes, name)
+        .or_else(|_| Decoder::detail(bytes, name))
+        .or_else(|_| PixelCnn::detail(bytes, name))
 }
 
 #[cfg(test)]

@@ -122,7 +122,7 @@ pub(super) fn whole(patches: ArrayView3<'_, f32>) -> bool {
 }
 
 /// The patches plus uniform numbers from 0 to 1; one random stream for each patch.
-pub(super) fn dequantised(patches: ArrayView3<'_, f32>, seed: u64, first_stream: u64) -> Array3<f32> {
+pub(crate) fn dequantised(patches: ArrayView3<'_, f32>, seed: u64, first_stream: u64) -> Array3<f32> {
     let mut out = patches.to_owned();
     let each: Vec<_> = out.axis_iter_mut(Axis(0)).enumerate().collect();
     each.into_par_iter().for_each(|(index, mut patch)| {

@@ -16,6 +16,7 @@ mod estimate;
 mod fourier;
 mod gaussian;
 mod gaussian_estimate;
+mod held_density;
 mod interpolation;
 mod likelihood;
 mod pixelcnn;
@@ -23,6 +24,7 @@ mod poisson;
 mod poisson_gaussian;
 mod power_spectrum;
 mod progress;
+mod reparameterised;
 mod stationary;
 #[cfg(test)]
 mod test_beads;
@@ -47,11 +49,13 @@ pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};
 pub use gaussian::FullGaussian;
+pub(crate) use gaussian_estimate::dequantised;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
+pub use held_density::HeldDensity;
 pub use likelihood::log_likelihood;
 pub use pixelcnn::{
-    BurnDevice, DataScale, Engine, EngineChoice, FitReport, Mixtures, PixelCnn, PixelCnnFit, PixelCnnRequest,
-    PixelCnnShape, TrainingPatches, pixelcnn_estimate,
+    BurnDevice, DataScale, Engine, EngineChoice, FitReport, HeldPixelCnn, Mixtures, PixelCnn, PixelCnnFit,
+    PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate,
 };
 pub use poisson::poisson_entropy;
 pub use power_spectrum::{PowerSpectrum, power_spectrum};

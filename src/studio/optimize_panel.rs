@@ -79,9 +79,9 @@ impl Default for OptimizeForm {
 impl OptimizeForm {
     /// Settings that suit the objects.
     fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
-        let usual = Objective::usual(preset, objects);
         // What was chosen for beads says nothing of other objects.
-        let objective = self.objective.filter(|_| usual == Objective::Posterior).unwrap_or(usual);
+        let chosen = self.objective.filter(|&objective| offered(objective, preset, objects));
+        let objective = chosen.unwrap_or_else(|| Objective::usual(preset, objects));
         if (self.settings.preset, self.settings.objective) != (preset, objective) {
             self.settings = self.settings.clone().turned_to(preset, objective);
         }
@@ -146,7 +146,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                     (Preset::Default, "Small warm refits of what the mask climbs, patches of 32 x 32 px"),
                     (
                         Preset::Paper,
-                        "Steps, batches, rates and refits as published, patches of 16 x 16 px, the live density model; takes hours",
+                        "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",
                     ),
                 ] {
                     let chosen = form.settings.preset == preset;
@@ -183,7 +183,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
 fn details(ui: &mut Ui, state: &mut State) {
     let selected = state.selection.len();
     let form = &mut state.optimize_form;
-    let usual = Objective::usual(form.settings.preset, &state.bench.design().objects);
+    let objects = &state.bench.design().objects;
     ui.collapsing("Details", |ui| {
         let settings = &mut form.settings;
         ui.horizontal_wrapped(|ui| {
@@ -198,7 +198,7 @@ fn details(ui: &mut Ui, state: &mut State) {
             ui.label("Climb");
             for (objective, hint) in OBJECTIVES {
                 let chosen = settings.objective == objective;
-                let offered = objective == usual || usual == Objective::Posterior;
+                let offered = offered(objective, settings.preset, objects);
                 let label = ui.add_enabled(offered, egui::Button::selectable(chosen, objective.to_string()));
                 if label.on_hover_text(hint).on_disabled_hover_text(hint).clicked() {
                     form.objective = Some(objective);
@@ -236,8 +236,13 @@ fn details(ui: &mut Ui, state: &mut State) {
     });
 }
 
+/// Whether a run with this preset can climb this before these objects.
+fn offered(objective: Objective, preset: Preset, objects: &ObjectSource) -> bool {
+    objective.suits(preset) && (objective != Objective::Posterior || objects.is_beads())
+}
+
 /// What a mask can climb, and what that is good for.
-const OBJECTIVES: [(Objective, &str); 2] = [
+const OBJECTIVES: [(Objective, &str); 3] = [
     (
         Objective::Posterior,
         "What can be told of beads, by a decoder: some minutes. For beads and the default preset; other objects have no known \
@@ -248,6 +253,7 @@ const OBJECTIVES: [(Objective, &str); 2] = [
         "Information under a density model of the measurements, for any objects. Before sparse beads a mask can climb what \
          the model does not know",
     ),
+    (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
 ];
 
 /// Starts the run that the room asks for.
@@ -321,7 +327,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let frame = &run.frames[shown];
     ui.horizontal_wrapped(|ui| {
         let (sign, hint) = match run.settings.objective {
-            Objective::Density => (
+            Objective::Density | Objective::PixelCnn => (
                 '\u{2264}',
                 "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
                  climb because it is loose; the lower bound tells.",
@@ -400,7 +406,7 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
     };
     let link = ui.scope_id().with("run");
     let (name, colour) = match run.settings.objective {
-        Objective::Density => ("upper bound", DENSITY),
+        Objective::Density | Objective::PixelCnn => ("upper bound", DENSITY),
         Objective::Posterior => ("lower bound", LOWER),
     };
     Plot::new("Information of the run")

@@ -245,7 +245,7 @@ fn pull(design: &Design, imaging: &Imaging<'_>, model: &CausalModel) -> Option<V
     let array = design.encoder.lenslets()?;
     let seed = derived_seed(design.seed, 6);
     let draw = GradientDraw { split: Split::Test, objects: PULLED_OBJECTS, patches: PULLED_PATCHES, seed };
-    let gradient = imaging.gradient(array, &draw, model).ok()?.lenslets;
+    let gradient = imaging.gradient(array, &draw, model.patch(), model).ok()?.lenslets;
     gradient.iter().all(|by| by.x.is_finite() && by.y.is_finite()).then_some(gradient)
 }
 

@@ -92,10 +92,15 @@ fn what_a_run_climbs_suits_the_objects() {
     click(&mut window, "Details");
     let offered = |window: &Window| !window.get_by_label("posterior").accesskit_node().is_disabled();
     assert!(offered(&window));
-    // The published procedure climbs a density model.
+    // The published procedure climbs a PixelCNN.
     click(&mut window, "Preset");
     click(&mut window, "paper");
     assert!(!offered(&window));
+    click(&mut window, "Start run");
+    wait_for(&mut window, "the run", |window| studio(window).bench().run().is_some());
+    assert_eq!(studio(&window).bench().run().unwrap().settings.objective, Objective::PixelCnn);
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "its end", |window| !studio(window).bench().run().unwrap().is_active());
     click(&mut window, "Preset");
     click(&mut window, "default");
     assert!(offered(&window));

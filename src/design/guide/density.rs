@@ -1,8 +1,6 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
-use ndarray::Array4;
-
-use super::{Guide, GuideFit, OnFit, WARM_RATE};
+use super::{Guide, GuideFit, HeldOut, OnFit, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
@@ -12,12 +10,9 @@ use crate::information::{
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, LensletGradient, Limits, render_psf};
-use crate::sensor::Patches;
 
 /// Patches that levels and units are taken from.
 const SAMPLE: usize = 256;
-/// Held-out objects, one patch of each.
-const HELD_OUT: usize = 128;
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
@@ -26,8 +21,7 @@ pub(in crate::design) struct DensityGuide<'a> {
     patch: (usize, usize),
     seed: u64,
     entropy: NoiseEntropy,
-    /// Shape (n, planes, rows, cols).
-    held_out: Array4<f32>,
+    held_out: HeldOut,
     /// Unfitted, before the mask of the start.
     first: CausalModel,
     model: CausalModel,
@@ -47,7 +41,7 @@ impl<'a> DensityGuide<'a> {
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
         let moments = imaging.known_moments((start.rows, start.cols), patch)?;
-        let held_out = imaging.set.objects(Split::Test, HELD_OUT, derived_seed(seed, 1))?;
+        let held_out = HeldOut::new(imaging, patch, seed)?;
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let planes = imaging.set.planes();
         let drawn = |array: &LensletArray| -> Result<_, IdealError> {
@@ -97,17 +91,14 @@ impl Guide for DensityGuide<'_> {
         _last: bool,
         _go_on: &dyn Fn() -> bool,
     ) -> Result<(f64, [f64; 2]), IdealError> {
-        let psf = render_psf(array, self.imaging.set.planes())?;
-        let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
-        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, 3))?.cut(encoded.view());
-        let noisy = self.imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
+        let (clean, noisy) = self.held_out.measured(self.imaging, array)?;
         let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
         let mean = information.iter().sum::<f64>() / information.len() as f64;
         Ok((mean, paired_interval(&information, self.seed)?))
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
-        Ok(self.imaging.gradient(array, draw, &self.model)?.lenslets)
+        Ok(self.imaging.gradient(array, draw, self.patch, &self.model)?.lenslets)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {

@@ -1,20 +1,30 @@
 //! What tells a run how much its mask is worth and which way is up.
 
 mod density;
+mod pixelcnn;
 mod posterior;
 
 use std::ops::ControlFlow;
 
+use ndarray::{Array3, Array4};
+
 pub(super) use density::DensityGuide;
+pub(super) use pixelcnn::PixelCnnGuide;
 pub(super) use posterior::PosteriorGuide;
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
+use super::imaging::{Imaging, derived_seed};
 use crate::information::CausalModel;
-use crate::optics::{LensletArray, LensletGradient};
+use crate::objects::Split;
+use crate::optics::{LensletArray, LensletGradient, render_psf};
+use crate::sensor::Patches;
 
 /// Factor of the learning rate of fits that go on from weights of a similar mask.
 const WARM_RATE: f64 = 0.5;
+
+/// Held-out objects of a density model, one patch of each.
+const HELD_OUT: usize = 128;
 
 /// Hears which share of a fit is done, and answers whether to go on.
 pub(super) type OnFit<'a> = &'a mut dyn FnMut(f64) -> ControlFlow<()>;
@@ -55,5 +65,28 @@ pub(super) trait Guide {
     /// The density model, for guides that are one.
     fn density_model(&self) -> Option<&CausalModel> {
         None
+    }
+}
+
+/// Objects that neither a density model nor its mask has seen.
+struct HeldOut {
+    /// Shape (n, planes, rows, cols).
+    objects: Array4<f32>,
+    patch: (usize, usize),
+    seed: u64,
+}
+
+impl HeldOut {
+    fn new(imaging: &Imaging<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
+        Ok(Self { objects: imaging.set.objects(Split::Test, HELD_OUT, derived_seed(seed, 1))?, patch, seed })
+    }
+
+    /// Clean and noisy patches of their measurements, shape (n, rows, cols); the same places and seeds every time.
+    fn measured(&self, imaging: &Imaging<'_>, array: &LensletArray) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
+        let psf = render_psf(array, imaging.set.planes())?;
+        let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
+        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, 3))?.cut(encoded.view());
+        let noisy = imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
+        Ok((clean, noisy))
     }
 }

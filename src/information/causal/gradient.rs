@@ -9,23 +9,13 @@ use super::head::{FARTHEST, exact_loss, level_losses};
 use super::levels::Levels;
 use super::model::{CausalModel, Workspaces};
 use super::network::{PatchInputs, Workspace};
-use crate::information::InformationError;
-use crate::sensor::Noise;
+use crate::information::reparameterised::{DARKEST, Reparameterised};
+use crate::information::{HeldDensity, InformationError};
 
-/// Least photons of an encoded pixel for its noise.
-const DARKEST: f64 = 1e-3;
-
-impl CausalModel {
-    /// Information of noisy patches under the model, bits per pixel, and its gradient by the encoded patches, bits per
-    /// pixel and photon; all of shape (n, rows, cols).
-    ///
-    /// The noise is reparameterised, `y = x + s(x) e`, where s is the standard deviation of the noise at x and `normals`
-    /// holds e (Kabuli et al. 2026); so the measurements move with the images, and both terms of
-    /// `log2 p(y|x) - log2 q(y)` do. Of Poisson counts the part of both terms that depends on y alone drops out.
-    ///
-    /// # Errors
-    /// For patches of another shape than the model's, or values that are not finite.
-    pub fn information_gradient(
+impl HeldDensity for CausalModel {
+    /// Both terms of `log2 p(y|x) - log2 q(y)` at the same measurements. Of Poisson counts the part of both that depends on
+    /// y alone drops out.
+    fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,
         normals: ArrayView3<'_, f32>,
@@ -59,7 +49,9 @@ impl CausalModel {
         gradient *= share;
         Ok((total * share, gradient))
     }
+}
 
+impl CausalModel {
     /// -ln q of every pixel of one patch, and the gradients of their sum; Poisson likelihoods without the part that
     /// depends on y alone.
     fn loss_by_patch(&self, workspace: &mut Workspace, inputs: PatchInputs<'_>) -> PatchLoss {
@@ -173,35 +165,13 @@ impl Mixture {
     }
 }
 
-/// Noise as a function of the image and of standard normal numbers.
-struct Reparameterised {
-    shot: f64,
-    read: f64,
-}
-
-impl Reparameterised {
-    fn new(noise: Noise) -> Self {
-        let read = noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
-        Self { shot: f64::from(u8::from(noise.has_shot_noise())), read }
-    }
-
-    fn measured(&self, x: f64, e: f64) -> f64 {
-        let x = x.max(DARKEST);
-        x + (self.shot * x + self.read).sqrt() * e
-    }
-
-    /// dy/dx.
-    fn slope(&self, x: f64, e: f64) -> f64 {
-        1.0 + 0.5 * self.shot * e / (self.shot * x + self.read).sqrt()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::conditioning::Moments;
     use super::super::shape::CausalShape;
     use super::super::stream::PatchBatch;
     use super::*;
+    use crate::sensor::Noise;
 
     #[test]
     fn the_gradient_is_that_of_finite_differences() {

@@ -82,7 +82,7 @@ impl CpuEngine {
                 workspaces.with(&model.shape, grid, |workspace| {
                     workspace.forward(&model.layers, &model.scale, &model.weights, values);
                     workspace.score(&model.scale, values, weight);
-                    workspace.backward(&model.layers, &model.scale, &model.weights, &mut part.gradient, write);
+                    workspace.backward(&model.layers, &model.scale, &model.weights, Some((&mut part.gradient, write)));
                     part.nats += workspace.losses.iter().map(|&loss| f64::from(loss)).sum::<f64>();
                     if keep_patches {
                         part.by_patch.extend_from_slice(&workspace.by_value);

@@ -9,7 +9,7 @@ use super::scale::DataScale;
 use super::shape::PixelCnnShape;
 use crate::formats::write_safely;
 use crate::information::InformationError;
-use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
+use crate::network::{NetworkError, WeightsHeader, read_detail, read_details, read_weights, write_weights};
 
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/pixelcnn", version: 1 };
@@ -22,10 +22,15 @@ impl PixelCnn {
     /// # Errors
     /// None for weights that were not shortened; see [`write_weights`].
     pub fn to_bytes(&self) -> Result<Vec<u8>, InformationError> {
+        self.to_bytes_with(Vec::new())
+    }
+
+    /// As [`PixelCnn::to_bytes`], with further details in the header.
+    pub(crate) fn to_bytes_with(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
         let PixelCnnShape { channels, components, dilations } = &self.shape;
         let dilations: Vec<String> = dilations.iter().map(ToString::to_string).collect();
         let DataScale { mean, deviation, min, max, min_width } = self.scale;
-        let details: [(&str, &dyn Display); 8] = [
+        let own: [(&str, &dyn Display); 8] = [
             ("channels", channels),
             ("components", components),
             ("dilations", &dilations.join(" ")),
@@ -35,8 +40,14 @@ impl PixelCnn {
             ("max", &max),
             ("min_width", &min_width),
         ];
-        let details = details.iter().map(|(name, value)| (*name, value.to_string())).collect();
+        let own = own.iter().map(|(name, value)| (*name, value.to_string()));
+        let details = details.into_iter().chain(own).collect();
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
+    }
+
+    /// One of the details of a header.
+    pub(crate) fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
+        Ok(read_detail(bytes, &HEADER, name)?)
     }
 
     /// Reads what [`PixelCnn::to_bytes`] wrote.

@@ -134,6 +134,16 @@ impl PixelCnn {
         Ok((loss, gradient, by_patch))
     }
 
+    /// Negative log density of every pixel, nats, and the gradient of their sum by that pixel, per photon; patches in
+    /// photons, pixel after pixel.
+    pub(super) fn losses_and_slopes(&self, patches: ArrayView3<'_, f32>) -> Result<Vec<(f32, f32)>, InformationError> {
+        self.over_chunks(patches, |workspace, values, out| {
+            workspace.score(&self.scale, values, 1.0);
+            workspace.backward(&self.layers, &self.scale, &self.weights, None);
+            out.extend(workspace.losses.iter().copied().zip(workspace.by_value.iter().copied()));
+        })
+    }
+
     /// Takes patches through the network, some at a time, and joins what `read` takes from each, in order.
     fn over_chunks<T: Send>(
         &self,

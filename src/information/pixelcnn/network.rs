@@ -5,6 +5,9 @@ use super::scale::DataScale;
 use super::shape::{Block, Layers, PixelCnnShape};
 use crate::network::{Grid, Write, add_bias, column_sums, elu, elu_backward, fill_bias, gate, gate_backward};
 
+/// Gradient by the weights, and whether it is written or added; none where nothing is to be learnt.
+pub(super) type ByWeights<'a> = Option<(&'a mut [f32], Write)>;
+
 /// What the backward pass needs of one gated block; (pixels, channels C or 2C).
 #[derive(Clone, Debug, Default)]
 struct Kept {
@@ -131,72 +134,76 @@ impl Workspace {
         mixture_losses(scale, values, weight, heads, losses, by_value, scratch);
     }
 
-    /// Gradient by the weights, written or added to `gradient`, and by the values, in [`Workspace::by_value`]; call
+    /// Gradient by the weights, written or added where `into` says so, and by the values, in [`Workspace::by_value`]; call
     /// [`Workspace::score`] first.
-    pub fn backward(
-        &mut self,
-        layers: &Layers,
-        scale: &DataScale,
-        weights: &[f32],
-        gradient: &mut [f32],
-        write: Write,
-    ) {
+    pub fn backward(&mut self, layers: &Layers, scale: &DataScale, weights: &[f32], mut into: ByWeights<'_>) {
         let (grid, pixels) = (self.grid, self.grid.pixels());
-        layers.heads.by_weights(&self.out, &self.heads, gradient, write);
+        if let Some((gradient, write)) = &mut into {
+            layers.heads.by_weights(&self.out, &self.heads, gradient, *write);
+        }
         layers.heads.by_input(weights, &self.heads, &mut self.by_gated, Write::Replace);
-        layers.out.by_weights(&self.rectified, &self.by_gated, gradient, write);
+        if let Some((gradient, write)) = &mut into {
+            layers.out.by_weights(&self.rectified, &self.by_gated, gradient, *write);
+        }
         layers.out.by_input(weights, &self.by_gated, &mut self.by_horizontal, Write::Replace);
         elu_backward(&self.rectified, &mut self.by_horizontal);
 
         let last = layers.blocks.len().saturating_sub(1);
         for (index, block) in layers.blocks.iter().enumerate().rev() {
-            self.block_backward(block, index, index == last, weights, gradient, write);
+            let into = into.as_mut().map(|(gradient, write)| (&mut **gradient, *write));
+            self.block_backward(block, (index, index == last), weights, into);
         }
 
-        let columns = &mut self.columns[..3 * pixels];
         let by_standardised = &mut self.features[..pixels];
         by_standardised.fill(0.0);
-        layers.first_vertical_taps.gather(grid, 1, &self.standardised, columns);
-        layers.first_vertical.by_weights(columns, &self.by_vertical, gradient, write);
-        layers.first_vertical.by_input(weights, &self.by_vertical, columns, Write::Replace);
-        layers.first_vertical_taps.scatter_add(grid, 1, columns, by_standardised);
-        let columns = &mut self.columns[..pixels];
-        layers.first_horizontal_taps.gather(grid, 1, &self.standardised, columns);
-        layers.first_horizontal.by_weights(columns, &self.by_horizontal, gradient, write);
-        layers.first_horizontal.by_input(weights, &self.by_horizontal, columns, Write::Replace);
-        layers.first_horizontal_taps.scatter_add(grid, 1, columns, by_standardised);
+        let firsts = [
+            (&layers.first_vertical, &layers.first_vertical_taps, &self.by_vertical, 3),
+            (&layers.first_horizontal, &layers.first_horizontal_taps, &self.by_horizontal, 1),
+        ];
+        for (layer, taps, by_out, count) in firsts {
+            let columns = &mut self.columns[..count * pixels];
+            if let Some((gradient, write)) = &mut into {
+                taps.gather(grid, 1, &self.standardised, columns);
+                layer.by_weights(columns, by_out, gradient, *write);
+            }
+            layer.by_input(weights, by_out, columns, Write::Replace);
+            taps.scatter_add(grid, 1, columns, by_standardised);
+        }
         for (by_value, by_standardised) in self.by_value.iter_mut().zip(by_standardised) {
             *by_value += *by_standardised / scale.deviation;
         }
     }
 
-    /// Takes `by_horizontal` and `by_vertical` from the outputs of a block to its inputs.
+    /// Takes `by_horizontal` and `by_vertical` from the outputs of a block, of which the last one has no vertical one, to
+    /// its inputs.
     fn block_backward(
         &mut self,
         block: &Block,
-        index: usize,
-        last: bool,
+        (index, last): (usize, bool),
         weights: &[f32],
-        gradient: &mut [f32],
-        write: Write,
+        mut into: ByWeights<'_>,
     ) {
         let (grid, pixels, channels) = (self.grid, self.grid.pixels(), self.channels);
         let kept = &self.kept[index];
-        block.output.by_weights(&kept.gated, &self.by_horizontal, gradient, write);
+        if let Some((gradient, write)) = &mut into {
+            block.output.by_weights(&kept.gated, &self.by_horizontal, gradient, *write);
+        }
         block.output.by_input(weights, &self.by_horizontal, &mut self.by_gated, Write::Replace);
         gate_backward(&kept.horizontal_factors, channels, &self.by_gated, &mut self.features);
 
         let columns = &mut self.columns[..2 * channels * pixels];
-        block.horizontal_taps.gather(grid, channels, &kept.horizontal, columns);
-        block.horizontal.by_kernel(columns, &self.features, gradient, write);
-        block.link.by_kernel(&kept.vertical_features, &self.features, gradient, write);
-        // Both biases are added to the same features.
-        let bias = &mut gradient[block.horizontal.bias.clone()];
-        if write == Write::Replace {
-            bias.fill(0.0);
+        if let Some((gradient, write)) = &mut into {
+            block.horizontal_taps.gather(grid, channels, &kept.horizontal, columns);
+            block.horizontal.by_kernel(columns, &self.features, gradient, *write);
+            block.link.by_kernel(&kept.vertical_features, &self.features, gradient, *write);
+            // Both biases are added to the same features.
+            let bias = &mut gradient[block.horizontal.bias.clone()];
+            if *write == Write::Replace {
+                bias.fill(0.0);
+            }
+            column_sums(&self.features, bias);
+            gradient.copy_within(block.horizontal.bias.clone(), block.link.bias.start);
         }
-        column_sums(&self.features, bias);
-        gradient.copy_within(block.horizontal.bias.clone(), block.link.bias.start);
         block.horizontal.by_input(weights, &self.features, columns, Write::Replace);
         block.horizontal_taps.scatter_add(grid, channels, columns, &mut self.by_horizontal);
 
@@ -209,8 +216,10 @@ impl Workspace {
         };
         block.link.by_input(weights, &self.features, &mut self.by_vertical_features, link);
         let columns = &mut self.columns[..6 * channels * pixels];
-        block.vertical_taps.gather(grid, channels, &kept.vertical, columns);
-        block.vertical.by_weights(columns, &self.by_vertical_features, gradient, write);
+        if let Some((gradient, write)) = &mut into {
+            block.vertical_taps.gather(grid, channels, &kept.vertical, columns);
+            block.vertical.by_weights(columns, &self.by_vertical_features, gradient, *write);
+        }
         block.vertical.by_input(weights, &self.by_vertical_features, columns, Write::Replace);
         self.by_vertical.fill(0.0);
         block.vertical_taps.scatter_add(grid, channels, columns, &mut self.by_vertical);

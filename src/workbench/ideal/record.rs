@@ -92,7 +92,7 @@ pub fn curve_of(objective: Objective, frames: &[Frame]) -> Curve {
             frame.effective_lenslets,
             frame.seconds,
         ];
-        if objective == Objective::Density {
+        if objective != Objective::Posterior {
             row.push(frame.lower.map_or(f64::NAN, |lower| lower.bits_per_pixel));
         }
         row
@@ -108,7 +108,7 @@ pub fn curve_of(objective: Objective, frames: &[Frame]) -> Curve {
         "seconds",
     ];
     match objective {
-        Objective::Density => header.push("lower_bound_bits_per_pixel"),
+        Objective::Density | Objective::PixelCnn => header.push("lower_bound_bits_per_pixel"),
         Objective::Posterior => header[1] = "lower_bound_bits_per_pixel",
     }
     let header = header.into_iter().map(String::from).collect();

@@ -1,0 +1,114 @@
+//! The published model of the measurements, a `PixelCNN` that is fitted from the beginning every time.
+
+use super::{Guide, GuideFit, HeldOut, OnFit};
+use crate::design::error::IdealError;
+use crate::design::gradient::GradientDraw;
+use crate::design::imaging::{Imaging, MeasurementStream, derived_seed};
+use crate::information::{
+    DataScale, FitProgress, HeldPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnFit, PixelCnnShape, Protocol,
+    TrainingPatches, dequantised, paired_interval,
+};
+use crate::objects::Split;
+use crate::optics::{LensletArray, LensletGradient, render_psf};
+
+/// Fresh patches of a fit, of which a tenth validate.
+const TRAINING: usize = 4096;
+/// Steps of a fit from one validation to the next.
+const EPOCH: usize = 500;
+/// No Gaussian is narrower, photons; as published.
+const MIN_WIDTH: f32 = 1.0;
+
+/// The network and the fit of Kabuli et al. 2026.
+pub(in crate::design) struct PixelCnnGuide<'a> {
+    imaging: &'a Imaging<'a>,
+    patch: (usize, usize),
+    seed: u64,
+    entropy: NoiseEntropy,
+    held_out: HeldOut,
+    network: PixelCnn,
+    /// Measurements through the mask that it follows.
+    stream: MeasurementStream<'a>,
+}
+
+impl<'a> PixelCnnGuide<'a> {
+    /// An unfitted network.
+    ///
+    /// # Errors
+    /// Where objects, noise and patch allow none.
+    pub fn new(
+        imaging: &'a Imaging<'a>,
+        start: &LensletArray,
+        (patch, seed): ((usize, usize), u64),
+    ) -> Result<Self, IdealError> {
+        let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
+        let held_out = HeldOut::new(imaging, patch, seed)?;
+        let stream = stream(imaging, start, patch)?;
+        let sample = stream.draw(TRAINING / 16, derived_seed(seed, 2))?;
+        let scale = DataScale::of(sample.noisy.view(), MIN_WIDTH)?;
+        let network = PixelCnn::new(PixelCnnShape::default(), scale, seed);
+        Ok(Self { imaging, patch, seed, entropy, held_out, network, stream })
+    }
+}
+
+impl Guide for PixelCnnGuide<'_> {
+    fn follow(&mut self, array: &LensletArray, _warm: bool) -> Result<(), IdealError> {
+        self.stream = stream(self.imaging, array, self.patch)?;
+        Ok(())
+    }
+
+    fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
+        let &GuideFit { steps, seed, warm } = fit;
+        let drawn = self.stream.draw(TRAINING, seed)?;
+        let steps_per_epoch = EPOCH.min(steps);
+        let epochs = steps.div_ceil(steps_per_epoch);
+        let fit = PixelCnnFit { steps_per_epoch, max_epochs: epochs, patience: None, ..PixelCnnFit::paper(seed) };
+        let patches = TrainingPatches { noisy: drawn.noisy.view(), clean: None };
+        let start = warm.then_some(&self.network);
+        let share = |step: usize| step as f64 / (epochs * steps_per_epoch) as f64;
+        let on_progress = &mut |progress: &FitProgress| watch(share(progress.step));
+        (self.network, _) = fit.fit(PixelCnnShape::default(), MIN_WIDTH, patches, start, on_progress)?;
+        Ok(())
+    }
+
+    fn value(
+        &self,
+        array: &LensletArray,
+        _last: bool,
+        _go_on: &dyn Fn() -> bool,
+    ) -> Result<(f64, [f64; 2]), IdealError> {
+        let (clean, noisy) = self.held_out.measured(self.imaging, array)?;
+        let noisy = dequantised(noisy.view(), derived_seed(self.seed, 7), 0);
+        let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
+        let of_noise = self.entropy.patch_bits(clean.view())?;
+        let information: Vec<f64> = cross_entropy.iter().zip(of_noise).map(|(all, noise)| all - noise).collect();
+        let mean = information.iter().sum::<f64>() / information.len() as f64;
+        Ok((mean, paired_interval(&information, self.seed)?))
+    }
+
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
+        let held = HeldPixelCnn { network: &self.network, noise: self.imaging.noise };
+        Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
+    }
+
+    fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
+        Ok(self.network.to_bytes_with(details)?)
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), IdealError> {
+        self.network = PixelCnn::from_bytes(bytes)?;
+        Ok(())
+    }
+
+    fn can_overrate(&self) -> bool {
+        true
+    }
+}
+
+fn stream<'a>(
+    imaging: &'a Imaging<'a>,
+    array: &LensletArray,
+    patch: (usize, usize),
+) -> Result<MeasurementStream<'a>, IdealError> {
+    let psf = render_psf(array, imaging.set.planes())?;
+    Ok(imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch))
+}
