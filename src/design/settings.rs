@@ -166,7 +166,8 @@ pub struct IdealSettings {
     pub patch: Option<(usize, usize)>,
     /// Steps of the mask in a round, which begins with a fit of what it climbs.
     pub refit_every: usize,
-    /// Steps of the fit of the first round, and of every round where they are not warm.
+    /// Steps of the fit of the first round, and of every round where they are not warm; those of a `PixelCNN` end before
+    /// where it gets no better.
     pub first_fit: usize,
     /// Steps of the fits of the other rounds.
     pub refit: usize,
@@ -226,6 +227,9 @@ impl IdealSettings {
             seed,
         };
         match (preset, objective) {
+            (Preset::Paper, Objective::PixelCnn) => {
+                Self { first_fit: 20_000, refit: 20_000, last_fit: 20_000, ..paper }
+            }
             (Preset::Paper, _) => paper,
             (Preset::Default, Objective::Posterior) => Self {
                 steps: 1600,

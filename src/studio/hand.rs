@@ -1,7 +1,7 @@
 //! What pointer and keys do with a picture: zoom and pan.
 
 use egui::{
-    CursorIcon, EventFilter, InputState, Key, PointerButton, Rect, Response, Stroke, StrokeKind, Ui, Vec2, vec2,
+    CursorIcon, EventFilter, InputState, Key, PointerButton, Pos2, Rect, Response, Stroke, StrokeKind, Ui, Vec2, vec2,
 };
 
 use super::viewport::Viewport;
@@ -87,25 +87,32 @@ fn by_keys(view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize,
     ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, filter));
     let frame = Stroke::new(1.5, ui.visuals().selection.stroke.color);
     ui.painter().rect_stroke(response.rect.expand(1.0), 0.0, frame, StrokeKind::Outside);
-    let (notches, all, by) = ui.input(|input| {
-        // With Ctrl these keys change the size of everything.
+    let by = ui.input(|input| {
         let pressed = |key| input.key_pressed(key) && !input.modifiers.command;
-        let axis = |plus: bool, minus: bool| f32::from(u8::from(plus)) - f32::from(u8::from(minus));
-        let notches = axis(pressed(Key::Plus) || pressed(Key::Equals), pressed(Key::Minus));
-        let by = vec2(
+        vec2(
             axis(pressed(Key::ArrowLeft), pressed(Key::ArrowRight)),
             axis(pressed(Key::ArrowUp), pressed(Key::ArrowDown)),
-        );
-        (notches, pressed(Key::Num0), by)
+        )
     });
-    if all {
-        return Viewport::default();
+    zoomed_by_keys(view.panned(by * KEY_PAN * fit.width(), fit, dim), ui, fit.center(), fit, dim)
+}
+
+/// Plus and minus zoom around a point of the screen, 0 shows all of the picture.
+pub fn zoomed_by_keys(view: Viewport, ui: &Ui, around: Pos2, fit: Rect, dim: (usize, usize)) -> Viewport {
+    let (notches, all) = ui.input(|input| {
+        // With Ctrl these keys change the size of everything.
+        let pressed = |key| input.key_pressed(key) && !input.modifiers.command;
+        (axis(pressed(Key::Plus) || pressed(Key::Equals), pressed(Key::Minus)), pressed(Key::Num0))
+    });
+    match (all, notches == 0.0) {
+        (true, _) => Viewport::default(),
+        (false, true) => view,
+        (false, false) => view.zoomed((f64::from(notches) * KEY_NOTCH * WHEEL_SPEED).exp(), around, fit, dim),
     }
-    let view = view.panned(by * KEY_PAN * fit.width(), fit, dim);
-    if notches == 0.0 {
-        return view;
-    }
-    view.zoomed((f64::from(notches) * KEY_NOTCH * WHEEL_SPEED).exp(), fit.center(), fit, dim)
+}
+
+fn axis(plus: bool, minus: bool) -> f32 {
+    f32::from(u8::from(plus)) - f32::from(u8::from(minus))
 }
 
 /// Whether a drag moves a picture that is edited by drags otherwise.

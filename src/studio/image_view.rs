@@ -70,6 +70,8 @@ pub struct ImageView {
 pub struct Shown {
     /// Where it lies.
     pub placement: Placement,
+    /// Where it lies while all of it is seen.
+    pub fit: Rect,
     /// The part of the screen on which it is seen.
     pub seen: Rect,
     /// What the pointer does on it.
@@ -220,7 +222,7 @@ impl ImageView {
             node.set_value(format!("zoom {zoom:.2}, x {x:.2} px, y {y:.2} px in the middle{bar}"));
         });
         self.fit_button(ui, seen);
-        Shown { placement, seen, response, moved: self.viewport != before }
+        Shown { placement, fit, seen, response, moved: self.viewport != before }
     }
 
     /// The way back to all of the picture, in a corner of it while a part is seen.

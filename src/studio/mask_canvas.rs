@@ -2,13 +2,13 @@
 //!
 //! Click selects (Shift adds), drag moves the selection, a drag on the picture draws a box, a double click adds,
 //! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
-//! width. Ctrl and wheel (or a pinch) zooms; a drag with the middle button, or while Space is held, moves the zoomed picture.
+//! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves the zoomed picture.
 
 use std::collections::BTreeSet;
 
 use egui::{Color32, Key, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
-use super::hand::{Hand, is_panning};
+use super::hand::{Hand, is_panning, zoomed_by_keys};
 use super::image_view::{placeholder, toolbar};
 use super::state::{MaskDrag, State};
 use super::viewport::Placement;
@@ -81,6 +81,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         draw_arrows(ui, state, placement, array);
     }
     keyboard(ui, state, array);
+    if !ui.ctx().text_edit_focused() && !state.dialogs.is_open() && a_handle_or_nothing_has_focus(ui, array) {
+        let selected = state.selection.first().and_then(|&index| array.lenslets.get(index));
+        let around = selected.map_or(shown.fit.center(), |lenslet| placement.to_screen(lenslet.x, lenslet.y));
+        let viewport = &mut state.views.psf.viewport;
+        *viewport = zoomed_by_keys(*viewport, ui, around, shown.fit, image.dim());
+    }
 }
 
 /// Where the gradient of the live estimate would move each lenslet; the longest arrow has [`LONGEST_ARROW_PX`].

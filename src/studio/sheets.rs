@@ -20,7 +20,7 @@ const ON_THE_MASK: [(&str, &str); 12] = [
     ("Delete", "Delete the selection"),
     ("Wheel on a lenslet", "Weight of the selection"),
     ("Alt + wheel", "Width of the selection"),
-    ("Ctrl + wheel", "Zoom; middle drag, or Space and drag, moves the picture"),
+    ("Ctrl + wheel, + and -", "Zoom; middle drag, or Space and drag, moves the picture; 0 shows all"),
     ("On other pictures", "The wheel zooms, a drag moves, a double click shows all"),
     ("Right click", "What can be done with a lenslet"),
     ("Tab", "Next lenslet or control; Space selects"),

@@ -220,6 +220,21 @@ fn the_mask_is_zoomed_with_ctrl_and_still_edited_without() {
     assert_eq!(view_of(&window, "PSF").0, after.0, "the wheel alone does not zoom the mask");
     click(&mut window, "Fit PSF");
     assert_eq!(view_of(&window, "PSF").0, 1.0);
+    // Keys alone zoom around the selected lenslet.
+    let place = window.get_by_label("Lenslet 1").rect().center();
+    for _ in 0..4 {
+        window.key_press(Key::Plus);
+        window.run_steps(2);
+    }
+    let zoom = view_of(&window, "PSF").0;
+    assert!((zoom - 1.22_f64.powi(4)).abs() < 0.05, "{zoom}");
+    assert!((window.get_by_label("Lenslet 1").rect().center() - place).length() < 8.0, "it stays where it was");
+    window.key_press(Key::Minus);
+    window.run_steps(2);
+    assert!(view_of(&window, "PSF").0 < zoom);
+    window.key_press(Key::Num0);
+    window.run_steps(2);
+    assert_eq!(view_of(&window, "PSF").0, 1.0);
 }
 
 #[test]

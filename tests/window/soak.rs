@@ -1,6 +1,7 @@
 //! Random input through what assistive technology sees, with live estimates and a run going on: nothing panics, nothing
 //! grows. `LENSLET_STUDIO_SOAK_MINUTES=30` makes it long and prints what it measured.
 
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use egui::{Key, Modifiers, Pos2, Role, TexturesDelta, Theme, Vec2};
@@ -36,6 +37,31 @@ const MOST_GROWTH: f64 = 50.0;
 /// Time until memory is looked at, and between two looks.
 const WARM_UP: Duration = Duration::from_mins(2);
 const SAMPLED_EVERY: Duration = Duration::from_secs(10);
+/// Frames that are told of.
+const LONGEST: usize = 8;
+
+/// Times every frame.
+#[derive(Clone, Default)]
+struct Clock(Arc<Mutex<(Option<Instant>, Duration)>>);
+
+impl Clock {
+    fn watch(&self, ctx: &egui::Context) {
+        let (begun, ended) = (self.clone(), self.clone());
+        ctx.on_begin_pass("begin of a frame", Arc::new(move |_| begun.0.lock().unwrap().0 = Some(Instant::now())));
+        ctx.on_end_pass(
+            "end of a frame",
+            Arc::new(move |_| {
+                let (start, longest) = &mut *ended.0.lock().unwrap();
+                *longest = (*longest).max(start.take().map_or(Duration::ZERO, |start| start.elapsed()));
+            }),
+        );
+    }
+
+    /// The longest frame since this was asked last.
+    fn longest(&self) -> Duration {
+        std::mem::take(&mut self.0.lock().unwrap().1)
+    }
+}
 
 /// Memory of this process, MB; none where the system does not tell.
 fn memory() -> Option<f64> {
@@ -44,8 +70,14 @@ fn memory() -> Option<f64> {
     Some(pages * 4096.0 / 1e6)
 }
 
-/// Places of controls that may be used, and whether they take text.
-fn controls(window: &Window) -> Vec<(Pos2, bool)> {
+/// A control that may be used.
+struct Control {
+    place: Pos2,
+    takes_text: bool,
+    label: String,
+}
+
+fn controls(window: &Window) -> Vec<Control> {
     let nodes = window.root().children_recursive();
     let found = nodes.filter_map(|node| {
         let inner = node.accesskit_node();
@@ -57,28 +89,33 @@ fn controls(window: &Window) -> Vec<(Pos2, bool)> {
             );
         let label = inner.label().unwrap_or_default();
         let left_out = LEFT_OUT.iter().any(|name| label.starts_with(name)) || inner.is_disabled();
-        (usable && !left_out).then(|| (node.rect().center(), text))
+        (usable && !left_out).then(|| Control { place: node.rect().center(), takes_text: text, label })
     });
     found.collect()
 }
 
-fn act(window: &mut Window, random: &mut ChaCha8Rng) {
+/// Does something, and says what.
+fn act(window: &mut Window, random: &mut ChaCha8Rng) -> String {
     // The keyboard reaches questions for a path, too; nothing is to be written wherever a random name points.
     if window.query_by_label("Path").is_some() {
         click(window, "Cancel");
-        return;
+        return "Cancel".into();
     }
     let somewhere =
         |random: &mut ChaCha8Rng| Pos2::new(random.random_range(0.0..1280.0), random.random_range(0.0..800.0));
     match random.random_range(0..12) {
         0 => {
             let keys = [Key::Tab, Key::Escape, Key::Delete, Key::ArrowLeft, Key::ArrowDown, Key::Space, Key::F1];
-            window.key_press(*keys.choose(random).unwrap());
+            let key = *keys.choose(random).unwrap();
+            window.key_press(key);
+            key.name().into()
         }
         1 => {
             let redo = random.random_bool(0.3);
             let modifiers = if redo { Modifiers::COMMAND | Modifiers::SHIFT } else { Modifiers::COMMAND };
-            window.key_press_modifiers(modifiers, *[Key::Z, Key::Z, Key::A, Key::D, Key::K].choose(random).unwrap());
+            let key = *[Key::Z, Key::Z, Key::A, Key::D, Key::K].choose(random).unwrap();
+            window.key_press_modifiers(modifiers, key);
+            format!("Ctrl+{}", key.name())
         }
         2 => {
             // A drag, mostly over the mask.
@@ -90,6 +127,7 @@ fn act(window: &mut Window, random: &mut ChaCha8Rng) {
                 window.step();
             }
             window.drop_at(from + Vec2::splat(random.random_range(-60.0..60.0)));
+            format!("drag from {from}")
         }
         3 => {
             let place = somewhere(random);
@@ -102,21 +140,25 @@ fn act(window: &mut Window, random: &mut ChaCha8Rng) {
                 modifiers: if random.random_bool(0.3) { Modifiers::ALT } else { Modifiers::NONE },
             };
             window.input_mut().events.push(wheel);
+            format!("wheel at {place}")
         }
         _ => {
-            let Some((place, text)) = controls(window).choose(random).copied() else { return };
+            let controls = controls(window);
+            let Some(Control { place, takes_text, label }) = controls.choose(random) else { return "nothing".into() };
+            let place = *place;
             window.hover_at(place);
             window.drag_at(place);
             window.drop_at(place);
             window.step();
             // What is out of sight has a place, too, and something else may lie there that asks for a path.
-            if text && window.query_by_label("Path").is_none() {
+            if *takes_text && window.query_by_label("Path").is_none() {
                 let typed = ["", "0", "-3", "0.05", "12.5", "1e9", "nonsense", "\u{3b1}"].choose(random).unwrap();
                 window.key_press_modifiers(Modifiers::COMMAND, Key::A);
                 window.input_mut().events.push(egui::Event::Text((*typed).to_owned()));
                 window.step();
                 window.key_press(Key::Enter);
             }
+            label.clone()
         }
     }
 }
@@ -130,17 +172,21 @@ fn nothing_that_can_be_pressed_breaks_the_window() {
     let mut window = open_drawn_by(Unseen, Design::default(), look, long.is_some());
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
+    let clock = Clock::default();
+    clock.watch(&window.ctx);
     let started = Instant::now();
-    let (mut used, mut longest, mut acts) = (Vec::new(), Duration::ZERO, 0);
+    let (mut used, mut longest, mut acts) = (Vec::new(), Vec::new(), 0);
     loop {
         let over = long.map_or(acts >= 1500, |long| started.elapsed() >= long);
         if over {
             break;
         }
-        act(&mut window, &mut random);
-        let frame = Instant::now();
+        let what = act(&mut window, &mut random);
+        // One frame for every key that goes down or up.
         window.step();
-        longest = longest.max(frame.elapsed());
+        longest.push((clock.longest().as_millis(), what));
+        longest.sort_by(|one, other| other.cmp(one));
+        longest.truncate(LONGEST);
         acts += 1;
         let live = studio(&window).bench().live();
         let failures = [live.failure, studio(&window).bench().estimates().live_failure];
@@ -159,7 +205,9 @@ fn nothing_that_can_be_pressed_breaks_the_window() {
         let least = |used: &[f64]| used.iter().copied().fold(f64::INFINITY, f64::min);
         let part = used.len().div_ceil(4);
         let grown = least(&used[used.len() - part..]) - least(&used[..part]);
-        println!("{acts} acts, longest frame {} ms, least memory grown by {grown:.1} MB", longest.as_millis());
+        println!(
+            "{acts} acts, least memory grown by {grown:.1} MB; longest frames in ms, and what was done: {longest:?}"
+        );
         println!("MB every {} s: {used:.0?}", SAMPLED_EVERY.as_secs());
         assert!(used.is_empty() || grown < MOST_GROWTH, "memory grows by {grown} MB");
     }

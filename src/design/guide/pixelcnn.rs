@@ -13,8 +13,10 @@ use crate::optics::{LensletArray, LensletGradient, render_psf};
 
 /// Fresh patches of a fit, of which a tenth validate.
 const TRAINING: usize = 4096;
-/// Steps of a fit from one validation to the next.
-const EPOCH: usize = 500;
+/// Steps of a fit from one validation to the next, and validations without improvement after which it ends; as published
+/// for fits inside a run.
+const EPOCH: usize = 100;
+const PATIENCE: usize = 10;
 /// No Gaussian is narrower, photons; as published.
 const MIN_WIDTH: f32 = 1.0;
 
@@ -61,7 +63,8 @@ impl Guide for PixelCnnGuide<'_> {
         let drawn = self.stream.draw(TRAINING, seed)?;
         let steps_per_epoch = EPOCH.min(steps);
         let epochs = steps.div_ceil(steps_per_epoch);
-        let fit = PixelCnnFit { steps_per_epoch, max_epochs: epochs, patience: None, ..PixelCnnFit::paper(seed) };
+        let patience = Some(PATIENCE);
+        let fit = PixelCnnFit { steps_per_epoch, max_epochs: epochs, patience, ..PixelCnnFit::paper(seed) };
         let patches = TrainingPatches { noisy: drawn.noisy.view(), clean: None };
         let start = warm.then_some(&self.network);
         let share = |step: usize| step as f64 / (epochs * steps_per_epoch) as f64;
