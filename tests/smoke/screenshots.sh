@@ -8,7 +8,7 @@ shots=$(realpath "$2")
 work=$(mktemp -d)
 export DISPLAY=:$((90 + RANDOM % 400)) XDG_DATA_HOME="$work/home"
 unset WAYLAND_DISPLAY
-Xvfb "$DISPLAY" -screen 0 1300x860x24 >/dev/null 2>&1 &
+Xvfb "$DISPLAY" -noreset -screen 0 1300x860x24 >/dev/null 2>&1 &
 xvfb=$!
 trap 'kill "${app:-}" "${manager:-}" "$xvfb" 2>/dev/null || true; rm -rf "$work"' EXIT
 sleep 2

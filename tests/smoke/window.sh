@@ -9,7 +9,8 @@ work=$(mktemp -d)
 export DISPLAY=:$((90 + RANDOM % 400))
 unset WAYLAND_DISPLAY
 
-Xvfb "$DISPLAY" -screen 0 1300x860x24 >"$work/xvfb.log" 2>&1 &
+# Without -noreset the display goes away for a moment when the first program that asks it something ends.
+Xvfb "$DISPLAY" -noreset -screen 0 1300x860x24 >"$work/xvfb.log" 2>&1 &
 xvfb=$!
 finish() {
   code=$?
