@@ -14,7 +14,8 @@ use super::merge::{closest, joined, merged};
 use super::movement::project;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
-use crate::information::{CausalModel, Decoder, InformationError, PixelCnn, QuickLowerBound};
+use crate::information::{CausalModel, InformationError, QuickLowerBound};
+use crate::network::read_detail;
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
 use crate::sparsity::tamura_of_stack;
@@ -90,7 +91,7 @@ impl<'a> Ideal<'a> {
     /// For bytes that are no state of this run.
     pub fn resumed(mut self, bytes: &[u8]) -> Result<Self, IdealError> {
         let other = |reason: String| IdealError::OtherRun { reason };
-        let key = detail(bytes, "key").map_err(|error| other(error.to_string()))?;
+        let key = read_detail(bytes, "key").map_err(|error| other(error.to_string()))?;
         if key != self.key() {
             return Err(other("it was started from another mask, scene or setting, or by another version".into()));
         }
@@ -107,7 +108,7 @@ impl<'a> Ideal<'a> {
     /// # Errors
     /// For bytes that are no state of a run.
     pub fn state_in(bytes: &[u8]) -> Result<IdealState, IdealError> {
-        let text = detail(bytes, "run")?;
+        let text = read_detail(bytes, "run").map_err(InformationError::from)?;
         serde_json::from_str(&text).map_err(|error| IdealError::OtherRun { reason: error.to_string() })
     }
 
@@ -349,13 +350,6 @@ const LOWER_SAMPLES: usize = 512;
 /// Streams of seeds, so that no fit and no step repeats the draws of another.
 const FIT_SEEDS: u64 = 1 << 32;
 const STEP_SEEDS: u64 = 1 << 33;
-
-/// One of the entries that a state was given.
-fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-    CausalModel::detail_of_state(bytes, name)
-        .or_else(|_| Decoder::detail(bytes, name))
-        .or_else(|_| PixelCnn::detail(bytes, name))
-}
 
 #[cfg(test)]
 mod tests {

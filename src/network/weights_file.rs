@@ -63,13 +63,14 @@ pub fn read_details(bytes: &[u8], header: &WeightsHeader<'_>) -> Result<HashMap<
     }
 }
 
-/// One of the details that [`read_details`] returns.
+/// One entry of the header of a safetensors file, whatever its format.
 ///
 /// # Errors
-/// As [`read_details`], and where it is missing.
-pub fn read_detail(bytes: &[u8], header: &WeightsHeader<'_>, name: &str) -> Result<String, NetworkError> {
-    let missing = || wrong(format!("an entry {name:?}"), "none that can be read".to_owned());
-    read_details(bytes, header)?.remove(name).ok_or_else(missing)
+/// [`NetworkError::Weights`] for bytes that are something else, and where it is missing.
+pub fn read_detail(bytes: &[u8], name: &str) -> Result<String, NetworkError> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| not_a_file(&error))?;
+    let found = metadata.metadata().as_ref().and_then(|details| details.get(name).cloned());
+    found.ok_or_else(|| wrong(format!("an entry {name:?}"), "none that can be read".to_owned()))
 }
 
 /// Reads weights of exactly this layout from the bytes of a safetensors file; call [`read_details`] first.

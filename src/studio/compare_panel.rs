@@ -19,8 +19,8 @@ use crate::workbench::{Colormap, Command, Snapshot};
 
 /// Side of the small pictures, points.
 const THUMBNAIL: f32 = 30.0;
-/// Between two rows of the table, points.
-const ROW_SPACING: f32 = 3.0;
+/// Between the cells of the table, points.
+const SPACING: Vec2 = Vec2::new(6.0, 3.0);
 
 /// What the room shows.
 pub struct Comparison {
@@ -127,57 +127,53 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
         ui.ctx().request_repaint();
     }
     let State { snapshots, comparison, palettes, .. } = state;
-    egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing([6.0, ROW_SPACING]).striped(true).show(
-        ui,
-        |ui| {
-            for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
-                ui.weak(title);
-            }
-            ui.end_row();
-            let seen = ui.clip_rect().expand(ROW_SPACING + THUMBNAIL);
-            for snapshot in &mut snapshots.entries {
-                let top = ui.cursor().top();
-                if top > seen.bottom() || top + THUMBNAIL < seen.top() {
-                    // Hundreds of rows that nobody sees would take as long as all the rest.
-                    ui.allocate_space(Vec2::splat(THUMBNAIL));
-                    ui.end_row();
-                    continue;
-                }
-                let number = snapshot.number;
-                thumbnail(ui, comparison, palettes, snapshot);
-                for (side, letter) in ["A", "B"].into_iter().enumerate() {
-                    let chosen = comparison.pair[side] == Some(number);
-                    let response = ui.radio(chosen, "");
-                    name_widget(&response, &format!("{letter} is snapshot {number}"));
-                    if response.clicked() {
-                        comparison.pair[side] = (!chosen).then_some(number);
-                    }
-                }
-                let mut name = snapshot.name.clone();
-                let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut name));
-                name_widget(&response, &format!("Name of snapshot {number}"));
-                if response.changed() {
-                    snapshot.rename(name);
-                }
-                ui.label(information(snapshot)).on_hover_text(bounds(snapshot));
-                ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
-                let lenslets = snapshot.design.encoder.lenslets();
-                ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string())).on_hover_text(
-                    format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects),
-                );
-                let more = ui.menu_button("...", |ui| {
-                    for (text, act) in [("Open", Wish::Open(number)), ("Delete", Wish::Delete(number))] {
-                        if ui.button(text).clicked() {
-                            *wish = Some(act);
-                            ui.close();
-                        }
-                    }
-                });
-                name_widget(&more.response, &format!("More of snapshot {number}"));
+    egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
+        for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
+            ui.weak(title);
+        }
+        ui.end_row();
+        let seen = ui.clip_rect().expand(SPACING.y + THUMBNAIL);
+        for snapshot in &mut snapshots.entries {
+            let top = ui.cursor().top();
+            if top > seen.bottom() || top + THUMBNAIL < seen.top() {
+                // Hundreds of rows that nobody sees would take longer than all the rest.
+                ui.allocate_space(Vec2::splat(THUMBNAIL));
                 ui.end_row();
+                continue;
             }
-        },
-    );
+            let number = snapshot.number;
+            thumbnail(ui, comparison, palettes, snapshot);
+            for (side, letter) in ["A", "B"].into_iter().enumerate() {
+                let chosen = comparison.pair[side] == Some(number);
+                let response = ui.radio(chosen, "");
+                name_widget(&response, &format!("{letter} is snapshot {number}"));
+                if response.clicked() {
+                    comparison.pair[side] = (!chosen).then_some(number);
+                }
+            }
+            let mut name = snapshot.name.clone();
+            let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut name));
+            name_widget(&response, &format!("Name of snapshot {number}"));
+            if response.changed() {
+                snapshot.rename(name);
+            }
+            ui.label(information(snapshot)).on_hover_text(bounds(snapshot));
+            ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
+            let lenslets = snapshot.design.encoder.lenslets();
+            ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
+                .on_hover_text(format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects));
+            let more = ui.menu_button("...", |ui| {
+                for (text, act) in [("Open", Wish::Open(number)), ("Delete", Wish::Delete(number))] {
+                    if ui.button(text).clicked() {
+                        *wish = Some(act);
+                        ui.close();
+                    }
+                }
+            });
+            name_widget(&more.response, &format!("More of snapshot {number}"));
+            ui.end_row();
+        }
+    });
 }
 
 /// What is known of a design's information, in a few characters.

@@ -2,14 +2,15 @@
 //!
 //! Click selects (Shift adds), drag moves the selection, a drag on the picture draws a box, a double click adds,
 //! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
-//! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves the zoomed picture.
+//! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves
+//! the zoomed picture.
 
 use std::collections::BTreeSet;
 
 use egui::{Color32, Key, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
 use super::hand::{Hand, is_panning, zoomed_by_keys};
-use super::image_view::{placeholder, toolbar};
+use super::image_view::{Shown, placeholder, toolbar};
 use super::state::{MaskDrag, State};
 use super::viewport::Placement;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
@@ -57,7 +58,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let image = optics.value.image.view();
     let version = (optics.revision, 0);
     let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, Hand::Edits);
-    let (placement, response) = (shown.placement, shown.response);
+    let (placement, response) = (shown.placement, shown.response.clone());
     if !state.views.psf.viewport.is_fitted() {
         // Lenslets that are out of sight lie under other things.
         ui.set_clip_rect(shown.seen);
@@ -80,13 +81,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     if state.arrows {
         draw_arrows(ui, state, placement, array);
     }
-    keyboard(ui, state, array);
-    if !ui.ctx().text_edit_focused() && !state.dialogs.is_open() && a_handle_or_nothing_has_focus(ui, array) {
-        let selected = state.selection.first().and_then(|&index| array.lenslets.get(index));
-        let around = selected.map_or(shown.fit.center(), |lenslet| placement.to_screen(lenslet.x, lenslet.y));
-        let viewport = &mut state.views.psf.viewport;
-        *viewport = zoomed_by_keys(*viewport, ui, around, shown.fit, image.dim());
-    }
+    keyboard(ui, state, array, &shown);
 }
 
 /// Where the gradient of the live estimate would move each lenslet; the longest arrow has [`LONGEST_ARROW_PX`].
@@ -406,8 +401,8 @@ fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
     })
 }
 
-/// Delete, arrows and Ctrl+A, unless a text field has the keyboard.
-fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray) {
+/// Delete, arrows, Ctrl+A, and keys that zoom around the selection, unless a text field has the keyboard.
+fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
     if ui.ctx().text_edit_focused() || state.dialogs.is_open() {
         return;
     }
@@ -424,7 +419,15 @@ fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray) {
     }
     if delete {
         state.delete_selection();
-    } else if nudge != (0.0, 0.0) && !state.selection.is_empty() && a_handle_or_nothing_has_focus(ui, array) {
+    }
+    if !a_handle_or_nothing_has_focus(ui, array) {
+        return;
+    }
+    let selected = state.selection.first().and_then(|&index| array.lenslets.get(index));
+    let around = selected.map_or(shown.fit.center(), |lenslet| shown.placement.to_screen(lenslet.x, lenslet.y));
+    let viewport = &mut state.views.psf.viewport;
+    *viewport = zoomed_by_keys(*viewport, ui, around, shown.fit, (array.rows, array.cols));
+    if !delete && nudge != (0.0, 0.0) && !state.selection.is_empty() {
         let moved = moved_by(&state.selected_lenslets(), nudge.0, nudge.1, array);
         state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
     }

@@ -1,10 +1,10 @@
 //! Designs side by side.
 
 use egui::{Key, Modifiers};
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{answer, click, lenslets, menu, open, settle, studio};
+use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
 
 #[test]
 fn designs_are_kept_compared_exported_and_opened_again() {
@@ -48,4 +48,27 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     window.get_by_label("Choose A and B to compare their pictures.");
     assert!(window.query_by_label("More of snapshot 1").is_none());
     window.get_by_label("More of snapshot 2");
+}
+
+#[test]
+fn rows_out_of_sight_cost_nothing_and_come_with_the_wheel() {
+    let mut window = open(Design::default());
+    menu(&mut window, &["View", "Room", "Show Compare"]);
+    for _ in 0..60 {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+        window.step();
+    }
+    window.run_steps(3);
+    let numbers = |window: &Window| -> Vec<u64> {
+        let names = window.query_all_by_label_contains("Name of snapshot ");
+        let number = |label: String| label.trim_start_matches("Name of snapshot ").parse().unwrap();
+        names.filter_map(|node| node.accesskit_node().label()).map(number).collect()
+    };
+    let first = numbers(&window);
+    assert!(first.len() < 40 && first.windows(2).all(|pair| pair[0] + 1 == pair[1]), "{first:?}");
+    let place = window.get_by_label(&format!("Name of snapshot {}", first[1])).rect().center();
+    turn(&mut window, place, -40.0, Modifiers::NONE);
+    window.run_steps(30);
+    let later = numbers(&window);
+    assert!(!later.contains(&first[0]) && later.last() > first.last(), "{later:?}");
 }

@@ -1,18 +1,14 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
-use super::{Guide, GuideFit, HeldOut, OnFit, WARM_RATE};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use crate::information::{
-    CausalFit, CausalModel, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, paired_interval,
-    score,
+    CausalFit, CausalModel, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, score,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, LensletGradient, Limits, render_psf};
-
-/// Patches that levels and units are taken from.
-const SAMPLE: usize = 256;
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
@@ -93,8 +89,7 @@ impl Guide for DensityGuide<'_> {
     ) -> Result<(f64, [f64; 2]), IdealError> {
         let (clean, noisy) = self.held_out.measured(self.imaging, array)?;
         let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
-        let mean = information.iter().sum::<f64>() / information.len() as f64;
-        Ok((mean, paired_interval(&information, self.seed)?))
+        self.held_out.value(&information)
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {

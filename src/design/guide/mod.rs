@@ -15,7 +15,7 @@ pub(super) use posterior::PosteriorGuide;
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::imaging::{Imaging, derived_seed};
-use crate::information::CausalModel;
+use crate::information::{CausalModel, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
 use crate::sensor::Patches;
@@ -23,6 +23,8 @@ use crate::sensor::Patches;
 /// Factor of the learning rate of fits that go on from weights of a similar mask.
 const WARM_RATE: f64 = 0.5;
 
+/// Patches that a density model takes the scale of its data from.
+const SAMPLE: usize = 256;
 /// Held-out objects of a density model, one patch of each.
 const HELD_OUT: usize = 128;
 
@@ -88,5 +90,11 @@ impl HeldOut {
         let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, 3))?.cut(encoded.view());
         let noisy = imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
         Ok((clean, noisy))
+    }
+
+    /// Mean and 95 % interval of what a model says of each patch, bits per pixel.
+    fn value(&self, information: &[f64]) -> Result<(f64, [f64; 2]), IdealError> {
+        let mean = information.iter().sum::<f64>() / information.len() as f64;
+        Ok((mean, paired_interval(information, self.seed)?))
     }
 }

@@ -1,12 +1,12 @@
-//! The published model of the measurements, a `PixelCNN` that is fitted from the beginning every time.
+//! The published model of the measurements, a `PixelCNN`.
 
-use super::{Guide, GuideFit, HeldOut, OnFit};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, MeasurementStream, derived_seed};
 use crate::information::{
     DataScale, FitProgress, HeldPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnFit, PixelCnnShape, Protocol,
-    TrainingPatches, dequantised, paired_interval,
+    TrainingPatches, dequantised,
 };
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
@@ -25,6 +25,7 @@ pub(in crate::design) struct PixelCnnGuide<'a> {
     imaging: &'a Imaging<'a>,
     patch: (usize, usize),
     seed: u64,
+    /// Exact for values, whereas slopes take the published approximation.
     entropy: NoiseEntropy,
     held_out: HeldOut,
     network: PixelCnn,
@@ -45,7 +46,7 @@ impl<'a> PixelCnnGuide<'a> {
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let held_out = HeldOut::new(imaging, patch, seed)?;
         let stream = stream(imaging, start, patch)?;
-        let sample = stream.draw(TRAINING / 16, derived_seed(seed, 2))?;
+        let sample = stream.draw(SAMPLE, derived_seed(seed, 2))?;
         let scale = DataScale::of(sample.noisy.view(), MIN_WIDTH)?;
         let network = PixelCnn::new(PixelCnnShape::default(), scale, seed);
         Ok(Self { imaging, patch, seed, entropy, held_out, network, stream })
@@ -84,8 +85,7 @@ impl Guide for PixelCnnGuide<'_> {
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
         let of_noise = self.entropy.patch_bits(clean.view())?;
         let information: Vec<f64> = cross_entropy.iter().zip(of_noise).map(|(all, noise)| all - noise).collect();
-        let mean = information.iter().sum::<f64>() / information.len() as f64;
-        Ok((mean, paired_interval(&information, self.seed)?))
+        self.held_out.value(&information)
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {

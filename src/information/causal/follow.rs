@@ -9,7 +9,7 @@ use super::model::{CausalModel, check};
 use super::shape::CausalShape;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, NoiseEntropy, Protocol};
-use crate::network::{NetworkError, WeightsHeader, read_detail, read_weights, write_weights};
+use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 use crate::sensor::Noise;
 
 /// Levels beyond those of a sample that are taken to be in use: others are brighter and darker.
@@ -94,28 +94,20 @@ impl CausalModel {
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
     }
 
-    /// One of the details that [`CausalModel::state`] was given.
-    ///
-    /// # Errors
-    /// For other files, and where the detail is missing.
-    pub fn detail_of_state(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-        Ok(read_detail(bytes, &HEADER, name)?)
-    }
-
     /// This model with the state of another one of the same levels.
     ///
     /// # Errors
     /// For other files, and states of another shape.
     pub fn with_state(mut self, bytes: &[u8]) -> Result<Self, InformationError> {
-        let text = Self::detail_of_state(bytes, "far")?;
+        let details = read_details(bytes, &HEADER)?;
+        let text = |name| details.get(name).map(String::as_str).ok_or_else(|| missing(name));
         let place = |text: &str| {
             let (rows, cols) = text.split_once(',')?;
             Some((rows.parse().ok()?, cols.parse().ok()?))
         };
-        let far: Option<Vec<(isize, isize)>> = text.split(' ').map(place).collect();
+        let far: Option<Vec<(isize, isize)>> = text("far")?.split(' ').map(place).collect();
         let far = far.filter(|far| far.len() == self.conditioning.far.len()).ok_or_else(|| missing("far"))?;
-        let text = Self::detail_of_state(bytes, "used")?;
-        let used = text.split_once(',').and_then(|(low, high)| Some((low.parse().ok()?, high.parse().ok()?)));
+        let used = text("used")?.split_once(',').and_then(|(low, high)| Some((low.parse().ok()?, high.parse().ok()?)));
         let used: Option<(usize, usize)> = used.filter(|(_, high)| *high < self.conditioning.levels.count());
         self.weights = read_weights(&self.layout, bytes)?;
         let mut conditioning = Conditioning::clone(&self.conditioning);
@@ -133,6 +125,7 @@ fn missing(name: &str) -> NetworkError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::read_detail;
 
     fn batch(peak: f32, count: usize) -> PatchBatch {
         let clean = Array3::from_shape_fn((count, 6, 7), |(n, r, c)| {
@@ -170,7 +163,7 @@ mod tests {
         );
         assert!(then.cross_entropy_map(bright.noisy.view()).unwrap().iter().all(|bits| bits.is_finite()));
         let bytes = then.state(vec![("step", "7".into())]).unwrap();
-        assert_eq!(CausalModel::detail_of_state(&bytes, "step").unwrap(), "7");
+        assert_eq!(read_detail(&bytes, "step").unwrap(), "7");
         // The mask moves on from a state exactly as from the model.
         let restored = first.clone().with_state(&bytes).unwrap();
         let (one, other) =

@@ -2,7 +2,7 @@
 
 use super::layers::Decoder;
 use crate::information::InformationError;
-use crate::network::{NetworkError, WeightsHeader, read_detail, read_details, read_weights, write_weights};
+use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/bead-decoder", version: 1 };
@@ -23,14 +23,6 @@ impl Decoder {
     pub(crate) fn to_bytes_with(&self, mut details: Vec<(&str, String)>) -> Result<Vec<u8>, InformationError> {
         details.push(("unrolled", self.unrolled().to_string()));
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
-    }
-
-    /// One of the entries that [`Decoder::to_bytes_with`] was given.
-    ///
-    /// # Errors
-    /// For other files, and where the entry is missing.
-    pub(crate) fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-        Ok(read_detail(bytes, &HEADER, name)?)
     }
 
     /// Reads what [`Decoder::to_bytes`] wrote.

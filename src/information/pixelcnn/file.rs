@@ -9,7 +9,7 @@ use super::scale::DataScale;
 use super::shape::PixelCnnShape;
 use crate::formats::write_safely;
 use crate::information::InformationError;
-use crate::network::{NetworkError, WeightsHeader, read_detail, read_details, read_weights, write_weights};
+use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/pixelcnn", version: 1 };
@@ -43,11 +43,6 @@ impl PixelCnn {
         let own = own.iter().map(|(name, value)| (*name, value.to_string()));
         let details = details.into_iter().chain(own).collect();
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
-    }
-
-    /// One of the details of a header.
-    pub(crate) fn detail(bytes: &[u8], name: &str) -> Result<String, InformationError> {
-        Ok(read_detail(bytes, &HEADER, name)?)
     }
 
     /// Reads what [`PixelCnn::to_bytes`] wrote.

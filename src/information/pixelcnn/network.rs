@@ -157,11 +157,11 @@ impl Workspace {
         let by_standardised = &mut self.features[..pixels];
         by_standardised.fill(0.0);
         let firsts = [
-            (&layers.first_vertical, &layers.first_vertical_taps, &self.by_vertical, 3),
-            (&layers.first_horizontal, &layers.first_horizontal_taps, &self.by_horizontal, 1),
+            (&layers.first_vertical, &layers.first_vertical_taps, &self.by_vertical),
+            (&layers.first_horizontal, &layers.first_horizontal_taps, &self.by_horizontal),
         ];
-        for (layer, taps, by_out, count) in firsts {
-            let columns = &mut self.columns[..count * pixels];
+        for (layer, taps, by_out) in firsts {
+            let columns = &mut self.columns[..layer.inputs * pixels];
             if let Some((gradient, write)) = &mut into {
                 taps.gather(grid, 1, &self.standardised, columns);
                 layer.by_weights(columns, by_out, gradient, *write);
