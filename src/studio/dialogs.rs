@@ -278,7 +278,7 @@ fn browse_system(ctx: &egui::Context, picker: Picker, start: &str) -> Option<Rec
 fn answer(state: &mut State, question: &Question) {
     let path = PathBuf::from(question.path.trim());
     match &question.purpose {
-        Purpose::OpenDesign => state.bench.submit(Job::OpenDesign(path)),
+        Purpose::OpenDesign => state.bench.open_file(path),
         Purpose::SaveAs => {
             let path = if path.extension().is_none() { path.with_extension("json") } else { path };
             state.bench.save_to(path);

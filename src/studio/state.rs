@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use crate::optics::Lenslet;
 use crate::workbench::{
-    Colormap, Command, Curve, Design, DesignRun, Estimates, Job, Live, LiveInformation, Recovered, Snapshots, Workbench,
+    Colormap, Command, Curve, Design, DesignRun, Estimates, Live, LiveInformation, Recovered, Snapshots, Workbench,
 };
 
 use super::capture::Capture;
@@ -46,6 +46,8 @@ pub struct State {
     pub map_sample: Option<usize>,
     /// Indices of the selected lenslets.
     pub selection: BTreeSet<usize>,
+    /// Indices of the lenslets that a run leaves as they are, and how many lenslets there were.
+    pub locked: (BTreeSet<usize>, usize),
     /// The pictures.
     pub views: Views,
     /// Colours of all maps.
@@ -273,6 +275,7 @@ impl State {
             arrows: true,
             map_sample: None,
             selection: BTreeSet::new(),
+            locked: <(BTreeSet<usize>, usize)>::default(),
             views: Views {
                 psf: ImageView::new("PSF", "", Colormap::Viridis),
                 object: ImageView::new("Object", "photons", Colormap::Gray),
@@ -332,7 +335,7 @@ impl State {
                 self.selection.clear();
             }
             Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
-            Leave::OpenFile(path) => self.bench.submit(Job::OpenDesign(path)),
+            Leave::OpenFile(path) => self.bench.open_file(path),
             Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
         }
     }
@@ -350,12 +353,41 @@ impl State {
             self.messages.push(Severity::Failure, error.to_string());
             return;
         }
+        let count = self.lenslet_count();
+        let (locked, known) = &mut self.locked;
         match command {
-            Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
-            Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
+            Command::AddLenslet(_) => self.selection = count.checked_sub(1).into_iter().collect(),
+            Command::DeleteLenslets(deleted) => {
                 self.selection.clear();
+                let left = locked.iter().filter(|index| !deleted.contains(index));
+                *locked = left.map(|index| index - deleted.iter().filter(|gone| *gone < index).count()).collect();
+            }
+            Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
+                self.selection.clear();
+                locked.clear();
             }
             _ => {}
+        }
+        *known = count;
+    }
+
+    /// Locks lenslets, or unlocks them where all are.
+    pub fn toggle_locks(&mut self, lenslets: &BTreeSet<usize>) {
+        let locked = &mut self.locked.0;
+        if lenslets.is_subset(locked) {
+            locked.retain(|index| !lenslets.contains(index));
+        } else {
+            locked.extend(lenslets);
+        }
+    }
+
+    /// Forgets selected and locked lenslets that are no longer there. Where lenslets came and went otherwise than one by one,
+    /// as by a run or an undo, nobody knows which of them were locked.
+    pub fn forget_lost_lenslets(&mut self) {
+        let count = self.lenslet_count();
+        self.selection.retain(|&index| index < count);
+        if self.locked.1 != count {
+            self.locked = (BTreeSet::new(), count);
         }
     }
 
@@ -383,14 +415,15 @@ impl State {
     /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind there.
     pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
         let Some(home) = &self.folder else { return Vec::new() };
-        let folder = self.preferences.unsaved.clone().unwrap_or_else(|| home.join("unsaved"));
-        match self.bench.keep_unsaved_in(&folder) {
-            Ok(found) => found,
-            Err(error) => {
-                self.messages.push(Severity::Failure, error.to_string());
-                Vec::new()
+        let usual = home.join("unsaved");
+        // Where the folder of the preferences is not there, changes are still worth keeping.
+        for folder in self.preferences.unsaved.iter().chain([&usual]) {
+            match self.bench.keep_unsaved_in(folder) {
+                Ok(found) => return found,
+                Err(error) => self.messages.push(Severity::Failure, error.to_string()),
             }
         }
+        Vec::new()
     }
 
     /// Keeps unsaved changes in another folder, or in the usual one again. What another program left there is offered by the

@@ -31,6 +31,8 @@ pub struct Workbench {
     /// Number of the design's contents: unlike its revision, it comes back with an undo.
     contents: u64,
     saved_contents: u64,
+    /// Number of the document: another one is open after New and Open, whatever the last one is still waiting for.
+    document: u64,
     history: History,
     path: Option<PathBuf>,
     threads: Threads,
@@ -65,6 +67,7 @@ impl Workbench {
             revision: 1,
             contents: 1,
             saved_contents: 1,
+            document: 1,
             history: History::default(),
             path,
             worker,
@@ -230,6 +233,7 @@ impl Workbench {
     /// Another document: what was done to the last one is forgotten.
     fn take_up(&mut self, design: Design, path: Option<PathBuf>) {
         self.following = false;
+        self.document += 1;
         self.history.clear();
         self.show(Arc::new(design));
         self.contents = self.revision;
@@ -367,7 +371,15 @@ impl Workbench {
 
     /// Saves the design as it is now.
     pub fn save_to(&self, path: PathBuf) {
-        self.submit(Job::SaveDesign { design: Arc::clone(&self.design), contents: self.contents, path });
+        let (design, document, contents) = (Arc::clone(&self.design), self.document, self.contents);
+        self.submit(Job::SaveDesign { design, document, contents, path });
+    }
+
+    /// Opens a design file in place of the open design, unless that is changed before the file has been read. A run is no
+    /// longer followed, since its masks would be such changes.
+    pub fn open_file(&mut self, path: PathBuf) {
+        self.following = false;
+        self.submit(Job::OpenDesign { replaces: self.contents, path });
     }
 
     /// Reads objects; the design images them once they are known to be good.
@@ -387,24 +399,32 @@ impl Workbench {
         let mut outcomes = self.worker.take_outcomes();
         for outcome in &mut outcomes {
             let refused = match outcome {
-                Ok(Outcome::Opened { design, path }) => {
+                Ok(Outcome::Opened { replaces, path, .. }) if *replaces != self.contents => Some(format!(
+                    "{} was not opened: the design has been changed meanwhile. Open it again.",
+                    path.display()
+                )),
+                Ok(Outcome::Opened { design, path, .. }) => {
                     self.open(Design::clone(design), path.clone());
                     None
                 }
-                Ok(Outcome::Saved { contents, path }) => {
-                    self.saved_contents = *contents;
-                    self.path = Some(path.clone());
+                Ok(Outcome::Saved { document, contents, path }) => {
+                    if *document == self.document {
+                        self.saved_contents = *contents;
+                        self.path = Some(path.clone());
+                    }
                     None
                 }
-                Ok(Outcome::ObjectsOpened { source, .. }) => self.apply(&Command::SetObjects(source.clone())).err(),
+                Ok(Outcome::ObjectsOpened { source, .. }) => {
+                    self.apply(&Command::SetObjects(source.clone())).err().map(|error| error.to_string())
+                }
                 Ok(Outcome::PsfImported { encoder }) => {
                     let command = Command::ReplaceEncoder { name: encoder.describe(), encoder: encoder.clone() };
-                    self.apply(&command).err()
+                    self.apply(&command).err().map(|error| error.to_string())
                 }
                 Ok(Outcome::Exported { .. }) | Err(_) => None,
             };
-            if let Some(error) = refused {
-                *outcome = Err(error.to_string());
+            if let Some(reason) = refused {
+                *outcome = Err(reason);
             }
         }
         outcomes

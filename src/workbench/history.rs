@@ -39,47 +39,50 @@ pub enum Gesture {
     Run(u64),
 }
 
+/// Whether the pointer is held down, and how often it has been pressed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Pointer {
+    down: bool,
+    presses: u64,
+}
+
 /// Steps back and forth.
 #[derive(Debug, Default)]
 pub struct History {
     past: Vec<Step>,
     future: Vec<Step>,
-    /// The last change: its gesture, when it was made, and during which press of the pointer.
-    last: Option<(Gesture, Instant, Option<u64>)>,
-    /// The press that goes on.
-    press: Option<u64>,
-    presses: u64,
+    /// The last change: its gesture, when it was made, and at which state of the pointer.
+    last: Option<(Gesture, Instant, Pointer)>,
+    pointer: Pointer,
 }
 
 impl History {
     /// Notes whether the pointer is held down.
     pub fn note_pointer(&mut self, down: bool) {
-        match (down, self.press) {
-            (true, None) => {
-                self.presses += 1;
-                self.press = Some(self.presses);
-            }
-            (false, Some(_)) => self.press = None,
-            _ => {}
-        }
+        self.pointer.presses += u64::from(down && !self.pointer.down);
+        self.pointer.down = down;
     }
 
     /// Notes that the design `before` is about to change; the changes of one gesture are one step.
     pub fn note(&mut self, before: Version, label: String, gesture: Gesture) {
         let now = Instant::now();
-        let same = self.last.as_ref().is_some_and(|(last, at, press)| {
+        let same = self.last.as_ref().is_some_and(|(last, at, pointer)| {
             let goes_on = match gesture {
                 Gesture::Run(_) => true,
-                Gesture::Hand(_) => *press == self.press && (press.is_some() || now.duration_since(*at) < ONE_STEP),
+                // Every click is a gesture of its own, however soon it comes.
+                Gesture::Hand(_) => *pointer == self.pointer && (pointer.down || now.duration_since(*at) < ONE_STEP),
             };
             *last == gesture && goes_on
         });
         self.future.clear();
-        if !same || self.past.is_empty() {
+        if let Some(step) = self.past.last_mut().filter(|_| same) {
+            // What a gesture has come to is what is undone.
+            step.label = label;
+        } else {
             self.past.push(Step { label, version: before });
             self.forget();
         }
-        self.last = Some((gesture, now, self.press));
+        self.last = Some((gesture, now, self.pointer));
     }
 
     /// Nothing can be undone or redone any more: another document is open.
@@ -162,6 +165,22 @@ mod tests {
         assert_eq!(history.redo(version(0)).unwrap().number, 5);
         history.note(version(5), "Set seed".into(), hand("seed"));
         assert_eq!(history.redoes(), None, "a change after an undo leaves nothing to redo");
+    }
+
+    #[test]
+    fn clicks_are_steps_of_their_own_and_typed_digits_are_not() {
+        let mut history = History::default();
+        for number in 0..3 {
+            history.note_pointer(true);
+            history.note_pointer(false);
+            history.note(version(number), format!("Set seed to {}", number + 1), hand("seed"));
+        }
+        assert_eq!(history.past.len(), 3);
+        for (number, typed) in [(3, "2"), (4, "25"), (5, "250")] {
+            history.note(version(number), format!("Set mean to {typed} photons"), hand("mean photons"));
+        }
+        assert_eq!((history.past.len(), history.undoes()), (4, Some("Set mean to 250 photons")));
+        assert_eq!(history.undo(version(6)).unwrap().number, 3);
     }
 
     #[test]

@@ -18,11 +18,18 @@ use crate::optics::{Encoder, import_psf};
 #[derive(Clone, Debug)]
 pub enum Job {
     /// Reads a design file.
-    OpenDesign(PathBuf),
+    OpenDesign {
+        /// Number of the contents that it is to take the place of.
+        replaces: u64,
+        /// The file.
+        path: PathBuf,
+    },
     /// Writes a design file.
     SaveDesign {
         /// The design as it was when it was asked for.
         design: Arc<Design>,
+        /// Number of its document.
+        document: u64,
         /// Number of its contents.
         contents: u64,
         /// The file.
@@ -101,11 +108,15 @@ pub enum Outcome {
     Opened {
         /// What it holds.
         design: Box<Design>,
+        /// Number of the contents that it is to take the place of.
+        replaces: u64,
         /// The file.
         path: PathBuf,
     },
     /// A design file was written.
     Saved {
+        /// Number of the document that was open when it was asked for.
+        document: u64,
         /// Number of the contents that were written.
         contents: u64,
         /// The file.
@@ -153,7 +164,7 @@ impl Job {
     /// What it is, for people.
     pub fn name(&self) -> String {
         match self {
-            Self::OpenDesign(path) => format!("Open {}", path.display()),
+            Self::OpenDesign { path, .. } => format!("Open {}", path.display()),
             Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
             Self::OpenObjects { design } => format!("Read {}", design.objects),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
@@ -174,13 +185,13 @@ impl Job {
     /// One sentence for the person who asked.
     pub fn run(&self) -> Result<Outcome, String> {
         match self {
-            Self::OpenDesign(path) => {
+            Self::OpenDesign { replaces, path } => {
                 let design = Box::new(Design::open(path).map_err(|error| error.to_string())?);
-                Ok(Outcome::Opened { design, path: path.clone() })
+                Ok(Outcome::Opened { design, replaces: *replaces, path: path.clone() })
             }
-            Self::SaveDesign { design, contents, path } => {
+            Self::SaveDesign { design, document, contents, path } => {
                 design.save(path).map_err(|error| error.to_string())?;
-                Ok(Outcome::Saved { contents: *contents, path: path.clone() })
+                Ok(Outcome::Saved { document: *document, contents: *contents, path: path.clone() })
             }
             Self::OpenObjects { design } => {
                 let scene = super::Scene::open(design, &|_| std::ops::ControlFlow::Continue(()))

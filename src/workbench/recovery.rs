@@ -54,7 +54,7 @@ struct Slot {
     /// Files whose contents are in the next one that is written.
     superseded: Vec<Recovered>,
     stop: bool,
-    /// Why the last file was not written.
+    /// Why the last file was not written, where it has not been told.
     failure: Option<String>,
 }
 
@@ -145,12 +145,12 @@ impl Drop for Autosave {
     }
 }
 
-/// The thread: does the newest order, files at most every [`EVERY`].
+/// The thread: does the newest order, files at most every [`EVERY`]. One that cannot be written is tried again.
 fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
-    let mut written: Option<Instant> = None;
+    let (mut tried, mut told): (Option<Instant>, _) = (None, None);
     let mut guard = lock(slot);
     loop {
-        let wait = match (&guard.order, written) {
+        let wait = match (&guard.order, tried) {
             (None, _) if guard.stop => return,
             (None, _) => Duration::MAX,
             (Some(Order::Keep(..)), Some(at)) if !guard.stop => EVERY.saturating_sub(at.elapsed()),
@@ -166,23 +166,32 @@ fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
         }
         let (order, superseded) = (guard.order.take(), std::mem::take(&mut guard.superseded));
         drop(guard);
-        let mut failure = None;
+        let mut failed = None;
         match order {
-            Some(Order::Keep(design, path)) => match write(file, &design, path) {
-                Ok(()) => written = Some(Instant::now()),
-                Err(error) => failure = Some(error.to_string()),
-            },
+            Some(Order::Keep(design, path)) => {
+                if let Err(error) = write(file, &design, path.clone()) {
+                    failed = Some((error.to_string(), Order::Keep(design, path)));
+                }
+                tried = Some(Instant::now());
+            }
             // It may never have been written.
             Some(Order::Forget) => drop(std::fs::remove_file(file)),
             None => {}
         }
         guard = lock(slot);
-        if failure.is_some() {
-            guard.superseded.extend(superseded);
-        } else {
+        let Some((reason, order)) = failed else {
             superseded.into_iter().for_each(Recovered::discard);
+            told = None;
+            continue;
+        };
+        guard.superseded.extend(superseded);
+        if guard.order.is_none() && !guard.stop {
+            guard.order = Some(order);
         }
-        guard.failure = failure.or(guard.failure.take());
+        if told.as_ref() != Some(&reason) {
+            guard.failure = Some(reason.clone());
+            told = Some(reason);
+        }
     }
 }
 
@@ -295,11 +304,28 @@ mod tests {
         assert!(found.is_empty() && !old.exists() && new.exists());
         // A folder where the file should be stands for a disk that cannot be written to.
         let name = autosave.lock_file.with_extension(ENDING);
-        std::fs::create_dir(name).unwrap();
+        std::fs::create_dir(&name).unwrap();
         let design = Arc::new(Design::default());
         let mut told = autosave.note(&design, (2, true), None);
         until(|| lock(&autosave.slot.0).failure.is_some() || told.is_some());
         told = told.or_else(|| autosave.note(&design, (2, true), None));
         assert!(told.unwrap().contains("a folder or device"));
+        // It is tried again, whether or not anything changes.
+        std::fs::remove_dir(&name).unwrap();
+        until(|| read_json::<Kept>(&name).is_ok());
+        assert_eq!(autosave.note(&design, (2, true), None), None);
+    }
+
+    #[test]
+    fn the_newest_edit_is_kept_a_few_seconds_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
+        for seed in 1..6 {
+            let design = Arc::new(Design { seed, ..Design::default() });
+            assert_eq!(autosave.note(&design, (seed, true), None), None);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let name = autosave.lock_file.with_extension(ENDING);
+        until(|| read_json::<Kept>(&name).is_ok_and(|kept| kept.design.seed == 5));
     }
 }

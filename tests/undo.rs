@@ -1,0 +1,129 @@
+//! Undo and redo of whole designs, and files that come after the design they belong to has changed.
+
+use std::time::Duration;
+
+use lenslet_studio::objects::ObjectSource;
+use lenslet_studio::optics::{Encoder, Lenslet, heuristic_layout};
+use lenslet_studio::sensor::Noise;
+use lenslet_studio::workbench::{Command, Design, LensletChange, Outcome, Workbench};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+
+/// One thing that a person does.
+#[derive(Clone, Debug)]
+struct Deed {
+    kind: u8,
+    place: (f64, f64),
+    index: usize,
+    /// Whether the pointer is held down from now on.
+    down: bool,
+}
+
+fn deeds() -> impl Strategy<Value = Vec<Deed>> {
+    let deed = (0..11_u8, (0.0..31.0, 0.0..31.0), 0..40_usize, any::<bool>());
+    prop::collection::vec(deed.prop_map(|(kind, place, index, down)| Deed { kind, place, index, down }), 1..60)
+}
+
+/// What the deed means for this design; some of it is refused, as deleting the last lenslet is.
+fn command(deed: &Deed, design: &Design) -> Command {
+    let (x, y) = deed.place;
+    let lenslets = design.encoder.lenslets().map_or(&[][..], |array| &array.lenslets);
+    let index = deed.index % lenslets.len().max(1);
+    let old = lenslets.get(index).copied().unwrap_or(Lenslet::round(x, y, 1.0, 1.0));
+    let change = |what, new| Command::ChangeLenslets { what, lenslets: vec![(index, new)] };
+    let count = 1 + deed.index % 9;
+    match deed.kind {
+        0 => Command::AddLenslet(Lenslet::round(x, y, 0.8, 0.5)),
+        1 => Command::DeleteLenslets(vec![index]),
+        2 | 3 => change(LensletChange::Position, Lenslet { x, y, ..old }),
+        4 => change(LensletChange::Width, Lenslet::round(old.x, old.y, 0.5 + 0.1 * x, old.weight)),
+        5 => change(LensletChange::Weight, Lenslet { weight: y, ..old }),
+        6 => Command::ReplaceEncoder {
+            name: format!("{count} heuristic lenslets"),
+            encoder: Encoder::Lenslets(heuristic_layout(count)),
+        },
+        7 => Command::SetObjects(ObjectSource::Beads { density: 0.001 * (1.0 + x.floor()) }),
+        8 => Command::SetNoise(if deed.index.is_multiple_of(2) { Noise::Shot } else { Noise::Read { sigma: 1.0 + y } }),
+        9 => Command::SetMeanPhotons(10.0 * y),
+        _ => Command::SetSeed(deed.index as u64),
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 48,
+        failure_persistence: None,
+        rng_seed: RngSeed::Fixed(20_261_122),
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn as_many_undos_bring_back_the_start_and_redos_the_end(deeds in deeds()) {
+        let start = Design::default();
+        let mut bench = Workbench::new(start.clone(), None, || {}).unwrap();
+        bench.set_live(false);
+        for deed in &deeds {
+            bench.note_pointer(deed.down);
+            let command = command(deed, bench.design());
+            let before = bench.design().clone();
+            if bench.apply(&command).is_err() {
+                prop_assert_eq!(bench.design(), &before, "a refused command changes nothing");
+            }
+        }
+        let end = bench.design().clone();
+        let mut steps = 0;
+        while bench.undoes().is_some() {
+            bench.undo();
+            steps += 1;
+        }
+        prop_assert_eq!(&**bench.design(), &start);
+        prop_assert!(!bench.is_dirty() && steps <= deeds.len());
+        for _ in 0..steps {
+            prop_assert!(bench.redoes().is_some());
+            bench.redo();
+        }
+        prop_assert_eq!(bench.design(), &end);
+        prop_assert!(bench.redoes().is_none());
+    }
+}
+
+/// What the worker answers to all that it was asked.
+fn answers(bench: &mut Workbench) -> Vec<Result<Outcome, String>> {
+    let mut answers = Vec::new();
+    while bench.has_open_jobs() {
+        answers.extend(bench.take_outcomes());
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    answers
+}
+
+#[test]
+fn a_save_that_ends_late_does_not_give_its_file_to_another_design() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("first.json");
+    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    bench.apply(&Command::SetSeed(7)).unwrap();
+    bench.save_to(file.clone());
+    bench.start_from(Design { seed: 8, ..Design::default() });
+    assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::Saved { .. })]));
+    assert_eq!(Design::open(&file).unwrap().seed, 7);
+    assert_eq!(bench.path(), None, "the next save would overwrite the first design");
+    bench.apply(&Command::SetSeed(9)).unwrap();
+    assert!(bench.is_dirty());
+}
+
+#[test]
+fn a_file_that_is_read_late_does_not_take_the_place_of_edits() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("other.json");
+    Design { seed: 7, ..Design::default() }.save(&file).unwrap();
+    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    bench.open_file(file.clone());
+    bench.apply(&Command::SetSeed(9)).unwrap();
+    let told = answers(&mut bench);
+    assert!(matches!(&told[..], [Err(reason)] if reason.contains("changed meanwhile")), "{told:?}");
+    assert_eq!((bench.design().seed, bench.path()), (9, None));
+    bench.open_file(file.clone());
+    assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::Opened { .. })]));
+    assert_eq!((bench.design().seed, bench.path()), (7, Some(file.as_path())));
+}
