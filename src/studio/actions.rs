@@ -336,7 +336,7 @@ impl Action {
             Self::Delete => state.delete_selection(),
             Self::AddLenslet => state.add_lenslet(),
             Self::StartRun => {
-                optimize_panel::start(state);
+                optimize_panel::ask_to_start(state);
                 state.arrange = Some(Arrange::Show(Pane::Optimize));
             }
             Self::StopRun => state.bench.stop_run(),

@@ -140,7 +140,8 @@ impl Home {
         read_json::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
     }
 
-    /// Forgets layout and preferences, but not the recent files, of a folder.
+    /// Forgets layout and preferences of a folder, but neither recent files nor where unsaved changes are kept: what a crash
+    /// left there is still to be offered.
     ///
     /// # Errors
     /// Where they cannot be written.
@@ -149,7 +150,7 @@ impl Home {
         let _ = std::fs::remove_file(folder.join(LAYOUT));
         let path = folder.join(PREFERENCES);
         let Ok(known) = read_json::<Preferences>(&path) else { return Ok(()) };
-        write_json(&path, &Preferences { recent: known.recent, ..Preferences::default() })
+        write_json(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })
     }
 
     /// Writes what has changed, on another thread; the layout where it is given. Returns why an earlier attempt failed,

@@ -1,5 +1,7 @@
 //! The lenslets as numbers.
 
+use std::collections::BTreeSet;
+
 use egui::{DragValue, Ui};
 
 use super::image_view::{name_widget, placeholder};
@@ -47,6 +49,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             if volumes {
                 ui.strong("plane").on_hover_text("Depth plane in focus");
             }
+            ui.strong("lock").on_hover_text("A run that starts from this design leaves it as it is");
             ui.end_row();
             for index in 0..array.lenslets.len() {
                 row(ui, state, array, index, volumes);
@@ -100,6 +103,12 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
         change(LensletChange::Plane, &|lenslet| {
             plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet })
         });
+    }
+    let mut locked = state.locked.0.contains(&index);
+    let lock = ui.checkbox(&mut locked, "");
+    name_widget(&lock, &format!("Lock lenslet {number}"));
+    if lock.clicked() {
+        state.toggle_locks(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
     }
 }
 

@@ -72,7 +72,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     if (array.rows, array.cols) != image.dim() {
         return;
     }
-    draw_limits(ui, placement, array, &design.limits);
+    draw_limits(ui, placement, array, &design.limits, &state.selection);
     draw_trails(ui, state, placement, array);
     canvas_gestures(ui, state, placement, &response, array);
     for (index, lenslet) in array.lenslets.iter().enumerate() {
@@ -124,13 +124,21 @@ fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
 }
 
 /// The region and the width that can be made, drawn as a dashed frame.
-fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits) {
+fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits, selection: &BTreeSet<usize>) {
     let (left, right) = limits.coordinate_range(array.cols);
     let (top, bottom) = limits.coordinate_range(array.rows);
     let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
     let points: Vec<_> = corners.iter().map(|&(x, y)| placement.to_screen(x, y)).collect();
     let stroke = Stroke::new(1.0, Color32::from_white_alpha(110));
     ui.painter().extend(egui::Shape::dashed_line(&points, stroke, 5.0, 4.0));
+    let smallest = limits.min_sigma_px.powi(2);
+    for lenslet in selection.iter().filter_map(|&index| array.lenslets.get(index)) {
+        let centre = placement.to_screen(lenslet.x, lenslet.y);
+        let mut outline: Vec<_> =
+            ellipse(smallest, 0.0, smallest).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect();
+        outline.extend(outline.first().copied());
+        ui.painter().extend(egui::Shape::dashed_line(&outline, stroke, 3.0, 3.0));
+    }
 }
 
 /// Box selection, deselection and adding, on the picture itself.
@@ -260,6 +268,12 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         wheel(ui, state, index);
     }
     draw_handle(ui, &response, placement, array, lenslet, selected, radius);
+    if state.locked.0.contains(&index) {
+        let centre = placement.to_screen(lenslet.x, lenslet.y);
+        let mark = Rect::from_center_size(centre, Vec2::splat(5.0));
+        ui.painter().rect_filled(mark, 0.0, Color32::WHITE);
+        ui.painter().rect_stroke(mark, 0.0, Stroke::new(1.0, Color32::BLACK), egui::StrokeKind::Outside);
+    }
     let tip = || {
         let (minor, major) = lenslet.spot.principal_sigmas();
         let width =
@@ -280,6 +294,11 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         if ui.button("Duplicate").clicked() {
             let (x, y) = inside((lenslet.x + 1.0, lenslet.y + 1.0), array);
             state.send(&Command::AddLenslet(Lenslet { x, y, ..*lenslet }));
+            ui.close();
+        }
+        let lock = if state.selection.is_subset(&state.locked.0) { "Unlock" } else { "Lock" };
+        if ui.button(lock).on_hover_text("Locked lenslets stay as they are in runs").clicked() {
+            state.toggle_locks(&state.selection.clone());
             ui.close();
         }
         if ui.button("Centre").clicked() {
@@ -403,7 +422,8 @@ fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
 
 /// Delete, arrows, Ctrl+A, and keys that zoom around the selection, unless a text field has the keyboard.
 fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
-    if ui.ctx().text_edit_focused() || state.dialogs.is_open() {
+    let is_behind_a_question = !ui.memory(|memory| memory.allows_interaction(ui.layer_id()));
+    if ui.ctx().text_edit_focused() || is_behind_a_question {
         return;
     }
     let (delete, all, nudge) = ui.input(|input| {

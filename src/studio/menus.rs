@@ -171,7 +171,7 @@ fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, text: &str
         button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
     }
     let response = ui.add_enabled(action.is_possible(state), button);
-    name_widget(&response, &action.label());
+    name_widget(&response, text);
     if response.clicked() {
         ui.close();
         let ctx = ui.ctx().clone();

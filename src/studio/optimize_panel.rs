@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use egui::{Checkbox, Color32, ComboBox, DragValue, ProgressBar, Slider, Ui};
+use egui::{Color32, ComboBox, DragValue, ProgressBar, Slider, Ui};
 use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points};
 
 use super::dialogs::Purpose;
@@ -53,26 +53,18 @@ pub struct OptimizeForm {
     settings: IdealSettings,
     /// What the mask climbs, where a person chose.
     objective: Option<Objective>,
-    /// Whether selected lenslets stay as they are.
-    lock_selected: bool,
     /// The frame that is looked at; the newest one where none was chosen.
     frame: Option<usize>,
     /// Whether the mask shows the ways of the lenslets.
     pub trails: bool,
+    /// Whether it is asked if a run that could go on is to be given up.
+    pub asks: bool,
 }
 
 impl Default for OptimizeForm {
     fn default() -> Self {
         let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-        Self {
-            from: From::Design,
-            count: 25,
-            settings,
-            objective: None,
-            lock_selected: false,
-            frame: None,
-            trails: true,
-        }
+        Self { from: From::Design, count: 25, settings, objective: None, frame: None, trails: true, asks: false }
     }
 }
 
@@ -163,7 +155,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     details(ui, state);
     ui.horizontal_wrapped(|ui| {
         if ui.button("Start run").clicked() {
-            start(state);
+            ask_to_start(state);
         }
         let resumable = last.is_some_and(|run| run.status == RunStatus::Stopped || run.status == RunStatus::Finished);
         if resumable && ui.button("Go on").on_hover_text("Takes the run further, from where it was left").clicked() {
@@ -181,7 +173,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
 
 /// What may change, and how.
 fn details(ui: &mut Ui, state: &mut State) {
-    let selected = state.selection.len();
+    let locked = state.locked.0.len();
     let form = &mut state.optimize_form;
     let objects = &state.bench.design().objects;
     ui.collapsing("Details", |ui| {
@@ -226,13 +218,12 @@ fn details(ui: &mut Ui, state: &mut State) {
                 name_widget(&ui.add(DragValue::new(count).range(1..=64).suffix(" lenslets")), "Lenslets in the end");
             }
         });
-        let text = match selected {
-            0 => "Lock selected lenslets (none is)".to_owned(),
-            1 => "Lock the selected lenslet".to_owned(),
-            _ => format!("Lock the {selected} selected lenslets"),
+        let text = match locked {
+            0 => "No lenslet is locked".to_owned(),
+            1 => "One locked lenslet stays as it is".to_owned(),
+            _ => format!("{locked} locked lenslets stay as they are"),
         };
-        ui.add_enabled(selected > 0, Checkbox::new(&mut form.lock_selected, text))
-            .on_hover_text("They stay as they are; only where the run starts from this design");
+        ui.weak(text).on_hover_text("The Lenslets room locks them; it counts where the run starts from this design");
     });
 }
 
@@ -256,8 +247,49 @@ const OBJECTIVES: [(Objective, &str); 3] = [
     (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
 ];
 
-/// Starts the run that the room asks for.
-pub fn start(state: &mut State) {
+/// Starts the run that the room asks for; where the last one could still go on, after a question.
+pub fn ask_to_start(state: &mut State) {
+    let can_go_on = |run: &DesignRun| run.status == RunStatus::Stopped && run.step > 0;
+    if state.run.as_ref().is_some_and(can_go_on) {
+        state.optimize_form.asks = true;
+    } else {
+        start(state);
+    }
+}
+
+/// The question before a run that could go on is given up.
+pub fn ask(ctx: &egui::Context, state: &mut State) {
+    if !state.optimize_form.asks {
+        return;
+    }
+    let Some(run) = &state.run else { return };
+    let (step, steps) = (run.step, run.settings.steps);
+    let mut answer = None;
+    egui::Modal::new(egui::Id::unique("start anew")).show(ctx, |ui| {
+        ui.set_width(340.0);
+        ui.heading("Give up the last run?");
+        ui.label(format!(
+            "It was stopped at step {step} of {steps} and could still go on. Its mask stays where it is."
+        ));
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            for (text, chosen) in [("Start anew", true), ("Cancel", false)] {
+                if ui.button(text).clicked() {
+                    answer = Some(chosen);
+                }
+            }
+            if ui.input(|input| input.key_pressed(egui::Key::Escape)) {
+                answer = Some(false);
+            }
+        });
+    });
+    state.optimize_form.asks = answer.is_none();
+    if answer == Some(true) {
+        start(state);
+    }
+}
+
+fn start(state: &mut State) {
     let design = Arc::clone(state.bench.design());
     let form = &mut state.optimize_form;
     form.frame = None;
@@ -270,9 +302,7 @@ pub fn start(state: &mut State) {
     };
     let starts = match form.from {
         From::Design => {
-            if form.lock_selected {
-                settings.locked = state.selection.iter().copied().collect();
-            }
+            settings.locked = state.locked.0.iter().copied().collect();
             vec![Start { name: design.encoder.describe(), design: Arc::clone(&design) }]
         }
         From::Random => vec![random(design.seed)],

@@ -2,6 +2,8 @@
 
 use egui::Ui;
 use ndarray::Axis;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use super::hand::Hand;
 use super::image_view::{Version, name_widget, placeholder, toolbar};
@@ -74,5 +76,11 @@ fn sample_controls(ui: &mut Ui, state: &mut State, what: &str) {
     name_widget(&next, &format!("Next {what}"));
     if next.clicked() {
         state.sample = (state.sample + 1) % count;
+    }
+    let random = ui.add_enabled(count > 1, egui::Button::new("Any").small()).on_hover_text("Another sample by chance");
+    name_widget(&random, &format!("Random {what}"));
+    if random.clicked() {
+        let mut random = ChaCha8Rng::seed_from_u64(ui.ctx().cumulative_frame_nr());
+        state.sample = (state.sample + random.random_range(1..count)) % count;
     }
 }

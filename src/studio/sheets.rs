@@ -1,5 +1,7 @@
 //! Sheets to read and to choose on: keys and gestures, settings, versions.
 
+use std::sync::LazyLock;
+
 use egui::{RichText, Ui};
 
 use super::actions::Action;
@@ -9,6 +11,7 @@ use super::image_view::name_widget;
 use super::state::State;
 use super::window::RendererChoice;
 use crate::information::EngineChoice;
+use crate::workbench::study::Machine;
 
 /// What the mouse and the keyboard do on the mask.
 const ON_THE_MASK: [(&str, &str); 12] = [
@@ -192,20 +195,22 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
     chosen
 }
 
+/// Read once: the system lists its processors in a long file.
+static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
+
 fn about(ui: &mut Ui, state: &State) {
     ui.set_width(420.0);
     ui.heading("Lenslet Studio");
     ui.label(env!("CARGO_PKG_DESCRIPTION"));
     ui.add_space(6.0);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let engines =
-        [Some("processor"), cfg!(feature = "gpu").then_some("wgpu"), cfg!(feature = "cuda").then_some("CUDA")];
-    let engines: Vec<&str> = engines.into_iter().flatten().collect();
+    let engines: Vec<String> = EngineChoice::built().into_iter().map(|engine| engine.to_string()).collect();
     let facts = [
         ("Version", env!("CARGO_PKG_VERSION").to_owned()),
         ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
-        ("Processor", format!("{cores} threads")),
-        ("Fits run on", engines.join(", ")),
+        ("Processor", format!("{}, {cores} threads", PROCESSOR.as_str())),
+        ("Estimates run on", state.preferences.engine.to_string()),
+        ("They can run on", engines.join(", ")),
         ("Window drawn by", state.renderer.unwrap_or("-").to_owned()),
         ("Licence", env!("CARGO_PKG_LICENSE").to_owned()),
     ];

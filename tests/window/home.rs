@@ -171,6 +171,59 @@ fn actions_are_found_by_name_and_done_by_keyboard_alone() {
 }
 
 #[test]
+fn a_design_is_exported_by_keyboard_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(4);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text(folder.path().join("out").display().to_string()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    settle(&mut window);
+    assert!(folder.path().join("out/psf.npy").is_file() && folder.path().join("out/design.json").is_file());
+}
+
+#[test]
+fn keys_do_not_reach_the_mask_behind_a_question() {
+    let mut window = open(Design::default());
+    let before = lenslets(&window);
+    window.get_by_label("Lenslet 1").click();
+    window.run_steps(4);
+    for key in [Key::F1, Key::Delete, Key::ArrowRight] {
+        window.key_press(key);
+        window.run_steps(4);
+    }
+    assert_eq!(lenslets(&window), before);
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    window.get_by_label("Lenslet 1").focus();
+    window.run_steps(2);
+    window.key_press(Key::Delete);
+    window.run_steps(4);
+    assert_eq!(lenslets(&window), before[1..]);
+}
+
+#[test]
+fn a_text_field_undoes_its_own_text() {
+    let mut window = open(Design::default());
+    click(&mut window, "Add lenslet");
+    window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+    window.run_steps(8);
+    let name = |window: &Window| window.get_by_label("Name of snapshot 1").value().unwrap_or_default();
+    window.get_by_label("Name of snapshot 1").focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(egui::Event::Text("Mine".into()));
+    window.run_steps(4);
+    assert_eq!(name(&window), "Mine");
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    window.run_steps(4);
+    assert_ne!(name(&window), "Mine");
+    assert_eq!(lenslets(&window).len(), 10, "the mask is as it was");
+}
+
+#[test]
 fn the_first_window_offers_samples_and_a_tour() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = first_at_home(folder.path());

@@ -1,10 +1,11 @@
 //! The mask in the hands of its user.
 
 use egui::{Key, Modifiers, PointerButton, Vec2};
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::optics::Encoder;
 use lenslet_studio::workbench::Design;
 
+use super::estimates::wait_for;
 use super::{Window, click, drag, lenslets, menu, open, settle, studio, turn, type_number};
 
 #[test]
@@ -151,6 +152,34 @@ fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
     type_number(&mut window, "Lenslet 4 width", "1.25");
     settle(&mut window);
     assert!(lenslets(&window).iter().all(|lenslet| lenslet.spot.mean_sigma() == 1.25));
+}
+
+#[test]
+fn locked_lenslets_stay_locked_while_others_go_and_a_run_leaves_them() {
+    let mut window = open(Design::default());
+    let is_locked = |window: &Window, number: usize| {
+        let name = format!("Lock lenslet {number}");
+        let node = window.get_by_label(&name);
+        node.accesskit_node().toggled() == Some(egui::accesskit::Toggled::True)
+    };
+    click(&mut window, "Lock lenslet 3");
+    assert!(is_locked(&window, 3) && !is_locked(&window, 2));
+    let kept = lenslets(&window)[2];
+    click(&mut window, "Select lenslet 1");
+    click(&mut window, "Delete selected");
+    settle(&mut window);
+    assert!(is_locked(&window, 2) && !is_locked(&window, 3), "it is the second one now");
+    click(&mut window, "Optimize");
+    click(&mut window, "Details");
+    click(&mut window, "16 px");
+    window.get_by_label("One locked lenslet stays as it is");
+    click(&mut window, "Start run");
+    wait_for(&mut window, "some steps", |window| studio(window).bench().run().is_some_and(|run| run.step >= 3));
+    let run = studio(&window).bench().run().unwrap();
+    assert_eq!(run.settings.locked, [1]);
+    assert_eq!((run.array.lenslets[1].x, run.array.lenslets[1].y), (kept.x, kept.y));
+    assert_ne!(run.array.lenslets[0].x, run.start.encoder.lenslets().unwrap().lenslets[0].x);
+    click(&mut window, "Stop run");
 }
 
 #[test]

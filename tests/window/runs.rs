@@ -47,15 +47,25 @@ fn a_run_is_started_watched_rewound_and_undone() {
     assert_eq!(lenslets(&window), stopped);
 
     // All of it is one step.
-    menu(&mut window, &["Edit", "Undo"]);
+    menu(&mut window, &["Edit", "Undo optimize the mask"]);
     assert_eq!(lenslets(&window), before);
     assert!(!studio(&window).bench().is_dirty(), "what was saved is there again");
-    menu(&mut window, &["Edit", "Redo"]);
+    menu(&mut window, &["Edit", "Redo optimize the mask"]);
     assert_eq!(lenslets(&window), stopped);
 
-    // It goes on from where it was left.
+    // It goes on from where it was left; another one does not take its place unasked.
+    click(&mut window, "Start run");
+    window.get_by_label("Give up the last run?");
+    click(&mut window, "Cancel");
+    assert_eq!(lenslets(&window), stopped);
     click(&mut window, "Go on");
     wait_for(&mut window, "the next steps", |window| studio(window).bench().run().unwrap().step > paused + 5);
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    click(&mut window, "Start run");
+    click(&mut window, "Start anew");
+    wait_for(&mut window, "the first step", |window| studio(window).bench().run().unwrap().step > 0);
+    assert!(studio(&window).bench().run().unwrap().step <= paused);
     click(&mut window, "Stop run");
 }
 

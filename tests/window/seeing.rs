@@ -96,6 +96,17 @@ fn a_drag_moves_the_zoomed_picture_and_keys_do_too() {
 }
 
 #[test]
+fn samples_are_chosen_in_order_and_by_chance() {
+    let mut window = open(Design::default());
+    let shown = |window: &Window, text: &str| window.query_all_by_label(text).count();
+    assert_eq!(shown(&window, "1 of 64"), 2, "object and measurement are of one sample");
+    click(&mut window, "Next measurement");
+    assert_eq!(shown(&window, "2 of 64"), 2);
+    click(&mut window, "Random object");
+    assert_eq!(shown(&window, "2 of 64"), 0, "chance chooses another one");
+}
+
+#[test]
 fn object_and_measurement_are_linked_until_they_are_not() {
     let mut window = open(Design::default());
     let measured = rect_of(&window, "Measurement");

@@ -41,27 +41,41 @@ const SAMPLED_EVERY: Duration = Duration::from_secs(10);
 const REST: Duration = Duration::from_secs(5);
 /// Frames that are told of.
 const LONGEST: usize = 8;
+/// Time between two pictures of a screen.
+const SCREEN: Duration = Duration::from_micros(16_667);
 
 /// Times every frame.
 #[derive(Clone, Default)]
-struct Clock(Arc<Mutex<(Option<Instant>, Duration)>>);
+struct Clock(Arc<Mutex<Times>>);
+
+#[derive(Default)]
+struct Times {
+    begun: Option<Instant>,
+    longest: Duration,
+    frames: u64,
+    /// Frames that took longer than the screen waits.
+    late: u64,
+}
 
 impl Clock {
     fn watch(&self, ctx: &egui::Context) {
         let (begun, ended) = (self.clone(), self.clone());
-        ctx.on_begin_pass("begin of a frame", Arc::new(move |_| begun.0.lock().unwrap().0 = Some(Instant::now())));
+        ctx.on_begin_pass("begin of a frame", Arc::new(move |_| begun.0.lock().unwrap().begun = Some(Instant::now())));
         ctx.on_end_pass(
             "end of a frame",
             Arc::new(move |_| {
-                let (start, longest) = &mut *ended.0.lock().unwrap();
-                *longest = (*longest).max(start.take().map_or(Duration::ZERO, |start| start.elapsed()));
+                let mut times = ended.0.lock().unwrap();
+                let took = times.begun.take().map_or(Duration::ZERO, |begun| begun.elapsed());
+                times.longest = times.longest.max(took);
+                times.frames += 1;
+                times.late += u64::from(took > SCREEN);
             }),
         );
     }
 
     /// The longest frame since this was asked last.
     fn longest(&self) -> Duration {
-        std::mem::take(&mut self.0.lock().unwrap().1)
+        std::mem::take(&mut self.0.lock().unwrap().longest)
     }
 }
 
@@ -88,6 +102,24 @@ fn memory_at_rest(window: &mut Window) -> Option<f64> {
     }
     studio(window).set_live(true);
     memory()
+}
+
+/// Starts a run by its name, whatever is open.
+fn start_run(window: &mut Window) {
+    for _ in 0..4 {
+        window.key_press(Key::Escape);
+        window.run_steps(2);
+    }
+    window.key_press_modifiers(Modifiers::COMMAND, Key::K);
+    window.run_steps(2);
+    window.event(egui::Event::Text("start a run".into()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(4);
+    if window.query_by_label("Start anew").is_some() {
+        click(window, "Start anew");
+    }
+    println!("a run goes on: {}", studio(window).bench().run().is_some_and(|run| run.is_active()));
 }
 
 /// A control that may be used.
@@ -220,12 +252,16 @@ fn nothing_that_can_be_pressed_breaks_the_window() {
         if long.is_some() && started.elapsed() > WARM_UP + used.len() as u32 * SAMPLED_EVERY {
             if rested.is_none() {
                 rested = memory_at_rest(&mut window);
+                start_run(&mut window);
             }
             used.extend(memory());
         }
     }
     if long.is_some() {
-        println!("{acts} acts; longest frames in ms, and what was done: {longest:?}");
+        let times = clock.0.lock().unwrap();
+        println!("{acts} acts, {} frames, {} of them longer than {SCREEN:?}", times.frames, times.late);
+        drop(times);
+        println!("longest frames in ms, and what was done: {longest:?}");
         println!("MB every {} s: {used:.0?}", SAMPLED_EVERY.as_secs());
         if let (Some(before), Some(after)) = (rested, memory_at_rest(&mut window)) {
             println!("MB at rest: {before:.0}, in the end {after:.0}");

@@ -4,7 +4,7 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 
 use egui::{Color32, ColorImage, OutputCommand, ViewportCommand};
-use lenslet_studio::workbench::ActivityState;
+use lenslet_studio::workbench::{ActivityState, RunStatus};
 
 use super::estimates::wait_for;
 use super::home::at_home;
@@ -120,6 +120,17 @@ fn closing_asks_while_work_goes_on() {
     click(&mut window, "Cancel");
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "its end", |window| states(window) == [ActivityState::Stopped]);
+    // A run is asked about, too, and goes on behind the question.
+    click(&mut window, "Optimize");
+    click(&mut window, "Start run");
+    close(&mut window);
+    window.get_by_label("Close the window?");
+    window.get_by_label_contains("A run goes on");
+    click(&mut window, "Cancel");
+    let status = studio(&window).bench().run().map(|run| run.status);
+    assert_eq!(status, Some(RunStatus::Running));
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "its end", |window| !states(window).contains(&ActivityState::Running));
     close(&mut window);
     assert!(window.query_by_label("Close the window?").is_none());
 }
