@@ -5,11 +5,11 @@ use std::borrow::Cow;
 use egui::{Key, KeyboardShortcut, Modifiers};
 
 use super::dialogs::Purpose;
+use super::information_panel;
 use super::layout::Pane;
 use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
-use super::{information_panel, optimize_panel};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
 use crate::workbench::{Command, DesignRun, look_command};
 
@@ -336,7 +336,7 @@ impl Action {
             Self::Delete => state.delete_selection(),
             Self::AddLenslet => state.add_lenslet(),
             Self::StartRun => {
-                optimize_panel::ask_to_start(state);
+                state.guard(ctx, super::state::Leave::Run);
                 state.arrange = Some(Arrange::Show(Pane::Optimize));
             }
             Self::StopRun => state.bench.stop_run(),

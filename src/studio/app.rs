@@ -12,7 +12,7 @@ use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
 use super::window::RendererChoice;
-use super::{capture, jobs_window, layout, leaving, menus, optimize_panel, palette, recovery, sheets, welcome};
+use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, sheets, welcome};
 use crate::objects::ObjectSource;
 use crate::workbench::{Activity, ActivityState, Design, Job, Outcome, Recovered, Snapshots, Workbench};
 
@@ -194,7 +194,9 @@ impl Studio {
             state.trail.note_live(live.revision, live.value.bits_per_pixel);
         }
         state.snapshots.take_up(&state.live, &state.estimates);
-        state.forget_lost_lenslets();
+        let count = state.lenslet_count();
+        state.selection.retain(|&index| index < count);
+        state.locks.check(count);
         if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
             && !state.bench.is_dirty()
             && let Some(leaving) = state.leaving.take()
@@ -216,7 +218,6 @@ impl Studio {
             && self.state.sheet.is_none()
             && self.left_behind.is_empty()
             && self.dropped.is_none()
-            && !self.state.optimize_form.asks
             && !self.state.guide.welcome
             && let Some(action) = Action::pressed(ctx)
         {
@@ -261,7 +262,6 @@ impl Studio {
             welcome::show_welcome(&ctx, &mut self.state);
         }
         self.closing |= leaving::ask(&ctx, &mut self.state);
-        optimize_panel::ask(&ctx, &mut self.state);
         self.ask_about_dropped(&ctx);
         show_drop_hint(&ctx);
     }

@@ -215,7 +215,7 @@ fn headline(ui: &mut Ui, known: &Known<'_>) {
     ui.horizontal_wrapped(|ui| {
         let text = RichText::new(text).size(28.0).strong();
         // A number that still changes leans.
-        let refining = known.sampling().is_some_and(|live| live.remaining.is_some());
+        let refining = known.sensor.is_none() && known.sampling().is_some_and(|live| live.remaining.is_some());
         let text = if refining { text.italics() } else { text };
         ui.label(if known.current { text } else { text.weak() });
         ui.vertical(|ui| {

@@ -1,4 +1,4 @@
-//! The question before something is left behind: unsaved changes, or work that goes on while the window is closed.
+//! The question before something is left behind: unsaved changes, a run, or work that goes on while the window is closed.
 
 use egui::Key;
 
@@ -17,7 +17,8 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     // A save that was cancelled or failed leaves the question open.
     leaving.saving = false;
     let what = leaving.what.clone();
-    let dirty = state.bench.is_dirty();
+    // A run leaves the design as it is until its masks come, and those can be undone.
+    let dirty = what != Leave::Run && state.bench.is_dirty();
     let work = if what == Leave::Close { going_on(state) } else { None };
     let mut leave = false;
     egui::Modal::new(egui::Id::unique("leaving")).show(ctx, |ui| {
@@ -25,6 +26,12 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         if dirty {
             ui.heading("Save your changes?");
             ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
+        } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
+            ui.heading("Give up the last run?");
+            let (step, steps) = (run.step, run.settings.steps);
+            ui.label(format!(
+                "It was stopped at step {step} of {steps} and could still go on. Its mask stays as it is."
+            ));
         } else {
             ui.heading("Close the window?");
         }
@@ -41,7 +48,12 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
                     leaving.saving = true;
                 }
             }
-            leave = ui.button(if dirty { "Discard" } else { "Close the window" }).clicked();
+            let text = match what {
+                _ if dirty => "Discard",
+                Leave::Run => "Start anew",
+                _ => "Close the window",
+            };
+            leave = ui.button(text).clicked();
             if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
                 state.leaving = None;
             }

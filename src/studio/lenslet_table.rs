@@ -104,11 +104,11 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
             plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet })
         });
     }
-    let mut locked = state.locked.0.contains(&index);
+    let mut locked = state.locks.indices().contains(&index);
     let lock = ui.checkbox(&mut locked, "");
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
-        state.toggle_locks(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
+        state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
     }
 }
 

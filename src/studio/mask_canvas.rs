@@ -268,7 +268,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         wheel(ui, state, index);
     }
     draw_handle(ui, &response, placement, array, lenslet, selected, radius);
-    if state.locked.0.contains(&index) {
+    if state.locks.indices().contains(&index) {
         let centre = placement.to_screen(lenslet.x, lenslet.y);
         let mark = Rect::from_center_size(centre, Vec2::splat(5.0));
         ui.painter().rect_filled(mark, 0.0, Color32::WHITE);
@@ -296,9 +296,9 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
             state.send(&Command::AddLenslet(Lenslet { x, y, ..*lenslet }));
             ui.close();
         }
-        let lock = if state.selection.is_subset(&state.locked.0) { "Unlock" } else { "Lock" };
+        let lock = if state.selection.is_subset(state.locks.indices()) { "Unlock" } else { "Lock" };
         if ui.button(lock).on_hover_text("Locked lenslets stay as they are in runs").clicked() {
-            state.toggle_locks(&state.selection.clone());
+            state.locks.toggle(&state.selection);
             ui.close();
         }
         if ui.button("Centre").clicked() {

@@ -18,6 +18,7 @@ mod leaving;
 mod lenslet_table;
 mod levels;
 mod links;
+mod locks;
 mod mask_canvas;
 mod menus;
 mod messages;

@@ -10,7 +10,7 @@ use super::dialogs::Purpose;
 use super::image_view::name_widget;
 use super::information_panel::{DENSITY, LOWER, interval, rounded};
 use super::messages::Severity;
-use super::state::State;
+use super::state::{Leave, State};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, random_layout};
@@ -57,14 +57,12 @@ pub struct OptimizeForm {
     frame: Option<usize>,
     /// Whether the mask shows the ways of the lenslets.
     pub trails: bool,
-    /// Whether it is asked if a run that could go on is to be given up.
-    pub asks: bool,
 }
 
 impl Default for OptimizeForm {
     fn default() -> Self {
         let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-        Self { from: From::Design, count: 25, settings, objective: None, frame: None, trails: true, asks: false }
+        Self { from: From::Design, count: 25, settings, objective: None, frame: None, trails: true }
     }
 }
 
@@ -155,7 +153,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     details(ui, state);
     ui.horizontal_wrapped(|ui| {
         if ui.button("Start run").clicked() {
-            ask_to_start(state);
+            state.guard(&ui.ctx().clone(), Leave::Run);
         }
         let resumable = last.is_some_and(|run| run.status == RunStatus::Stopped || run.status == RunStatus::Finished);
         if resumable && ui.button("Go on").on_hover_text("Takes the run further, from where it was left").clicked() {
@@ -173,7 +171,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
 
 /// What may change, and how.
 fn details(ui: &mut Ui, state: &mut State) {
-    let locked = state.locked.0.len();
+    let locked = state.locks.indices().len();
     let form = &mut state.optimize_form;
     let objects = &state.bench.design().objects;
     ui.collapsing("Details", |ui| {
@@ -247,49 +245,8 @@ const OBJECTIVES: [(Objective, &str); 3] = [
     (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
 ];
 
-/// Starts the run that the room asks for; where the last one could still go on, after a question.
-pub fn ask_to_start(state: &mut State) {
-    let can_go_on = |run: &DesignRun| run.status == RunStatus::Stopped && run.step > 0;
-    if state.run.as_ref().is_some_and(can_go_on) {
-        state.optimize_form.asks = true;
-    } else {
-        start(state);
-    }
-}
-
-/// The question before a run that could go on is given up.
-pub fn ask(ctx: &egui::Context, state: &mut State) {
-    if !state.optimize_form.asks {
-        return;
-    }
-    let Some(run) = &state.run else { return };
-    let (step, steps) = (run.step, run.settings.steps);
-    let mut answer = None;
-    egui::Modal::new(egui::Id::unique("start anew")).show(ctx, |ui| {
-        ui.set_width(340.0);
-        ui.heading("Give up the last run?");
-        ui.label(format!(
-            "It was stopped at step {step} of {steps} and could still go on. Its mask stays where it is."
-        ));
-        ui.add_space(8.0);
-        ui.horizontal(|ui| {
-            for (text, chosen) in [("Start anew", true), ("Cancel", false)] {
-                if ui.button(text).clicked() {
-                    answer = Some(chosen);
-                }
-            }
-            if ui.input(|input| input.key_pressed(egui::Key::Escape)) {
-                answer = Some(false);
-            }
-        });
-    });
-    state.optimize_form.asks = answer.is_none();
-    if answer == Some(true) {
-        start(state);
-    }
-}
-
-fn start(state: &mut State) {
+/// Starts the run that the room asks for.
+pub fn start(state: &mut State) {
     let design = Arc::clone(state.bench.design());
     let form = &mut state.optimize_form;
     form.frame = None;
@@ -302,7 +259,7 @@ fn start(state: &mut State) {
     };
     let starts = match form.from {
         From::Design => {
-            settings.locked = state.locked.0.iter().copied().collect();
+            settings.locked = state.locks.indices().iter().copied().collect();
             vec![Start { name: design.encoder.describe(), design: Arc::clone(&design) }]
         }
         From::Random => vec![random(design.seed)],

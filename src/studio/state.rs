@@ -18,9 +18,10 @@ use super::jobs_window::JobsWindow;
 use super::layout::Pane;
 use super::leaving;
 use super::links::LinkedCursor;
+use super::locks::Locks;
 use super::messages::{Messages, Severity};
 use super::mtf_panel::MtfView;
-use super::optimize_panel::OptimizeForm;
+use super::optimize_panel::{self, OptimizeForm};
 use super::palette::Palette;
 use super::sheets::Sheet;
 use super::spectrum_plot::SpectrumCache;
@@ -46,8 +47,8 @@ pub struct State {
     pub map_sample: Option<usize>,
     /// Indices of the selected lenslets.
     pub selection: BTreeSet<usize>,
-    /// Indices of the lenslets that a run leaves as they are, and how many lenslets there were.
-    pub locked: (BTreeSet<usize>, usize),
+    /// The lenslets that runs leave as they are.
+    pub locks: Locks,
     /// The pictures.
     pub views: Views,
     /// Colours of all maps.
@@ -104,7 +105,7 @@ pub struct State {
     random_start: Option<u64>,
 }
 
-/// What would leave the open design behind.
+/// What would leave the open design behind, or a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Leave {
     /// Starting from the default design.
@@ -117,6 +118,8 @@ pub enum Leave {
     OpenFile(PathBuf),
     /// Closing the window.
     Close,
+    /// Starting a run in place of the last one.
+    Run,
 }
 
 /// A wish for the rooms.
@@ -275,7 +278,7 @@ impl State {
             arrows: true,
             map_sample: None,
             selection: BTreeSet::new(),
-            locked: <(BTreeSet<usize>, usize)>::default(),
+            locks: Locks::default(),
             views: Views {
                 psf: ImageView::new("PSF", "", Colormap::Viridis),
                 object: ImageView::new("Object", "photons", Colormap::Gray),
@@ -312,17 +315,21 @@ impl State {
         }
     }
 
-    /// Does what leaves the open design behind, at once or after a question about unsaved changes.
+    /// Does what leaves the open design or a run behind, at once or after a question about what would be lost.
     pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
-        let interrupts = what == Leave::Close && leaving::going_on(self).is_some();
-        if self.bench.is_dirty() || interrupts {
+        let asks = match what {
+            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on),
+            Leave::Close => self.bench.is_dirty() || leaving::going_on(self).is_some(),
+            _ => self.bench.is_dirty(),
+        };
+        if asks {
             self.leaving = Some(Leaving { what, saving: false });
         } else {
             self.leave(ctx, what);
         }
     }
 
-    /// Leaves the open design behind.
+    /// Leaves the open design or a run behind.
     pub fn leave(&mut self, ctx: &egui::Context, what: Leave) {
         self.leaving = None;
         match what {
@@ -337,6 +344,7 @@ impl State {
             Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
             Leave::OpenFile(path) => self.bench.open_file(path),
             Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            Leave::Run => optimize_panel::start(self),
         }
     }
 
@@ -353,42 +361,14 @@ impl State {
             self.messages.push(Severity::Failure, error.to_string());
             return;
         }
-        let count = self.lenslet_count();
-        let (locked, known) = &mut self.locked;
         match command {
-            Command::AddLenslet(_) => self.selection = count.checked_sub(1).into_iter().collect(),
-            Command::DeleteLenslets(deleted) => {
+            Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
+            Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
                 self.selection.clear();
-                let left = locked.iter().filter(|index| !deleted.contains(index));
-                *locked = left.map(|index| index - deleted.iter().filter(|gone| *gone < index).count()).collect();
-            }
-            Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
-                self.selection.clear();
-                locked.clear();
             }
             _ => {}
         }
-        *known = count;
-    }
-
-    /// Locks lenslets, or unlocks them where all are.
-    pub fn toggle_locks(&mut self, lenslets: &BTreeSet<usize>) {
-        let locked = &mut self.locked.0;
-        if lenslets.is_subset(locked) {
-            locked.retain(|index| !lenslets.contains(index));
-        } else {
-            locked.extend(lenslets);
-        }
-    }
-
-    /// Forgets selected and locked lenslets that are no longer there. Where lenslets came and went otherwise than one by one,
-    /// as by a run or an undo, nobody knows which of them were locked.
-    pub fn forget_lost_lenslets(&mut self) {
-        let count = self.lenslet_count();
-        self.selection.retain(|&index| index < count);
-        if self.locked.1 != count {
-            self.locked = (BTreeSet::new(), count);
-        }
+        self.locks.follow(command, self.lenslet_count());
     }
 
     /// Lenslets of the open design.

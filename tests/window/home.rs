@@ -112,6 +112,19 @@ fn discarded_changes_are_gone_and_undecided_ones_are_offered_again() {
 }
 
 #[test]
+fn changes_are_kept_in_the_usual_folder_where_the_chosen_one_is_not_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, preferences) = (folder.path().join("file"), folder.path().join("preferences.json"));
+    std::fs::write(&file, b"").unwrap();
+    let text = serde_json::json!({"welcomed": true, "unsaved": file.join("not a folder")}).to_string();
+    std::fs::write(preferences, text).unwrap();
+    let mut window = at_home(folder.path());
+    assert!(window.query_all_by_label_contains("not a folder").next().is_some(), "it is told");
+    click(&mut window, "Add lenslet");
+    until(&mut window, || kept(folder.path()) == 1);
+}
+
+#[test]
 fn theme_and_rooms_come_back_and_can_be_reset() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());

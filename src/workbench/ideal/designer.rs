@@ -111,6 +111,11 @@ impl DesignRun {
     pub fn is_active(&self) -> bool {
         matches!(self.status, RunStatus::Running | RunStatus::Paused)
     }
+
+    /// Whether it was stopped on its way.
+    pub fn can_go_on(&self) -> bool {
+        self.status == RunStatus::Stopped && self.step > 0
+    }
 }
 
 /// A mask to start from.
