@@ -49,6 +49,10 @@ pub enum Action {
     StartRun,
     /// Ends the run; it can go on later.
     StopRun,
+    /// Accepts the mask of the run that is shown: in place of the design, or as a design of its own.
+    Accept,
+    /// Shows the open design again, in place of a mask of the run.
+    LookAway,
     /// Puts the open design aside, to compare it.
     KeepDesign,
     /// Puts another mask in place.
@@ -187,6 +191,8 @@ impl Action {
             Self::AddLenslet,
             Self::StartRun,
             Self::StopRun,
+            Self::Accept,
+            Self::LookAway,
             Self::KeepDesign,
             Self::Maximise,
             Self::Shortcuts,
@@ -230,6 +236,8 @@ impl Action {
             Self::AddLenslet => "Add a lenslet",
             Self::StartRun => "Start a run that optimizes the mask",
             Self::StopRun => "Stop the run",
+            Self::Accept => "Accept this mask",
+            Self::LookAway => "Back to the design",
             Self::KeepDesign => "Keep this design to compare",
             Self::ResetLayout => "Reset layout",
             Self::RememberLayout(number) => return format!("Remember as layout {number}").into(),
@@ -257,6 +265,7 @@ impl Action {
             Self::SelectAll | Self::AddLenslet => state.lenslet_count() > 0,
             Self::StartRun => state.lenslet_count() > 0 && !state.run.as_ref().is_some_and(DesignRun::is_active),
             Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
+            Self::Accept | Self::LookAway => state.bench.is_looking(),
             Self::Delete => !state.selection.is_empty(),
             Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
             Self::ExportMeasurements => state.live.measurements.is_some(),
@@ -340,6 +349,12 @@ impl Action {
                 state.arrange = Some(Arrange::Show(Pane::Optimize));
             }
             Self::StopRun => state.bench.stop_run(),
+            Self::Accept => {
+                if !state.bench.accept() {
+                    state.guard(ctx, super::state::Leave::Accept);
+                }
+            }
+            Self::LookAway => state.bench.look_away(),
             Self::KeepDesign => {
                 state.keep_snapshot();
                 state.arrange = Some(Arrange::Show(Pane::Compare));

@@ -12,7 +12,7 @@ use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
 use super::window::RendererChoice;
-use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, sheets, welcome};
+use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, sheets, welcome};
 use crate::objects::ObjectSource;
 use crate::workbench::{Activity, ActivityState, Design, Job, Outcome, Recovered, Snapshots, Workbench};
 
@@ -238,6 +238,7 @@ impl Studio {
         capture::go_on(ui.ctx(), &mut self.state);
         Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
         self.state.messages.banner(ui);
+        run_strip::show(ui, &mut self.state);
         // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
         // room is taken first, its text drawn last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;

@@ -17,7 +17,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     // A save that was cancelled or failed leaves the question open.
     leaving.saving = false;
     let what = leaving.what.clone();
-    // A run leaves the design as it is until its masks come, and those can be undone.
+    // A run leaves the design as it is.
     let dirty = what != Leave::Run && state.bench.is_dirty();
     let work = if what == Leave::Close { going_on(state) } else { None };
     let mut leave = false;
@@ -29,9 +29,12 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
             ui.heading("Give up the last run?");
             let (step, steps) = (run.step, run.settings.steps);
-            ui.label(format!(
-                "It was stopped at step {step} of {steps} and could still go on. Its mask stays as it is."
-            ));
+            let end = if run.can_go_on() {
+                format!("It was stopped at step {step} of {steps} and could still go on.")
+            } else {
+                "It came to its end, and none of its masks was accepted.".into()
+            };
+            ui.label(format!("{end} Its masks are lost where another run takes its place."));
         } else {
             ui.heading("Close the window?");
         }
@@ -41,8 +44,6 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if dirty && ui.button("Save").clicked() {
-                // Masks that come after the save would be changes again.
-                state.bench.follow_run(false);
                 Action::Save.run(ctx, state);
                 if let Some(leaving) = &mut state.leaving {
                     leaving.saving = true;
@@ -68,6 +69,9 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
 
 /// What the window's end would interrupt, in words.
 pub fn going_on(state: &State) -> Option<&'static str> {
+    if state.bench.has_untaken_result() {
+        return Some("The run came to its end, and none of its masks was accepted: they would be lost.");
+    }
     let open = state.bench.activities();
     let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
     match (is_open(ActivityKind::Run), is_open(ActivityKind::Estimate)) {

@@ -128,6 +128,8 @@ pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     entry(ui, state, Action::SelectAll);
     entry(ui, state, Action::Delete);
     ui.separator();
+    entry(ui, state, Action::Accept);
+    entry(ui, state, Action::LookAway);
     entry(ui, state, Action::KeepDesign);
     entry(ui, state, Action::CopyNumbers);
     entry(ui, state, Action::CopyCommand);

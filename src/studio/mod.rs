@@ -27,6 +27,7 @@ mod optimize_panel;
 mod overlays;
 mod palette;
 mod recovery;
+mod run_strip;
 mod sample_panels;
 mod scene_panel;
 mod sheets;

@@ -90,8 +90,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     ui.separator();
     let Some(run) = run else {
         ui.weak(
-            "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask follows \
-             the run; an edit takes over from it, and Undo brings back what was there.",
+            "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask of \
+             the run is shown in place of your design, which stays as it is until you accept one.",
         );
         return;
     };
@@ -298,7 +298,7 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             state.bench.stop_run();
         }
         let mut follow = state.bench.is_following();
-        let hint = "The mask shows the run as it goes; an edit, or a look at an earlier step, ends that";
+        let hint = "Shows the masks of the run as they come, in place of your design";
         if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
             state.optimize_form.frame = None;
             state.bench.follow_run(follow);
@@ -347,13 +347,13 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         if slider.changed() && shown <= last {
             state.optimize_form.frame = Some(shown);
             state.bench.follow_run(false);
-            state.bench.show_mask(&run.frames[shown].array, &run.start);
+            state.bench.look_at(&run.frames[shown].array, &run.start);
         }
     });
     ui.horizontal_wrapped(|ui| {
         if ui.button("Show newest").clicked() {
             state.optimize_form.frame = None;
-            state.bench.show_mask(&run.array, &run.start);
+            state.bench.look_at(&run.array, &run.start);
             state.bench.follow_run(run.is_active());
         }
         let back = ui.button("Back to start").on_hover_text("The mask that the run started from");
@@ -362,7 +362,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         {
             state.optimize_form.frame = Some(0);
             state.bench.follow_run(false);
-            state.bench.show_mask(array, &run.start);
+            state.bench.look_at(array, &run.start);
         }
         let export = ui.small_button("Curve CSV...");
         name_widget(&export, "Export curve of run");
@@ -465,7 +465,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             };
             let text = format!("{}. {}: {bits}", place + 1, result.name);
             let open = ui.button(text).on_hover_text(
-                "Puts this design in place. Its numbers, bits per pixel on held-out objects, come from models of their own: \
+                "Shows this design. Its numbers, bits per pixel on held-out objects, come from models of their own: \
                  a bracket, ranked by its lower bound, or the live estimate where no lower bound is known.",
             );
             name_widget(&open, &format!("Result {}", place + 1));
@@ -473,7 +473,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 && let Some(array) = result.design.encoder.lenslets()
             {
                 state.bench.follow_run(false);
-                state.bench.show_mask(array, &result.design);
+                state.bench.look_at(array, &result.design);
             }
         });
     }

@@ -120,6 +120,8 @@ pub enum Leave {
     Close,
     /// Starting a run in place of the last one.
     Run,
+    /// Opening the mask of the run that is shown as a design of its own.
+    Accept,
 }
 
 /// A wish for the rooms.
@@ -318,7 +320,7 @@ impl State {
     /// Does what leaves the open design or a run behind, at once or after a question about what would be lost.
     pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
         let asks = match what {
-            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on),
+            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.has_untaken_result(),
             Leave::Close => self.bench.is_dirty() || leaving::going_on(self).is_some(),
             _ => self.bench.is_dirty(),
         };
@@ -345,6 +347,7 @@ impl State {
             Leave::OpenFile(path) => self.bench.open_file(path),
             Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
             Leave::Run => optimize_panel::start(self),
+            Leave::Accept => self.bench.accept_as_new(),
         }
     }
 

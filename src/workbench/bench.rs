@@ -2,47 +2,45 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
 
 use super::activity::{Activities, Activity, ActivityKind};
 use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimation::EstimateRequest;
 use super::estimator::{EstimateOrder, Estimates};
-use super::evaluation::EvaluationError;
-use super::history::{Gesture, History, Version};
-use super::ideal::{DesignRun, Designer, KeptRun, RunStatus, Start};
+use super::history::{History, Version};
+use super::ideal::Designer;
 use super::jobs::{Job, Outcome};
 use super::recovery::{Autosave, Recovered};
 use super::threads::{Threads, Wake};
+use super::watched::WatchedRun;
 use super::worker::{Live, Worker};
-use crate::design::IdealSettings;
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
-use crate::optics::{Encoder, LensletArray};
 
 /// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
 ///
-/// Every change goes through [`Workbench::apply`], undo and redo, or the masks of a run; every change makes a new revision
-/// and asks the worker for its numbers. Revisions never repeat, so equal revisions mean equal designs.
+/// Every change goes through [`Workbench::apply`], undo and redo, or [`Workbench::accept`] for a mask of a run; whatever is
+/// shown makes a new revision and asks the worker for its numbers. Revisions never repeat, so equal revisions mean equal
+/// designs.
 pub struct Workbench {
-    design: Arc<Design>,
-    revision: u64,
-    /// Number of the design's contents: unlike its revision, it comes back with an undo.
-    contents: u64,
+    /// What is shown: the open design, or a mask of the run that is looked at in its place.
+    pub(super) design: Arc<Design>,
+    /// The open design while something else is shown.
+    pub(super) open: Option<Arc<Design>>,
+    pub(super) revision: u64,
+    /// Number of the open design's contents: unlike its revision, it comes back with an undo.
+    pub(super) contents: u64,
     saved_contents: u64,
     /// Number of the document: another one is open after New and Open, whatever the last one is still waiting for.
     document: u64,
-    history: History,
+    pub(super) history: History,
     path: Option<PathBuf>,
     threads: Threads,
     activities: Activities,
-    worker: Worker,
-    designer: Designer,
-    /// Runs so far.
-    runs: u64,
-    /// Whether the design shows the masks of the run as they come.
-    following: bool,
+    pub(super) worker: Worker,
+    pub(super) designer: Designer,
+    pub(super) watched: WatchedRun,
     autosave: Option<Autosave>,
 }
 
@@ -64,6 +62,7 @@ impl Workbench {
         worker.evaluate(1, Arc::clone(&design));
         Ok(Self {
             design,
+            open: None,
             revision: 1,
             contents: 1,
             saved_contents: 1,
@@ -74,23 +73,27 @@ impl Workbench {
             designer: Designer::new(wake, threads.clone(), activities.clone()),
             threads,
             activities,
-            runs: 0,
-            following: false,
+            watched: WatchedRun::default(),
             autosave: None,
         })
     }
 
-    /// The open design.
+    /// What is shown: the open design, or a mask of the run that is [looked at](Workbench::look_at) in its place.
     pub fn design(&self) -> &Arc<Design> {
         &self.design
     }
 
-    /// Its revision.
+    /// The open design, whatever is shown.
+    pub fn open_design(&self) -> &Arc<Design> {
+        self.open.as_ref().unwrap_or(&self.design)
+    }
+
+    /// Revision of what is shown.
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// Whether the design differs from its file (or, without one, from how it was opened).
+    /// Whether the open design differs from its file (or, without one, from how it was opened).
     pub fn is_dirty(&self) -> bool {
         self.contents != self.saved_contents
     }
@@ -167,17 +170,25 @@ impl Workbench {
         self.worker.estimator().cancel();
     }
 
-    /// Changes the design.
+    /// Changes the design. Whoever edits a mask of the run has accepted it.
     ///
     /// # Errors
     /// [`CommandError`] where the command cannot be done; the design is then as it was.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
-        let changed = command.applied_to(&self.design)?;
-        if changed != *self.design {
-            // Whoever edits has taken over from the run.
-            self.following = false;
-            self.change(changed, command.label(), Gesture::Hand(command.kind()));
+        if command.puts_mask() {
+            self.look_away();
         }
+        let changed = command.applied_to(&self.design)?;
+        if changed == *self.design {
+            return Ok(());
+        }
+        if self.is_looking() && !self.accept() {
+            return Err(CommandError::OfRun);
+        }
+        self.watched.following = false;
+        self.history.note(self.version(), command.label(), command.kind());
+        self.show(Arc::new(changed));
+        self.contents = self.revision;
         Ok(())
     }
 
@@ -188,36 +199,41 @@ impl Workbench {
 
     /// What [`Workbench::undo`] would undo.
     pub fn undoes(&self) -> Option<&str> {
-        self.history.undoes()
+        if self.is_looking() { Some("Look at the run") } else { self.history.undoes() }
     }
 
     /// What [`Workbench::redo`] would redo.
     pub fn redoes(&self) -> Option<&str> {
-        self.history.redoes()
+        self.history.redoes().filter(|_| !self.is_looking())
     }
 
-    /// Goes one step back.
+    /// Goes one step back; from a mask of the run to the open design.
     pub fn undo(&mut self) {
-        if let Some(version) = self.history.undo(self.version()) {
+        if self.is_looking() {
+            self.look_away();
+        } else if let Some(version) = self.history.undo(self.version()) {
             self.go_to(version);
         }
     }
 
     /// Goes one step forth again.
     pub fn redo(&mut self) {
-        if let Some(version) = self.history.redo(self.version()) {
+        if !self.is_looking()
+            && let Some(version) = self.history.redo(self.version())
+        {
             self.go_to(version);
         }
     }
 
     fn go_to(&mut self, version: Version) {
-        self.following = false;
+        self.watched.following = false;
         self.contents = version.number;
         self.show(version.design);
     }
 
-    fn version(&self) -> Version {
-        Version { design: Arc::clone(&self.design), number: self.contents }
+    /// The open design as a step of the past.
+    pub(super) fn version(&self) -> Version {
+        Version { design: Arc::clone(self.open_design()), number: self.contents }
     }
 
     /// Takes up a design that was read from `path`.
@@ -232,7 +248,8 @@ impl Workbench {
 
     /// Another document: what was done to the last one is forgotten.
     fn take_up(&mut self, design: Design, path: Option<PathBuf>) {
-        self.following = false;
+        self.watched.following = false;
+        self.open = None;
         self.document += 1;
         self.history.clear();
         self.show(Arc::new(design));
@@ -241,14 +258,13 @@ impl Workbench {
         self.path = path;
     }
 
-    /// A change that can be undone.
-    fn change(&mut self, design: Design, label: String, gesture: Gesture) {
-        self.history.note(self.version(), label, gesture);
-        self.show(Arc::new(design));
-        self.contents = self.revision;
+    /// Another document that is in no file yet.
+    pub(super) fn take_up_unsaved(&mut self, design: Design, path: Option<PathBuf>) {
+        self.take_up(design, path);
+        self.saved_contents = 0;
     }
 
-    fn show(&mut self, design: Arc<Design>) {
+    pub(super) fn show(&mut self, design: Arc<Design>) {
         self.revision += 1;
         self.design = design;
         self.worker.evaluate(self.revision, Arc::clone(&self.design));
@@ -269,93 +285,15 @@ impl Workbench {
     /// the last attempt failed, once.
     pub fn note_unsaved(&mut self) -> Option<String> {
         let unsaved = (self.contents, self.is_dirty());
-        self.autosave.as_mut()?.note(&self.design, unsaved, self.path.as_deref())
+        let design = self.open.as_ref().unwrap_or(&self.design);
+        self.autosave.as_mut()?.note(design, unsaved, self.path.as_deref())
     }
 
     /// Takes up what was left behind; it has unsaved changes.
     pub fn recover(&mut self, recovered: Recovered) {
-        self.take_up(recovered.design.clone(), recovered.path.clone());
-        self.saved_contents = 0;
+        self.take_up_unsaved(recovered.design.clone(), recovered.path.clone());
         if let Some(autosave) = &self.autosave {
             autosave.supersede(recovered);
-        }
-    }
-
-    /// The run that goes on or went on last.
-    pub fn run(&self) -> Option<DesignRun> {
-        self.designer.run()
-    }
-
-    /// Keeps the states of runs in a folder, so that they survive the program. Tells whether a run was interrupted there:
-    /// it can go on.
-    ///
-    /// # Errors
-    /// Where the folder cannot be made.
-    pub fn keep_runs_in(&self, folder: &Path) -> Result<bool, EvaluationError> {
-        Ok(self.designer.keep_in(KeptRun::in_folder(folder)?))
-    }
-
-    /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored for so long.
-    ///
-    /// # Errors
-    /// One sentence where another run goes on, or the mask allows none.
-    pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
-        self.designer.start(starts, settings, score)?;
-        self.runs += 1;
-        self.following = true;
-        Ok(())
-    }
-
-    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
-    ///
-    /// # Errors
-    /// One sentence where there is none.
-    pub fn extend_run(&mut self, steps: usize, score: Duration) -> Result<(), String> {
-        self.designer.extend(steps, score)?;
-        self.following = true;
-        Ok(())
-    }
-
-    /// Lets the run wait, or go on.
-    pub fn pause_run(&self, pause: bool) {
-        self.designer.pause(pause);
-    }
-
-    /// Ends the run; its mask stays, and it can go on later.
-    pub fn stop_run(&self) {
-        self.designer.stop();
-    }
-
-    /// Whether the design shows the masks of the run as they come.
-    pub fn is_following(&self) -> bool {
-        self.following
-    }
-
-    /// Shows the masks of the run as they come, or leaves the design as it is.
-    pub fn follow_run(&mut self, follow: bool) {
-        self.following = follow;
-    }
-
-    /// Takes up what has become of the run, its mask where it is followed, and returns it. To be called for every frame of
-    /// the window.
-    pub fn take_up_run(&mut self) -> Option<DesignRun> {
-        let run = self.designer.run();
-        self.worker.estimator().hold(run.as_ref().is_some_and(|run| run.status == RunStatus::Running));
-        if self.following
-            && let Some(run) = &run
-        {
-            self.show_mask(&run.array, &run.start);
-            self.following = run.is_active();
-        }
-        run
-    }
-
-    /// Puts a mask of the run in place, before the scene that it was designed for. All masks of one run are one step of
-    /// the past.
-    pub fn show_mask(&mut self, array: &LensletArray, start: &Design) {
-        let changed = Design { encoder: Encoder::Lenslets(array.clone()), ..start.clone() };
-        if changed != *self.design {
-            self.change(changed, "Optimize the mask".into(), Gesture::Run(self.runs));
         }
     }
 
@@ -369,16 +307,14 @@ impl Workbench {
         self.worker.submit(job);
     }
 
-    /// Saves the design as it is now.
+    /// Saves the open design as it is now.
     pub fn save_to(&self, path: PathBuf) {
-        let (design, document, contents) = (Arc::clone(&self.design), self.document, self.contents);
+        let (design, document, contents) = (Arc::clone(self.open_design()), self.document, self.contents);
         self.submit(Job::SaveDesign { design, document, contents, path });
     }
 
-    /// Opens a design file in place of the open design, unless that is changed before the file has been read. A run is no
-    /// longer followed, since its masks would be such changes.
-    pub fn open_file(&mut self, path: PathBuf) {
-        self.following = false;
+    /// Opens a design file in place of the open design, unless that is changed before the file has been read.
+    pub fn open_file(&self, path: PathBuf) {
         self.submit(Job::OpenDesign { replaces: self.contents, path });
     }
 

@@ -78,6 +78,12 @@ pub enum CommandError {
         /// Lenslets there are.
         count: usize,
     },
+    /// The mask that is shown is one of the run, and the open design has changed since the run was started.
+    #[error(
+        "a mask of the run is shown, and the design has changed since the run was started; open the mask as a design of its \
+         own to edit it"
+    )]
+    OfRun,
     /// The changed design could not be computed.
     #[error(transparent)]
     Design(#[from] DesignError),
@@ -108,6 +114,11 @@ impl Command {
             Self::SetSeed(seed) => format!("Set seed to {seed}"),
             Self::SetLimits(_) => "Change limits".into(),
         }
+    }
+
+    /// Whether it puts a mask in place, whatever was there.
+    pub fn puts_mask(&self) -> bool {
+        matches!(self, Self::ReplaceEncoder { .. } | Self::ReplaceDesign { .. })
     }
 
     /// What it changes: commands of one kind that follow each other make one step of a gesture.

@@ -30,15 +30,6 @@ struct Step {
     version: Version,
 }
 
-/// What makes changes one step.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Gesture {
-    /// Changes of this kind while the pointer is held down, or shortly after each other where it is not.
-    Hand(String),
-    /// All masks of a run of this number.
-    Run(u64),
-}
-
 /// Whether the pointer is held down, and how often it has been pressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Pointer {
@@ -51,8 +42,8 @@ struct Pointer {
 pub struct History {
     past: Vec<Step>,
     future: Vec<Step>,
-    /// The last change: its gesture, when it was made, and at which state of the pointer.
-    last: Option<(Gesture, Instant, Pointer)>,
+    /// The last change: its kind, when it was made, and at which state of the pointer.
+    last: Option<(String, Instant, Pointer)>,
     pointer: Pointer,
 }
 
@@ -63,16 +54,14 @@ impl History {
         self.pointer.down = down;
     }
 
-    /// Notes that the design `before` is about to change; the changes of one gesture are one step.
-    pub fn note(&mut self, before: Version, label: String, gesture: Gesture) {
+    /// Notes that the design `before` is about to change. Changes of one kind are one step while the pointer is held down, or
+    /// shortly after each other where it is not.
+    pub fn note(&mut self, before: Version, label: String, kind: String) {
         let now = Instant::now();
         let same = self.last.as_ref().is_some_and(|(last, at, pointer)| {
-            let goes_on = match gesture {
-                Gesture::Run(_) => true,
-                // Every click is a gesture of its own, however soon it comes.
-                Gesture::Hand(_) => *pointer == self.pointer && (pointer.down || now.duration_since(*at) < ONE_STEP),
-            };
-            *last == gesture && goes_on
+            // Every click is a gesture of its own, however soon it comes.
+            let goes_on = *pointer == self.pointer && (pointer.down || now.duration_since(*at) < ONE_STEP);
+            *last == kind && goes_on
         });
         self.future.clear();
         if let Some(step) = self.past.last_mut().filter(|_| same) {
@@ -82,7 +71,7 @@ impl History {
             self.past.push(Step { label, version: before });
             self.forget();
         }
-        self.last = Some((gesture, now, self.pointer));
+        self.last = Some((kind, now, self.pointer));
     }
 
     /// Nothing can be undone or redone any more: another document is open.
@@ -137,33 +126,25 @@ mod tests {
         Version { design, number }
     }
 
-    fn hand(kind: &str) -> Gesture {
-        Gesture::Hand(kind.into())
-    }
-
     #[test]
     fn a_gesture_is_one_step_and_steps_go_both_ways() {
         let mut history = History::default();
         for press in 0..2 {
             history.note_pointer(true);
             for number in 0..5 {
-                history.note(version(5 * press + number), "Move lenslet".into(), hand("move 1"));
+                history.note(version(5 * press + number), "Move lenslet".into(), "move 1".into());
             }
             history.note_pointer(false);
         }
-        history.note(version(10), "Add lenslet".into(), hand("add"));
-        for number in 11..14 {
-            history.note(version(number), "Optimize".into(), Gesture::Run(1));
-        }
-        assert_eq!((history.undoes(), history.redoes()), (Some("Optimize"), None));
-        assert_eq!(history.undo(version(14)).unwrap().number, 11);
+        history.note(version(10), "Add lenslet".into(), "add".into());
+        assert_eq!((history.undoes(), history.redoes()), (Some("Add lenslet"), None));
         assert_eq!(history.undo(version(11)).unwrap().number, 10);
         assert_eq!(history.undo(version(10)).unwrap().number, 5);
         assert_eq!(history.undo(version(5)).unwrap().number, 0);
         assert!(history.undo(version(0)).is_none());
         assert_eq!(history.redoes(), Some("Move lenslet"));
         assert_eq!(history.redo(version(0)).unwrap().number, 5);
-        history.note(version(5), "Set seed".into(), hand("seed"));
+        history.note(version(5), "Set seed".into(), "seed".into());
         assert_eq!(history.redoes(), None, "a change after an undo leaves nothing to redo");
     }
 
@@ -173,11 +154,11 @@ mod tests {
         for number in 0..3 {
             history.note_pointer(true);
             history.note_pointer(false);
-            history.note(version(number), format!("Set seed to {}", number + 1), hand("seed"));
+            history.note(version(number), format!("Set seed to {}", number + 1), "seed".into());
         }
         assert_eq!(history.past.len(), 3);
         for (number, typed) in [(3, "2"), (4, "25"), (5, "250")] {
-            history.note(version(number), format!("Set mean to {typed} photons"), hand("mean photons"));
+            history.note(version(number), format!("Set mean to {typed} photons"), "mean photons".into());
         }
         assert_eq!((history.past.len(), history.undoes()), (4, Some("Set mean to 250 photons")));
         assert_eq!(history.undo(version(6)).unwrap().number, 3);
@@ -187,7 +168,7 @@ mod tests {
     fn the_oldest_steps_are_forgotten() {
         let mut history = History::default();
         for number in 0..STEPS as u64 + 50 {
-            history.note(version(number), "Set seed".into(), Gesture::Run(number));
+            history.note(version(number), "Set seed".into(), number.to_string());
         }
         assert_eq!(history.past.len(), STEPS);
         assert_eq!(history.past[0].version.number, 50);

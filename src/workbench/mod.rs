@@ -26,6 +26,7 @@ mod snapshots;
 mod stacks;
 pub mod study;
 mod threads;
+mod watched;
 mod worker;
 
 pub use activity::{Activity, ActivityKind, ActivityState};

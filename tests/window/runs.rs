@@ -16,9 +16,11 @@ fn a_run_is_started_watched_rewound_and_undone() {
     click(&mut window, "Start run");
     let frames = |window: &Window| studio(window).bench().run().map_or(0, |run| run.frames.len());
     wait_for(&mut window, "the third refit", |window| frames(window) >= 3);
-    // The mask in the window is that of the run, and everything that depends on it follows.
+    // The mask in the window is that of the run, and everything that depends on it follows; the design is as it was.
     assert_ne!(lenslets(&window), before);
-    assert!(studio(&window).bench().is_following());
+    assert!(studio(&window).bench().is_following() && studio(&window).bench().is_looking());
+    assert_eq!(open_lenslets(&window), before);
+    assert!(!studio(&window).bench().is_dirty());
     let run = studio(&window).bench().run().unwrap();
     assert!(run.frames[0].bits_per_pixel > 0.1 && run.frames[2].step == 40);
     assert_eq!(run.settings.objective, Objective::Posterior, "the prior of beads is known");
@@ -46,7 +48,14 @@ fn a_run_is_started_watched_rewound_and_undone() {
     click(&mut window, "Show newest");
     assert_eq!(lenslets(&window), stopped);
 
-    // All of it is one step.
+    // Looking at it changes nothing, and accepting it is one step.
+    menu(&mut window, &["Edit", "Undo look at the run"]);
+    assert_eq!(lenslets(&window), before);
+    click(&mut window, "Show newest");
+    assert!(!studio(&window).bench().is_dirty());
+    click(&mut window, "Accept this mask");
+    assert_eq!(open_lenslets(&window), stopped);
+    assert!(studio(&window).bench().is_dirty() && !studio(&window).bench().is_looking());
     menu(&mut window, &["Edit", "Undo optimize the mask"]);
     assert_eq!(lenslets(&window), before);
     assert!(!studio(&window).bench().is_dirty(), "what was saved is there again");
@@ -58,6 +67,7 @@ fn a_run_is_started_watched_rewound_and_undone() {
     window.get_by_label("Give up the last run?");
     click(&mut window, "Cancel");
     assert_eq!(lenslets(&window), stopped);
+    // What it brings later can take the place of what was accepted.
     click(&mut window, "Go on");
     wait_for(&mut window, "the next steps", |window| studio(window).bench().run().unwrap().step > paused + 5);
     click(&mut window, "Stop run");
@@ -82,13 +92,37 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     assert_eq!((settings.objective, settings.patch), (Objective::Density, Some((16, 16))));
     assert_eq!(IdealSettings { patch: Some((32, 32)), ..settings }, density_for(&Design::default()));
     click(&mut window, "Add lenslet");
-    assert!(!studio(&window).bench().is_following());
+    assert!(!studio(&window).bench().is_following() && !studio(&window).bench().is_looking());
     let edited = lenslets(&window);
     assert_eq!(edited.len(), 10);
     let step = studio(&window).bench().run().unwrap().step;
     wait_for(&mut window, "the run to go on", |window| studio(window).bench().run().unwrap().step > step + 1);
     assert_eq!(lenslets(&window), edited);
     click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+
+    // The design is no longer what the run started from: a mask of the run can be had as a design of its own.
+    click(&mut window, "Show newest");
+    let newest = lenslets(&window);
+    click(&mut window, "Add lenslet");
+    assert_eq!(lenslets(&window), newest, "an edit of it would be lost with the design, or the design with it");
+    click(&mut window, "Back to the design");
+    assert_eq!(lenslets(&window), edited);
+    click(&mut window, "Show newest");
+    click(&mut window, "Accept this mask");
+    window.get_by_label("Save your changes?");
+    click(&mut window, "Cancel");
+    assert_eq!(open_lenslets(&window), edited);
+    click(&mut window, "Accept this mask");
+    click(&mut window, "Discard");
+    let bench = studio(&window).bench();
+    assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_dirty()), (newest, None, true));
+}
+
+/// Lenslets of the open design, whatever is shown.
+fn open_lenslets(window: &Window) -> Vec<Lenslet> {
+    let design = studio(window).bench().open_design();
+    design.encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
 }
 
 fn density_for(design: &Design) -> IdealSettings {

@@ -1,0 +1,157 @@
+//! The run beside the open design: its masks are looked at, and accepted if they please; it never touches the design itself.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::bench::Workbench;
+use super::design::Design;
+use super::evaluation::EvaluationError;
+use super::ideal::{DesignRun, KeptRun, RunStatus, Start};
+use crate::design::IdealSettings;
+use crate::optics::{Encoder, LensletArray};
+
+/// What the workbench knows of the run beside the run itself.
+#[derive(Debug, Default)]
+pub(super) struct WatchedRun {
+    /// Whether masks are shown as they come.
+    pub following: bool,
+    /// Numbers of the contents from which the run was started, and of those that its masks made of them.
+    contents: Vec<u64>,
+    /// Whether one of its masks was accepted since it went on last.
+    accepted: bool,
+}
+
+impl Workbench {
+    /// The run that goes on or went on last.
+    pub fn run(&self) -> Option<DesignRun> {
+        self.designer.run()
+    }
+
+    /// Keeps the states of runs in a folder, so that they survive the program. Tells whether a run was interrupted there:
+    /// it can go on.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    pub fn keep_runs_in(&self, folder: &Path) -> Result<bool, EvaluationError> {
+        Ok(self.designer.keep_in(KeptRun::in_folder(folder)?))
+    }
+
+    /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored for so long.
+    ///
+    /// # Errors
+    /// One sentence where another run goes on, or the mask allows none.
+    pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
+        self.designer.start(starts, settings, score)?;
+        self.watched = WatchedRun { following: true, contents: vec![self.contents], accepted: false };
+        Ok(())
+    }
+
+    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
+    ///
+    /// # Errors
+    /// One sentence where there is none.
+    pub fn extend_run(&mut self, steps: usize, score: Duration) -> Result<(), String> {
+        self.designer.extend(steps, score)?;
+        (self.watched.following, self.watched.accepted) = (true, false);
+        Ok(())
+    }
+
+    /// Lets the run wait, or go on.
+    pub fn pause_run(&self, pause: bool) {
+        self.designer.pause(pause);
+    }
+
+    /// Ends the run; its mask stays, and it can go on later.
+    pub fn stop_run(&self) {
+        self.designer.stop();
+    }
+
+    /// Whether masks of the run are shown as they come.
+    pub fn is_following(&self) -> bool {
+        self.watched.following
+    }
+
+    /// Shows the masks of the run as they come, or leaves what is shown as it is.
+    pub fn follow_run(&mut self, follow: bool) {
+        self.watched.following = follow;
+    }
+
+    /// Takes up what has become of the run, shows its mask where it is followed, and returns it. To be called for every
+    /// frame of the window.
+    pub fn take_up_run(&mut self) -> Option<DesignRun> {
+        let run = self.designer.run();
+        self.worker.estimator().hold(run.as_ref().is_some_and(|run| run.status == RunStatus::Running));
+        if self.watched.following
+            && let Some(run) = &run
+        {
+            self.look_at(&run.array, &run.start);
+            self.watched.following = run.is_active();
+        }
+        run
+    }
+
+    /// Shows a mask of the run, before the scene that it was designed for, in place of the open design, which stays as it is.
+    pub fn look_at(&mut self, array: &LensletArray, start: &Design) {
+        let shown = Design { encoder: Encoder::Lenslets(array.clone()), ..start.clone() };
+        if shown == **self.open_design() {
+            if let Some(open) = self.open.take() {
+                self.show(open);
+            }
+        } else if shown != *self.design {
+            self.open = Some(Arc::clone(self.open_design()));
+            self.show(Arc::new(shown));
+        }
+    }
+
+    /// Whether a mask of the run is shown in place of the open design.
+    pub fn is_looking(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// Shows the open design again.
+    pub fn look_away(&mut self) {
+        self.watched.following = false;
+        if let Some(open) = self.open.take() {
+            self.show(open);
+        }
+    }
+
+    /// Whether the mask that is looked at can take the place of the open design: that has not changed since the run was
+    /// started, but by masks of the run.
+    pub fn can_accept(&self) -> bool {
+        let is_start = || self.designer.run().is_some_and(|run| *run.start == **self.open_design());
+        self.is_looking() && (self.watched.contents.contains(&self.contents) || is_start())
+    }
+
+    /// Puts the mask that is looked at in the place of the open design, as one step of its past; tells whether that was
+    /// [possible](Workbench::can_accept).
+    pub fn accept(&mut self) -> bool {
+        if !self.can_accept() {
+            return false;
+        }
+        self.watched.following = false;
+        // Every mask that is accepted is a step of its own.
+        let (before, kind) = (self.version(), format!("accept {}", self.revision));
+        self.history.note(before, "Optimize the mask".into(), kind);
+        self.open = None;
+        self.contents = self.revision;
+        self.watched.contents.push(self.contents);
+        self.watched.accepted = true;
+        true
+    }
+
+    /// Opens the mask that is looked at as a design of its own, which is in no file yet.
+    pub fn accept_as_new(&mut self) {
+        if self.is_looking() {
+            self.take_up_unsaved(Design::clone(&self.design), None);
+            self.watched.accepted = true;
+        }
+    }
+
+    /// Whether the run came to its end and nobody has taken up what it found.
+    pub fn has_untaken_result(&self) -> bool {
+        let finished = |run: DesignRun| run.status == RunStatus::Finished;
+        !self.watched.accepted && self.designer.run().is_some_and(finished)
+    }
+}
