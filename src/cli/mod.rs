@@ -13,6 +13,7 @@ mod headless;
 mod look;
 mod measure;
 mod output;
+mod repeat;
 mod study;
 mod tamura;
 
@@ -57,6 +58,8 @@ enum Command {
     Tamura(tamura::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
+    /// Compute a live estimate of the window again, from the record that the window wrote of it.
+    Repeat(repeat::Arguments),
     /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
     Design(design::Arguments),
     /// Estimate a whole table of objects, designs and patches, resumable, into files.
@@ -128,6 +131,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Look(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
+        Some(Command::Repeat(arguments)) => arguments.run(),
         Some(Command::Design(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
         Some(Command::FirstDecoder(arguments)) => arguments.run(),

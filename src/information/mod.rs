@@ -35,14 +35,14 @@ pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
-    CausalFit, CausalModel, CausalRequest, CausalShape, FitKeeper, FitLength, Moments, PatchBatch, PatchStream,
-    causal_estimate, causal_model, information_map, score,
+    CausalFit, CausalModel, CausalRequest, CausalShape, CausalStart, FitKeeper, FitLength, Moments, PatchBatch,
+    PatchStream, causal_estimate, causal_model, information_map, information_over, score,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use decoder::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, FirstProgress, LowerBound, OnFirstStep,
-    PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound, fitted_decoder,
+    OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound, fitted_decoder,
     posterior_lower_bound, posterior_upper_bound, spot_slope,
 };
 pub use dense::MAX_PATCH_PIXELS;

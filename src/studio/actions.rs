@@ -11,7 +11,7 @@ use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
-use crate::workbench::{Command, DesignRun, look_command};
+use crate::workbench::{Command, DesignRun, Job, look_command, repeat_command};
 
 /// Arrangements of rooms that can be remembered.
 const LAYOUTS: usize = 2;
@@ -83,6 +83,8 @@ pub enum Action {
     CopyNumbers,
     /// Puts the command line for them into the clipboard.
     CopyCommand,
+    /// Writes a record from which the live estimate can be computed again.
+    ExportLive,
     /// Shows what is done beside the edits.
     Jobs,
     /// Shows all messages.
@@ -152,7 +154,7 @@ impl Preset {
 
 impl Action {
     /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
-    const WITH_SHORTCUT: [Self; 18] = [
+    const WITH_SHORTCUT: [Self; 20] = [
         Self::SaveAs,
         Self::Palette,
         Self::CopyCommand,
@@ -171,6 +173,8 @@ impl Action {
         Self::Quit,
         Self::Redo,
         Self::Undo,
+        Self::SelectAll,
+        Self::Delete,
     ];
 
     /// Every action, as the palette lists them.
@@ -202,6 +206,7 @@ impl Action {
             Self::About,
             Self::CopyNumbers,
             Self::CopyCommand,
+            Self::ExportLive,
             Self::Jobs,
             Self::Messages,
             Self::Quit,
@@ -251,6 +256,7 @@ impl Action {
             Self::About => "About Lenslet Studio",
             Self::CopyNumbers => "Copy numbers as JSON",
             Self::CopyCommand => "Copy command line",
+            Self::ExportLive => "Export record of the live estimate...",
             Self::Jobs => "Jobs",
             Self::Messages => "Messages",
             Self::Quit => "Quit",
@@ -269,6 +275,7 @@ impl Action {
             Self::Delete => !state.selection.is_empty(),
             Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
             Self::ExportMeasurements => state.live.measurements.is_some(),
+            Self::ExportLive => state.live_estimate().is_some(),
             _ => true,
         }
     }
@@ -283,7 +290,6 @@ impl Action {
             Self::SaveAs => (command | Modifiers::SHIFT, Key::S),
             Self::OpenObjects => (command, Key::L),
             Self::ExportDesign => (command, Key::E),
-            // The canvas reads these keys itself, since text fields have uses of their own for them.
             Self::SelectAll => (command, Key::A),
             Self::Delete => (Modifiers::NONE, Key::Delete),
             Self::Undo => (command, Key::Z),
@@ -305,12 +311,15 @@ impl Action {
 
     /// The action whose shortcut was pressed.
     pub fn pressed(ctx: &egui::Context) -> Option<Self> {
-        // Text fields undo what was typed into them.
         let focused = ctx.memory(egui::Memory::focused);
         let typing = focused.is_some_and(|id| egui::TextEdit::load_state(ctx, id).is_some());
         // What browsers and editors have taught people to press.
         if ctx.input_mut(|input| input.consume_key(Modifiers::COMMAND, Key::K)) {
             return Some(Self::Palette);
+        }
+        // A keyboard without a Delete key has this one.
+        if !typing && ctx.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Backspace)) {
+            return Some(Self::Delete);
         }
         Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text()).find(|action| {
             let shortcut = action.shortcut();
@@ -318,9 +327,9 @@ impl Action {
         })
     }
 
-    /// Whether a text field does this for its own text.
+    /// Whether a text field does this to its own text.
     fn is_for_text(self) -> bool {
-        matches!(self, Self::Undo | Self::Redo)
+        matches!(self, Self::Undo | Self::Redo | Self::SelectAll | Self::Delete)
     }
 
     /// Does it.
@@ -376,8 +385,21 @@ impl Action {
             Self::About => state.sheet = Some(Sheet::About),
             Self::CopyNumbers => information_panel::copy_numbers(ctx, state),
             Self::CopyCommand => {
-                let command = look_command(state.bench.design());
+                let command = match (state.live_record(), &state.folder) {
+                    (Some(record), Some(folder)) => {
+                        let path = folder.join("records").join(record.file_name());
+                        let command = repeat_command(&path);
+                        state.bench.submit(Job::ExportLive { record: Box::new(record), path });
+                        Ok(command)
+                    }
+                    _ => look_command(state.bench.design()),
+                };
                 state.copy_command(ctx, command);
+            }
+            Self::ExportLive => {
+                if let Some(record) = state.live_record() {
+                    state.dialogs.ask(Purpose::ExportLive(Box::new(record)), beside.as_deref());
+                }
             }
             Self::Jobs => state.jobs.open = true,
             Self::Messages => state.messages.log_open = true,

@@ -1,6 +1,8 @@
 //! The studio: menus, rooms, status bar, dropped files, and what happens between frames.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
@@ -15,6 +17,9 @@ use super::window::RendererChoice;
 use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, sheets, welcome};
 use crate::objects::ObjectSource;
 use crate::workbench::{Activity, ActivityState, Design, Job, Outcome, Recovered, Snapshots, Workbench};
+
+/// Least time between two frames that the worker asks for.
+const REPAINT_EVERY: Duration = Duration::from_millis(33);
 
 /// The window's contents.
 pub struct Studio {
@@ -65,8 +70,15 @@ impl Studio {
             // Secondary text is read too: the default is too faint on white.
             style.visuals.weak_text_alpha = 0.75;
         });
-        let repaint = ctx.clone();
-        let bench = Workbench::new(design, path, move || repaint.request_repaint())?;
+        let (repaint, last) = (ctx.clone(), Mutex::new(None::<Instant>));
+        let bench = Workbench::new(design, path, move || {
+            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
+            let wait = last.map_or(Duration::ZERO, |last| REPAINT_EVERY.saturating_sub(last.elapsed()));
+            if wait.is_zero() {
+                *last = Some(Instant::now());
+            }
+            repaint.request_repaint_after(wait);
+        })?;
         let title = String::new();
         Ok(Self {
             state: State::new(bench),
@@ -382,6 +394,9 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
         }
         Ok(Outcome::PsfImported { .. }) => state.selection.clear(),
         Ok(Outcome::Exported { .. }) => state.guide.exported = true,
+        Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
+            state.snapshots.take_up_measurement(*number, measurement.clone());
+        }
         Err(_) => {}
     }
     match outcome {

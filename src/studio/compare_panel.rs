@@ -15,7 +15,7 @@ use super::layout::Pane;
 use super::messages::Severity;
 use super::state::State;
 use super::viewport::Viewport;
-use crate::workbench::{Colormap, Command, Snapshot};
+use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, Snapshots};
 
 /// Side of the small pictures, points.
 const THUMBNAIL: f32 = 30.0;
@@ -107,7 +107,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.separator();
         pair(ui, state);
         ui.separator();
-        scatter(ui, &state.snapshots.entries);
+        scatter(ui, &state.snapshots);
     });
 }
 
@@ -127,9 +127,13 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
         ui.ctx().request_repaint();
     }
     let State { snapshots, comparison, palettes, .. } = state;
-    egui::Grid::new("designs").num_columns(8).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
+    let scenes = snapshots.scenes();
+    egui::Grid::new("designs").num_columns(9).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
         for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
             ui.weak(title);
+        }
+        if scenes.len() > 1 {
+            ui.weak("Scene").on_hover_text("Numbers before different scenes are not comparable");
         }
         ui.end_row();
         let seen = ui.clip_rect().expand(SPACING.y + THUMBNAIL);
@@ -157,7 +161,8 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
             if response.changed() {
                 snapshot.rename(name);
             }
-            ui.label(information(snapshot)).on_hover_text(bounds(snapshot));
+            let text = egui::RichText::new(information(snapshot)).small();
+            ui.label(text).on_hover_text(bounds(snapshot));
             ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
             let lenslets = snapshot.design.encoder.lenslets();
             ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
@@ -171,33 +176,52 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
                 }
             });
             name_widget(&more.response, &format!("More of snapshot {number}"));
+            if scenes.len() > 1 {
+                let scene = snapshot.scene();
+                ui.label(letter_of(&scenes, &scene)).on_hover_text(scene);
+            }
             ui.end_row();
         }
     });
 }
 
-/// What is known of a design's information, in a few characters.
+/// What a scene is called: a letter while there are enough.
+fn letter_of(scenes: &[String], scene: &str) -> String {
+    let place = scenes.iter().position(|known| known == scene).unwrap_or_default();
+    u8::try_from(place)
+        .ok()
+        .filter(|place| *place < 26)
+        .map_or_else(|| (place + 1).to_string(), |place| char::from(b'a' + place).to_string())
+}
+
+/// What is known of a design's information, in a few characters: a line for each side.
 fn information(snapshot: &Snapshot) -> String {
+    let bound = |sign: char, bound: Bits| match bound.half_width() {
+        0.0 => format!("{sign} {:.3}", bound.bits),
+        half => format!("{sign} {:.3} \u{b1} {half:.3}", bound.bits),
+    };
     match (snapshot.lower, snapshot.upper()) {
-        (Some(lower), Some(upper)) => format!("{lower:.3} - {upper:.3}"),
-        (None, Some(upper)) => format!("\u{2264} {upper:.3}"),
+        (Some(lower), Some(upper)) => format!("{}\n{}", bound('\u{2265}', lower), bound('\u{2264}', upper)),
+        (None, Some(upper)) => bound('\u{2264}', upper),
         (_, None) => "-".into(),
     }
 }
 
 /// Every bound of a design.
 fn bounds(snapshot: &Snapshot) -> String {
+    let line =
+        |what: &str, Bits { bits, interval_95: [low, high] }: Bits| format!("{what} {bits:.4} [{low:.4}, {high:.4}]");
     let mut lines = Vec::new();
-    lines.extend(snapshot.lower.map(|bits| format!("At least {bits:.4}")));
-    lines.extend(snapshot.sampled.map(|bits| format!("At most {bits:.4} by posterior sampling")));
+    lines.extend(snapshot.lower.map(|bound| line("At least", bound)));
+    lines.extend(snapshot.sampled.map(|bound| line("By posterior sampling at most", bound)));
     if let Some([lower, upper]) = snapshot.bracket {
-        lines.push(format!("Bracket {lower:.4} to {upper:.4}"));
+        lines.push(format!("{}, {}", line("Bracket from", lower), line("to", upper)));
     }
-    if let Some((bits, [low, high], settled)) = snapshot.live {
+    if let Some((live, settled)) = snapshot.live {
         let state = if settled { "" } else { ", not settled" };
-        lines.push(format!("Live estimate {bits:.4} [{low:.4}, {high:.4}]{state}"));
+        lines.push(line("Live estimate", live) + state);
     }
-    lines.extend(snapshot.gaussian.map(|bits| format!("Gaussian bound {bits:.4}")));
+    lines.extend(snapshot.gaussian.map(|bound| line("Gaussian bound", bound)));
     lines.extend(snapshot.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
     format!("{}\nbits per pixel, 32 x 32 px patches", lines.join("\n"))
 }
@@ -221,6 +245,9 @@ fn thumbnail(ui: &mut Ui, comparison: &mut Comparison, palettes: &super::image_v
 
 /// One picture that flips between two designs, or their difference.
 fn pair(ui: &mut Ui, state: &mut State) {
+    if state.comparison.what == What::Measurement {
+        measure(state);
+    }
     let State { snapshots, comparison, palettes, hover, .. } = state;
     let [Some(a), Some(b)] = comparison.pair.map(|number| snapshots.get(number?)) else {
         ui.weak("Choose A and B to compare their pictures.");
@@ -259,7 +286,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
         shown.colour_controls(ui, palettes);
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
-        ui.weak("Not measured in this window yet: open the design once, and its measurement comes.");
+        ui.weak("Measuring");
         return;
     };
     if one.dim() != other.dim() {
@@ -300,6 +327,19 @@ fn pair(ui: &mut Ui, state: &mut State) {
     comparison.viewport = view.viewport;
 }
 
+/// Asks for the measurements of the pair that are not known, as those of another day are not.
+fn measure(state: &mut State) {
+    for number in state.comparison.pair.into_iter().flatten() {
+        let snapshot = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number);
+        if let Some(snapshot) = snapshot
+            && snapshot.wants_measurement()
+        {
+            let (name, design) = (snapshot.name.clone(), snapshot.design.clone());
+            state.bench.submit(Job::MeasureSnapshot { number, name, design });
+        }
+    }
+}
+
 fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
     match what {
         What::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
@@ -309,7 +349,8 @@ fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
 }
 
 /// Information against Tamura coefficient.
-fn scatter(ui: &mut Ui, snapshots: &[Snapshot]) {
+fn scatter(ui: &mut Ui, all: &Snapshots) {
+    let (snapshots, scenes) = (&all.entries, all.scenes());
     let points = |value: &dyn Fn(&Snapshot) -> Option<f64>| -> PlotPoints<'static> {
         snapshots.iter().filter_map(|snapshot| Some([snapshot.tamura?, value(snapshot)?])).collect()
     };
@@ -323,18 +364,20 @@ fn scatter(ui: &mut Ui, snapshots: &[Snapshot]) {
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
             plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
-            plot.points(Points::new("Gaussian bound", points(&|s| s.gaussian)).color(GAUSSIAN).radius(2.5));
-            plot.points(
-                Points::new("live estimate", points(&|s| s.live.map(|live| live.0))).color(DENSITY).radius(3.5),
-            );
+            plot.points(Points::new("Gaussian bound", points(&|s| Some(s.gaussian?.bits))).color(GAUSSIAN).radius(2.5));
+            plot.points(Points::new("live estimate", points(&|s| Some(s.live?.0.bits))).color(DENSITY).radius(3.5));
             for snapshot in snapshots {
                 let Some(tamura) = snapshot.tamura else { continue };
                 if let (Some(lower), Some(upper)) = (snapshot.lower, snapshot.upper()) {
-                    let ends: PlotPoints<'_> = vec![[tamura, lower], [tamura, upper]].into();
+                    let ends: PlotPoints<'_> = vec![[tamura, lower.bits], [tamura, upper.bits]].into();
                     plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(CEILING).width(3.0));
                 }
-                if let Some(bits) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
-                    let name = Text::new(snapshot.name.clone(), PlotPoint::new(tamura, bits), snapshot.name.clone());
+                if let Some(Bits { bits, .. }) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
+                    let mut text = snapshot.name.clone();
+                    if scenes.len() > 1 {
+                        text += &format!(" ({})", letter_of(&scenes, &snapshot.scene()));
+                    }
+                    let name = Text::new(snapshot.name.clone(), PlotPoint::new(tamura, bits), text);
                     plot.text(name.anchor(egui::Align2::LEFT_BOTTOM));
                 }
             }

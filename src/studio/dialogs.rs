@@ -13,7 +13,7 @@ use ndarray::{Array2, Array3, Axis};
 use super::messages::Severity;
 use super::state::State;
 use crate::objects::ObjectSource;
-use crate::workbench::{Colormap, Curve, IdealRecord, Job, MeasurementFormat};
+use crate::workbench::{Colormap, Curve, IdealRecord, Job, LiveRecord, MeasurementFormat};
 
 /// What a path is asked for.
 #[derive(Clone, Debug)]
@@ -52,6 +52,8 @@ pub enum Purpose {
     },
     /// Writes the record of a run.
     ExportRecord(Arc<IdealRecord>),
+    /// Writes the record of a live estimate.
+    ExportLive(Box<LiveRecord>),
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -82,6 +84,7 @@ impl Purpose {
             Self::ExportView { name, .. } => format!("Export {name} view"),
             Self::ExportPicture { name, .. } => format!("Export picture of {name}"),
             Self::ExportRecord(_) => "Export record".into(),
+            Self::ExportLive(_) => "Export record of the live estimate".into(),
             Self::ExportCurve { .. } => "Export curve".into(),
         }
     }
@@ -102,6 +105,9 @@ impl Purpose {
             Self::ExportView { .. } => "A PNG file, one pixel per pixel",
             Self::ExportPicture { .. } => "A PNG file, as it was on the screen",
             Self::ExportRecord(_) => "A JSON file with everything that is needed to repeat the run",
+            Self::ExportLive(_) => {
+                "A JSON file from which `lenslet-studio repeat FILE` computes the same numbers again"
+            }
             Self::ExportCurve { .. } => "A CSV file",
         }
     }
@@ -123,6 +129,7 @@ impl Purpose {
             | Self::ExportView { .. }
             | Self::ExportPicture { .. }
             | Self::ExportRecord(_)
+            | Self::ExportLive(_)
             | Self::ExportCurve { .. } => Picker::Save,
             Self::ExportDesign | Self::ExportMeasurements | Self::KeepUnsaved => Picker::Folder,
         }
@@ -140,6 +147,7 @@ impl Purpose {
                 folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-")))
             }
             Self::ExportRecord(_) => folder.join("run.json"),
+            Self::ExportLive(_) => folder.join("live.json"),
             Self::ExportCurve { name, .. } => folder.join(name),
         };
         name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
@@ -301,6 +309,7 @@ fn answer(state: &mut State, question: &Question) {
         }
         Purpose::ExportPicture { image, .. } => state.bench.submit(Job::ExportPicture { image: image.clone(), path }),
         Purpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
+        Purpose::ExportLive(record) => state.bench.submit(Job::ExportLive { record: record.clone(), path }),
         Purpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }

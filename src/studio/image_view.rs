@@ -343,9 +343,9 @@ pub fn significant(value: f64) -> String {
     }
 }
 
-/// A row of small controls above a picture.
+/// Small controls above a picture, in as many rows as it takes.
 pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.set_min_height(22.0);
         ui.spacing_mut().item_spacing.x = 6.0;
         add(ui);

@@ -5,6 +5,7 @@ use ndarray::Axis;
 
 use super::hand::Hand;
 use super::image_view::{name_widget, placeholder, toolbar};
+use super::picture_menu::{self, View};
 use super::state::State;
 
 /// Shows the map.
@@ -62,4 +63,5 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let photons = photons.map_or_else(String::new, |photons| format!(", {photons:.0} photons"));
         state.hover = view.describe_pixel(image, (x, y)).map(|text| text + &photons);
     }
+    picture_menu::show(ui, state, View::Information, &shown, |_, _, _| {});
 }

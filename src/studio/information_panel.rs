@@ -8,6 +8,7 @@ use serde_json::json;
 
 use super::actions::Action;
 use super::image_view::{name_widget, placeholder, significant};
+use super::menus;
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{Bracket, NamedBound};
@@ -42,31 +43,30 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     };
     let known = Known::of(state, &information.value, information.revision);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        headline(ui, &known);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Min), |ui| {
+            more(ui, state);
+            ui.with_layout(egui::Layout::top_down(egui::Align::Min), |ui| headline(ui, &known));
+        });
         bound_bar(ui, &known);
         details(ui, state, &known);
         warning(ui, &known);
         ui.add_space(4.0);
         ui.separator();
         tamura(ui, state);
-        ui.horizontal(|ui| {
-            for action in [Action::CopyNumbers, Action::CopyCommand] {
-                let (text, hint) = match action {
-                    Action::CopyNumbers => ("Copy JSON", "All numbers of this design with their intervals"),
-                    _ => (
-                        "Copy command",
-                        "The command line that computes Gaussian bound, ceiling and Tamura coefficients again",
-                    ),
-                };
-                let button = ui.small_button(text).on_hover_text(hint);
-                name_widget(&button, &action.label());
-                if button.clicked() {
-                    let ctx = ui.ctx().clone();
-                    action.run(&ctx, state);
-                }
-            }
-        });
     });
+}
+
+/// What can be taken from the numbers.
+fn more(ui: &mut Ui, state: &mut State) {
+    let more = ui.menu_button("...", |ui| {
+        for action in [Action::CopyNumbers, Action::CopyCommand, Action::ExportLive] {
+            menus::entry(ui, state, action);
+        }
+    });
+    let hint = "Copy all numbers with their intervals; copy the command line that computes them again, for which a record of \
+                the live estimate is kept; or write that record to a place of your own. A bracket has a command of its own \
+                (Estimates)";
+    name_widget(&more.response.on_hover_text(hint), "More of the numbers");
 }
 
 /// Puts all numbers of the open design into the clipboard.

@@ -60,7 +60,7 @@ fn entry(ui: &mut Ui, state: &State, activity: &Activity) {
             ui.weak("waits for others");
         }
         ActivityState::Running | ActivityState::Paused => {
-            let left = activity.left.map_or(String::new(), |left| format!(", {} left", spoken(left)));
+            let left = left_of(activity);
             let paused = if activity.state == ActivityState::Paused { "paused, " } else { "" };
             ui.weak(format!("{paused}{time}{left}"));
             let bar = ProgressBar::new(activity.share.unwrap_or(0.0) as f32).desired_height(BAR);
@@ -97,6 +97,15 @@ fn entry(ui: &mut Ui, state: &State, activity: &Activity) {
     }
 }
 
+/// The time that is left, in words.
+fn left_of(activity: &Activity) -> String {
+    match (activity.left, activity.step_left()) {
+        (Some(left), _) => format!(", {} left", spoken(left)),
+        (None, Some(left)) => format!(", {} left of this step", spoken(left)),
+        (None, None) => String::new(),
+    }
+}
+
 /// The log as text, a line each.
 fn log_text(activity: &Activity) -> String {
     let lines = activity.log.iter().map(|(seconds, text)| format!("{seconds:>8.1} s  {text}\n"));
@@ -110,7 +119,7 @@ pub fn summary(state: &State) -> Option<String> {
     let first = open.next()?;
     let more = open.count();
     let share = first.share.map_or(String::new(), |share| format!(" {:.0} %", 100.0 * share));
-    let left = first.left.map_or(String::new(), |left| format!(", {} left", spoken(left)));
+    let left = left_of(first);
     let others = if more == 0 { String::new() } else { format!(" (+{more})") };
     Some(format!("{}{share}{left}{others}", first.name))
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use egui::{DragValue, Ui};
 
 use super::image_view::{name_widget, placeholder};
+use super::lenslet_menu;
 use super::state::State;
 use crate::optics::{Lenslet, LensletArray};
 use crate::workbench::{Command, LensletChange};
@@ -73,6 +74,7 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
             state.selection.remove(&index);
         }
     }
+    chooser.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
     // Width, weight and plane of one selected lenslet are set for the whole selection; a place belongs to one alone.
     let together = state.selection.len() > 1 && selected;
     let mut change = |what, of: &dyn Fn(Lenslet) -> Option<Lenslet>| {

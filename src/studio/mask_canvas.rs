@@ -9,8 +9,12 @@ use std::collections::BTreeSet;
 
 use egui::{Color32, Key, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
+use super::actions::Action;
 use super::hand::{Hand, is_panning, zoomed_by_keys};
 use super::image_view::{Shown, placeholder, toolbar};
+use super::lenslet_menu::{self, inside, select};
+use super::menus;
+use super::picture_menu::{self, View};
 use super::state::{MaskDrag, State};
 use super::viewport::Placement;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
@@ -66,6 +70,18 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     if let Some(position) = response.hover_pos() {
         state.hover = state.views.psf.describe_pixel(image, placement.to_pixels(position));
     }
+    let add_here = |ui: &mut Ui, state: &mut State, (x, y): (f64, f64)| {
+        let array = state.bench.design().encoder.lenslets().cloned();
+        let Some(array) = array else { return };
+        if ui.button("Add a lenslet here").clicked() {
+            let (x, y) = inside((x, y), &array);
+            state.send(&Command::AddLenslet(new_lenslet(&array, x, y)));
+            ui.close();
+        }
+        menus::entry(ui, state, Action::SelectAll);
+        ui.separator();
+    };
+    picture_menu::show(ui, state, View::Psf, &shown, add_here);
     let design = state.bench.design().clone();
     let Some(array) = design.encoder.lenslets() else { return };
     // The picture of an older design may have another shape than the array now.
@@ -229,11 +245,6 @@ fn new_lenslet(array: &LensletArray, x: f64, y: f64) -> Lenslet {
     Lenslet::round(x, y, sigma, if weight > 0.0 { weight } else { 1.0 })
 }
 
-/// The nearest point of the PSF grid.
-fn inside((x, y): (f64, f64), array: &LensletArray) -> (f64, f64) {
-    (x.clamp(0.0, array.cols as f64 - 1.0), y.clamp(0.0, array.rows as f64 - 1.0))
-}
-
 /// Draws one handle and does what the pointer does on it.
 fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray, index: usize, lenslet: &Lenslet) {
     let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
@@ -283,39 +294,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
     if response.hovered() {
         state.hover = Some(tip());
     }
-    response.context_menu(|ui| {
-        if !state.selection.contains(&index) {
-            select(state, index, false);
-        }
-        if ui.button("Delete").clicked() {
-            state.delete_selection();
-            ui.close();
-        }
-        if ui.button("Duplicate").clicked() {
-            let (x, y) = inside((lenslet.x + 1.0, lenslet.y + 1.0), array);
-            state.send(&Command::AddLenslet(Lenslet { x, y, ..*lenslet }));
-            ui.close();
-        }
-        let lock = if state.selection.is_subset(state.locks.indices()) { "Unlock" } else { "Lock" };
-        if ui.button(lock).on_hover_text("Locked lenslets stay as they are in runs").clicked() {
-            state.locks.toggle(&state.selection);
-            ui.close();
-        }
-        if ui.button("Centre").clicked() {
-            let middle = Lenslet { x: (array.cols / 2) as f64, y: (array.rows / 2) as f64, ..*lenslet };
-            state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: vec![(index, middle)] });
-            ui.close();
-        }
-    });
-}
-
-fn select(state: &mut State, index: usize, add: bool) {
-    if !add {
-        state.selection.clear();
-    }
-    if !state.selection.insert(index) && add {
-        state.selection.remove(&index);
-    }
+    response.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
 }
 
 /// Lenslets moved together, as far as the grid lets all of them go.
@@ -420,34 +399,26 @@ fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
     })
 }
 
-/// Delete, arrows, Ctrl+A, and keys that zoom around the selection, unless a text field has the keyboard.
+/// Arrows, and keys that zoom around the selection, unless a text field has the keyboard.
 fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
     let is_behind_a_question = !ui.memory(|memory| memory.allows_interaction(ui.layer_id()));
     if ui.ctx().text_edit_focused() || is_behind_a_question {
         return;
     }
-    let (delete, all, nudge) = ui.input(|input| {
-        let axis =
-            |plus, minus| f64::from(u8::from(input.key_pressed(plus))) - f64::from(u8::from(input.key_pressed(minus)));
-        let step = if input.modifiers.shift { 10.0 * NUDGE_PX } else { NUDGE_PX };
-        let nudge = (axis(Key::ArrowRight, Key::ArrowLeft) * step, axis(Key::ArrowDown, Key::ArrowUp) * step);
-        let delete = input.key_pressed(Key::Delete) || input.key_pressed(Key::Backspace);
-        (delete, input.modifiers.command && input.key_pressed(Key::A), nudge)
-    });
-    if all {
-        state.selection = (0..array.lenslets.len()).collect();
-    }
-    if delete {
-        state.delete_selection();
-    }
     if !a_handle_or_nothing_has_focus(ui, array) {
         return;
     }
+    let nudge = ui.input(|input| {
+        let axis =
+            |plus, minus| f64::from(u8::from(input.key_pressed(plus))) - f64::from(u8::from(input.key_pressed(minus)));
+        let step = if input.modifiers.shift { 10.0 * NUDGE_PX } else { NUDGE_PX };
+        (axis(Key::ArrowRight, Key::ArrowLeft) * step, axis(Key::ArrowDown, Key::ArrowUp) * step)
+    });
     let selected = state.selection.first().and_then(|&index| array.lenslets.get(index));
     let around = selected.map_or(shown.fit.center(), |lenslet| shown.placement.to_screen(lenslet.x, lenslet.y));
     let viewport = &mut state.views.psf.viewport;
     *viewport = zoomed_by_keys(*viewport, ui, around, shown.fit, (array.rows, array.cols));
-    if !delete && nudge != (0.0, 0.0) && !state.selection.is_empty() {
+    if nudge != (0.0, 0.0) && !state.selection.is_empty() {
         let moved = moved_by(&state.selected_lenslets(), nudge.0, nudge.1, array);
         state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
     }

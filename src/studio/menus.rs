@@ -1,12 +1,11 @@
 //! The menus: entries for actions, and what only stands in menus.
 
-use ndarray::Array2;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use super::actions::{Action, Preset};
-use super::dialogs::Purpose;
-use super::image_view::{ImageView, name_widget};
-use super::links::{measurement_of, object_of};
-use super::mtf_panel::MtfView;
+use super::image_view::name_widget;
+use super::picture_menu;
 use super::state::{Leave, State};
 use crate::optics::DIFFUSER_APERTURES;
 
@@ -27,8 +26,9 @@ pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
     ui.separator();
     entry(ui, state, Action::ExportDesign);
     entry(ui, state, Action::ExportMeasurements);
+    entry(ui, state, Action::ExportLive);
     ui.menu_button("Export view", |ui| {
-        export_view_menu(ui, state);
+        picture_menu::export_menu(ui, state);
     });
     ui.separator();
     entry(ui, state, Action::Quit);
@@ -38,8 +38,7 @@ pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
 fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
     let mut chosen = None;
     for path in &state.preferences.recent {
-        let name = path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into());
-        if ui.button(name).on_hover_text(path.display().to_string()).clicked() {
+        if ui.button(short_name(path, &state.preferences.recent)).on_hover_text(path.display().to_string()).clicked() {
             chosen = Some(path.clone());
             ui.close();
         }
@@ -55,64 +54,20 @@ fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
     }
 }
 
+/// The name of a file; with its folder, where others have the same name.
+fn short_name(path: &Path, all: &[PathBuf]) -> String {
+    let text = |part: Option<&OsStr>| part.map_or_else(String::new, |part| part.to_string_lossy().into_owned());
+    let folder = || path.parent().map_or_else(String::new, |folder| folder.display().to_string());
+    match all.iter().filter(|other| other.file_name() == path.file_name()).count() {
+        0 | 1 => text(path.file_name()),
+        _ => format!("{} in {}", text(path.file_name()), folder()),
+    }
+}
+
 /// The Help menu.
 pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
     for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
         entry(ui, state, action);
-    }
-}
-
-/// A picture that can be exported.
-#[derive(Clone, Copy)]
-enum View {
-    Psf,
-    Object,
-    Measurement,
-    Mtf,
-}
-
-/// One entry per picture that there is.
-fn export_view_menu(ui: &mut egui::Ui, state: &mut State) {
-    for view in [View::Psf, View::Object, View::Measurement, View::Mtf] {
-        let is_there = match view {
-            View::Psf => state.live.optics.is_some(),
-            View::Object => state.live.scene.is_some(),
-            View::Measurement => state.live.measurements.is_some(),
-            View::Mtf => state.live.optics.is_some() && state.mtf_view == MtfView::Map,
-        };
-        if is_there && ui.button(format!("{}...", view.of(state).name())).clicked() {
-            if let Some(image) = view.picture(state) {
-                let shown = view.of(state);
-                let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
-                let purpose = Purpose::ExportView { name, image, limits, colormap };
-                state.dialogs.ask(purpose, state.bench.path());
-            }
-            ui.close();
-        }
-    }
-}
-
-impl View {
-    fn of(self, state: &State) -> &ImageView {
-        match self {
-            Self::Psf => &state.views.psf,
-            Self::Object => &state.views.object,
-            Self::Measurement => &state.views.measurement,
-            Self::Mtf => &state.views.mtf,
-        }
-    }
-
-    /// What it shows, shape (rows, cols).
-    fn picture(self, state: &State) -> Option<Array2<f32>> {
-        let live = &state.live;
-        Some(match self {
-            Self::Psf => live.optics.as_ref()?.value.image.clone(),
-            Self::Object => object_of(&live.scene.as_ref()?.value, state.sample).into_owned(),
-            Self::Measurement => {
-                measurement_of(&live.measurements.as_ref()?.value, state.sample, state.noisy).to_owned()
-            }
-            Self::Mtf => live.optics.as_ref()?.value.mtf.map.clone(),
-        })
     }
 }
 
@@ -178,5 +133,17 @@ fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, text: &str
         ui.close();
         let ctx = ui.ctx().clone();
         action.run(&ctx, state);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_one_name_are_told_apart() {
+        let all: Vec<PathBuf> = ["/a/one.json", "/b/one.json", "/b/two.json"].map(PathBuf::from).to_vec();
+        let names: Vec<String> = all.iter().map(|path| short_name(path, &all)).collect();
+        assert_eq!(names, ["one.json in /a", "one.json in /b", "two.json"]);
     }
 }

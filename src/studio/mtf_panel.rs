@@ -7,6 +7,7 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 use super::dialogs::Purpose;
 use super::hand::Hand;
 use super::image_view::{name_widget, placeholder, toolbar};
+use super::picture_menu::{self, View};
 use super::spectrum_plot;
 use super::state::State;
 use crate::optics::Mtf;
@@ -79,6 +80,7 @@ fn map(ui: &mut Ui, state: &mut State, revision: u64, mtf: &Mtf) {
             state.hover = Some(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}"));
         }
     }
+    picture_menu::show(ui, state, View::Mtf, &shown, |_, _, _| {});
 }
 
 fn cuts(ui: &mut Ui, mtf: &Mtf) {

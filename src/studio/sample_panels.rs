@@ -6,8 +6,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::hand::Hand;
-use super::image_view::{Version, name_widget, placeholder, toolbar};
+use super::image_view::{name_widget, placeholder, toolbar};
+use super::information_overlay;
 use super::links::{self, Side};
+use super::picture_menu::{self, View};
 use super::state::State;
 
 /// Shows the object.
@@ -28,6 +30,7 @@ pub fn show_object(ui: &mut Ui, state: &mut State) {
     let version = (scene.revision, index);
     let shown = state.views.object.show(ui, &state.palettes, object.view(), version, stale, Hand::Looks);
     links::after(ui, state, Side::Object, &shown, object.view());
+    picture_menu::show(ui, state, View::Object, &shown, |_, _, _| {});
 }
 
 /// Shows the measurement.
@@ -36,6 +39,7 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
         state.views.measurement.colour_controls(ui, &state.palettes);
         sample_controls(ui, state, "measurement");
         ui.checkbox(&mut state.noisy, "Noise").on_hover_text("Off shows the noiseless encoded image");
+        information_overlay::switch(ui, state);
     });
     let Some(measurements) = state.live.measurements.clone() else {
         let text = waiting(state);
@@ -44,14 +48,12 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
     };
     let stale = !state.is_current(measurements.revision);
     let image = links::measurement_of(&measurements.value, state.sample, state.noisy);
-    let version = shown_measurement(state, measurements.revision);
+    let version = (measurements.revision, 2 * state.sample + usize::from(state.noisy));
     let shown = state.views.measurement.show(ui, &state.palettes, image, version, stale, Hand::Looks);
     links::after(ui, state, Side::Measurement, &shown, image);
-}
-
-/// Tells the measurement that is shown from all others.
-pub fn shown_measurement(state: &State, revision: u64) -> Version {
-    (revision, 2 * state.sample + usize::from(state.noisy))
+    let closer = state.look_closer(&measurements);
+    information_overlay::draw(ui, state, &shown, closer.as_deref());
+    picture_menu::show(ui, state, View::Measurement, &shown, |_, _, _| {});
 }
 
 /// Why there is nothing to see yet.

@@ -2,24 +2,14 @@
 
 use egui::Ui;
 use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line, Plot, PlotPoints};
-use ndarray::{ArrayView2, s};
 
 use super::dialogs::Purpose;
-use super::image_view::{Version, name_widget, placeholder, significant};
+use super::image_view::{name_widget, placeholder, significant};
 use super::information_panel::CEILING;
-use super::links::measurement_of;
-use super::sample_panels::shown_measurement;
 use super::state::State;
-use crate::information::{PowerSpectrum, power_spectrum};
+use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
-use crate::workbench::Curve;
-
-/// Of a larger picture the middle is taken, so that a frame never waits for its transform.
-const LARGEST_SIDE: usize = 512;
-
-/// The last spectrum, and which measurement it belongs to.
-#[derive(Default)]
-pub struct SpectrumCache(Option<(Version, PowerSpectrum)>);
+use crate::workbench::{CloserKey, Curve};
 
 /// Draws the spectrum.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -27,12 +17,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         placeholder(ui, "Computing");
         return;
     };
-    let version = shown_measurement(state, measurements.revision);
-    if state.spectrum.0.as_ref().is_none_or(|(known, _)| *known != version) {
-        let image = measurement_of(&measurements.value, state.sample, state.noisy);
-        state.spectrum.0 = Some((version, power_spectrum(middle(image))));
-    }
-    let Some((_, spectrum)) = &state.spectrum.0 else { return };
+    let Some(closer) = state.look_closer(&measurements) else {
+        placeholder(ui, "Computing");
+        return;
+    };
+    let spectrum = &closer.spectrum;
     let powers: Vec<[f64; 2]> = spectrum.radial.iter().copied().filter(|[_, power]| *power > 0.0).collect();
     if powers.is_empty() {
         placeholder(ui, "This measurement has no frequencies above 0.");
@@ -72,12 +61,15 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 
 /// Asks where to write the spectrum to.
 pub fn export_button(ui: &mut Ui, state: &mut State) {
-    let export = ui.small_button("Export CSV...");
+    let shown =
+        |key: &CloserKey| state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy);
+    let closer = state.live.closer.clone().filter(|closer| shown(&closer.key));
+    let export = ui.add_enabled(closer.is_some(), egui::Button::new("Export CSV...").small());
     name_widget(&export, "Export spectrum as CSV");
     if export.clicked()
-        && let Some((_, spectrum)) = &state.spectrum.0
+        && let Some(closer) = closer
     {
-        let curve = curve(spectrum, state.bench.design().noise);
+        let curve = curve(&closer.spectrum, state.bench.design().noise);
         state.dialogs.ask(Purpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
     }
 }
@@ -91,14 +83,6 @@ fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
         (Noise::ShotRead { .. }, Some(read)) => ("shot and read noise", Some(mean + read)),
         _ => ("shot noise of this mean", Some(mean)),
     }
-}
-
-/// At most [`LARGEST_SIDE`] rows and columns in the middle of a picture.
-fn middle(image: ArrayView2<'_, f32>) -> ArrayView2<'_, f32> {
-    let (rows, cols) = image.dim();
-    let (tall, wide) = (rows.min(LARGEST_SIDE), cols.min(LARGEST_SIDE));
-    let (top, left) = ((rows - tall) / 2, (cols - wide) / 2);
-    image.slice_move(s![top..top + tall, left..left + wide])
 }
 
 /// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
@@ -144,7 +128,6 @@ fn curve(spectrum: &PowerSpectrum, noise: Noise) -> Curve {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ndarray::Array2;
 
     #[test]
     fn noise_has_the_power_of_its_variance() {
@@ -159,13 +142,5 @@ mod tests {
         let texts: Vec<String> = marks.iter().map(|mark| power_mark(mark.value)).collect();
         assert_eq!(texts, ["10", "20", "50", "100", "200"]);
         assert_eq!([-1.0, 5.0, 7.0].map(power_mark), ["0.1", "1e5", "1e7"]);
-    }
-
-    #[test]
-    fn the_middle_of_large_pictures_is_taken() {
-        let image = Array2::from_shape_fn((600, 20), |(row, col)| (100 * row + col) as f32);
-        let part = middle(image.view());
-        assert_eq!(part.dim(), (512, 20));
-        assert_eq!(part[(0, 0)], 4400.0);
     }
 }

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use crate::optics::Lenslet;
 use crate::workbench::{
-    Colormap, Command, Curve, Design, DesignRun, Estimates, Live, LiveInformation, Recovered, Snapshots, Workbench,
+    Colormap, Command, Curve, Design, DesignRun, Estimates, Live, LiveEstimate, LiveInformation, LiveRecord, Recovered,
+    Snapshots, Workbench,
 };
 
 use super::capture::Capture;
@@ -14,6 +15,7 @@ use super::dialogs::{Dialogs, Purpose};
 use super::estimates_panel::EstimateForm;
 use super::home::Preferences;
 use super::image_view::{ImageView, Palettes};
+use super::information_overlay::InformationOverlay;
 use super::jobs_window::JobsWindow;
 use super::layout::Pane;
 use super::leaving;
@@ -24,7 +26,6 @@ use super::mtf_panel::MtfView;
 use super::optimize_panel::{self, OptimizeForm};
 use super::palette::Palette;
 use super::sheets::Sheet;
-use super::spectrum_plot::SpectrumCache;
 use super::welcome::Guide;
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
@@ -59,8 +60,8 @@ pub struct State {
     pub noisy: bool,
     /// What the MTF room shows.
     pub mtf_view: MtfView,
-    /// The power spectrum of the measurement that was shown last.
-    pub spectrum: SpectrumCache,
+    /// Where information comes from, over the measurement.
+    pub overlay: InformationOverlay,
     /// Where the pointer is in the object or the measurement.
     pub cursor: LinkedCursor,
     /// The value under the pointer, for the status bar.
@@ -292,7 +293,7 @@ impl State {
             sample: 0,
             noisy: true,
             mtf_view: MtfView::default(),
-            spectrum: SpectrumCache::default(),
+            overlay: InformationOverlay::default(),
             cursor: LinkedCursor::default(),
             hover: None,
             trail: Trail::default(),
@@ -414,6 +415,18 @@ impl State {
     pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
         self.preferences.unsaved = folder;
         drop(self.keep_unsaved());
+    }
+
+    /// The live estimate, where it is that of the design as it is now.
+    pub fn live_estimate(&self) -> Option<&LiveEstimate> {
+        let live = self.estimates.live.as_ref()?;
+        Some(&*live.value).filter(|_| self.is_current(live.revision))
+    }
+
+    /// What is needed to compute it again.
+    pub fn live_record(&self) -> Option<LiveRecord> {
+        let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.bench.design()))?;
+        Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
     }
 
     /// Puts a command line into the clipboard, or tells why there is none.

@@ -53,7 +53,7 @@ const STOPS: [Stop; 5] = [
     Stop {
         title: "Let the machine design",
         text: "Start run lets the lenslets move, merge and fade while their information climbs. Stop it whenever you like; \
-               the slider goes back to any moment, and Undo takes the whole run back.",
+               the slider goes back to any moment. Accept this mask puts the one that is shown into your design.",
         room: Pane::Optimize,
         done: |state| state.run.is_some(),
     },

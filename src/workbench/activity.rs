@@ -8,6 +8,8 @@ use super::threads::lock;
 
 /// Finished activities that are kept; the oldest ones are dropped.
 const KEPT: usize = 100;
+/// Share of a step from which its pace tells of the rest.
+const LEAST_SHARE: f64 = 0.02;
 /// Lines of a log that are kept.
 const LINES: usize = 60;
 
@@ -61,6 +63,8 @@ pub struct Activity {
     /// What it told: seconds since its beginning, and the last word of each step.
     pub log: Vec<(f64, String)>,
     began: Instant,
+    /// When it came to what it is at, and the share that was done then.
+    step_began: Option<(Instant, f64)>,
     /// How long it took, once it is over.
     took: Option<Duration>,
 }
@@ -81,17 +85,29 @@ impl Activity {
         self.took.unwrap_or_else(|| self.began.elapsed())
     }
 
+    /// Time that is left of what it is at, at the pace of so far; `left` tells of all of it, where that is known.
+    pub fn step_left(&self) -> Option<Duration> {
+        let (began, from) = self.step_began?;
+        let share = self.share.filter(|_| self.state == ActivityState::Running)?;
+        let done = share - from;
+        (done >= LEAST_SHARE).then(|| began.elapsed().mul_f64((1.0 - share) / done))
+    }
+
     /// Adds a line to the log. Lines that begin alike, up to their first number or comma, are one step, of which the last
     /// word stays.
     fn note(&mut self, text: &str) {
-        let step = |text: &str| text.split(|c: char| c == ',' || c.is_ascii_digit()).next().map(str::to_owned);
         let seconds = self.began.elapsed().as_secs_f64();
         let full = self.log.len() >= LINES;
         match self.log.last_mut() {
-            Some((_, last)) if full || step(last) == step(text) => text.clone_into(last),
+            Some((_, last)) if full || step_of(last) == step_of(text) => text.clone_into(last),
             _ => self.log.push((seconds, text.to_owned())),
         }
     }
+}
+
+/// What lines of one step have in common: all up to their first number or comma.
+fn step_of(text: &str) -> &str {
+    text.split(|c: char| c == ',' || c.is_ascii_digit()).next().unwrap_or_default()
 }
 
 #[derive(Default)]
@@ -128,6 +144,7 @@ impl Activities {
             left: None,
             log: Vec::new(),
             began: Instant::now(),
+            step_began: None,
             took: None,
         }));
         Entry { list: self.clone(), number }
@@ -193,8 +210,12 @@ impl Entry {
     pub fn tell(&self, step: &str, share: Option<f64>, left: Option<Duration>) {
         self.list.change(self.number, |activity| {
             activity.note(step);
+            let share = share.map(|share| share.clamp(0.0, 1.0));
+            if step_of(step) != step_of(&activity.step) || share < activity.share || activity.step_began.is_none() {
+                activity.step_began = Some((Instant::now(), share.unwrap_or(0.0)));
+            }
             step.clone_into(&mut activity.step);
-            (activity.share, activity.left) = (share.map(|share| share.clamp(0.0, 1.0)), left);
+            (activity.share, activity.left) = (share, left);
         });
     }
 
@@ -236,6 +257,7 @@ mod tests {
         }
         let now = &list.all()[0];
         assert!(now.can_stop() && now.share == Some(1.0) && now.left.is_some());
+        assert_eq!(now.step_left(), Some(Duration::ZERO), "the fit has come from 0.1 to its end");
         entry.pause(true);
         assert_eq!(list.all()[0].state, ActivityState::Paused);
         assert!(list.take_ended().is_empty());

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::activity::{Activities, Activity, ActivityKind};
+use super::closer::CloserOrder;
 use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimation::EstimateRequest;
@@ -114,6 +115,11 @@ impl Workbench {
         let done = |revision: Option<u64>| revision == Some(self.revision);
         !done(live.information.map(|information| information.revision))
             && !done(live.failure.map(|(revision, _)| revision))
+    }
+
+    /// Asks for what is computed of one measurement alone, of which the latest results tell.
+    pub fn look_closer(&self, order: CloserOrder) {
+        self.worker.look_closer(order);
     }
 
     /// Live estimate and ordered estimates; compare their revisions with [`Workbench::revision`].
@@ -357,7 +363,7 @@ impl Workbench {
                     let command = Command::ReplaceEncoder { name: encoder.describe(), encoder: encoder.clone() };
                     self.apply(&command).err().map(|error| error.to_string())
                 }
-                Ok(Outcome::Exported { .. }) | Err(_) => None,
+                Ok(Outcome::Exported { .. } | Outcome::SnapshotMeasured { .. }) | Err(_) => None,
             };
             if let Some(reason) = refused {
                 *outcome = Err(reason);

@@ -1,14 +1,17 @@
 //! Jobs that touch files: the same for window and command line.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, Axis};
 
 use super::colormap::Colormap;
 use super::design::Design;
+use super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use super::export::{self, Curve};
 use super::ideal::IdealRecord;
+use super::live_record::LiveRecord;
 use super::stacks::{self, MeasurementFormat};
 use crate::formats::write_png_rgb;
 use crate::objects::ObjectSource;
@@ -38,6 +41,15 @@ pub enum Job {
     /// Opens the objects of `design`, which is the open design with other objects.
     OpenObjects {
         /// The design as it would be.
+        design: Arc<Design>,
+    },
+    /// Measures the first live object of a design that was put aside.
+    MeasureSnapshot {
+        /// Number of the snapshot.
+        number: u64,
+        /// What it is called.
+        name: String,
+        /// Its design.
         design: Arc<Design>,
     },
     /// Reads a PSF picture, resampled to `side` pixels where that is given.
@@ -92,6 +104,13 @@ pub enum Job {
         /// The file.
         path: PathBuf,
     },
+    /// Writes the record of a live estimate.
+    ExportLive {
+        /// The record.
+        record: Box<LiveRecord>,
+        /// The file.
+        path: PathBuf,
+    },
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -129,6 +148,15 @@ pub enum Outcome {
         /// What the reader of the files should know.
         notices: Vec<String>,
     },
+    /// A design that was put aside was measured.
+    SnapshotMeasured {
+        /// Number of the snapshot.
+        number: u64,
+        /// What it is called.
+        name: String,
+        /// Its measurement with noise, photons per pixel, shape (rows, cols).
+        measurement: Array2<f32>,
+    },
     /// A PSF picture was read.
     PsfImported {
         /// The encoder made of it.
@@ -148,6 +176,7 @@ impl Outcome {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
             Self::ObjectsOpened { source, .. } => format!("Imaging {source}"),
+            Self::SnapshotMeasured { name, .. } => format!("Measured {name}"),
             Self::PsfImported { encoder } => format!("Using {}", encoder.describe()),
             Self::Exported { files } => match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
@@ -167,12 +196,14 @@ impl Job {
             Self::OpenDesign { path, .. } => format!("Open {}", path.display()),
             Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
             Self::OpenObjects { design } => format!("Read {}", design.objects),
+            Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
             Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
             Self::ExportView { path, .. }
             | Self::ExportPicture { path, .. }
             | Self::ExportRecord { path, .. }
+            | Self::ExportLive { path, .. }
             | Self::ExportCurve { path, .. } => {
                 format!("Export {}", path.display())
             }
@@ -194,10 +225,13 @@ impl Job {
                 Ok(Outcome::Saved { document: *document, contents: *contents, path: path.clone() })
             }
             Self::OpenObjects { design } => {
-                let scene = super::Scene::open(design, &|_| std::ops::ControlFlow::Continue(()))
-                    .map_err(|error| error.to_string())?;
+                let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string())?;
                 let notices = scene.set.notices().to_vec();
                 Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices })
+            }
+            Self::MeasureSnapshot { number, name, design } => {
+                let measurement = first_measurement(design).map_err(|error| error.to_string())?;
+                Ok(Outcome::SnapshotMeasured { number: *number, name: name.clone(), measurement })
             }
             Self::ImportPsf { path, side } => {
                 let image = import_psf(path, *side).map_err(|error| error.to_string())?;
@@ -228,10 +262,22 @@ impl Job {
                 record.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
+            Self::ExportLive { record, path } => {
+                record.save(path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
             Self::ExportCurve { curve, path } => {
                 curve.write(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
         }
     }
+}
+
+/// The first of the live measurements of a design, with noise, as the window shows it.
+fn first_measurement(design: &Design) -> Result<Array2<f32>, EvaluationError> {
+    let scene = Scene::open(design, &|_| ControlFlow::Continue(()))?;
+    let optics = Optics::of(design, scene.set.planes())?;
+    let measured = SceneOptics::new(&scene, design.encoder.grid())?.measure(design, &optics, &scene)?;
+    Ok(measured.noisy.index_axis_move(Axis(0), 0))
 }

@@ -3,6 +3,7 @@
 
 mod activity;
 mod bench;
+mod closer;
 mod colormap;
 mod command;
 mod design;
@@ -15,6 +16,9 @@ mod history;
 mod ideal;
 mod jobs;
 mod kept_fit;
+mod live_bounds;
+mod live_record;
+mod live_subject;
 mod measured;
 mod progress;
 mod recovery;
@@ -31,6 +35,7 @@ mod worker;
 
 pub use activity::{Activity, ActivityKind, ActivityState};
 pub use bench::Workbench;
+pub use closer::{Closer, CloserKey, CloserOrder};
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
@@ -46,13 +51,15 @@ pub use ideal::{
     verdict,
 };
 pub use jobs::{Job, Outcome};
+pub use live_bounds::Draws;
+pub use live_record::{LiveNumbers, LiveRecord, Repeated};
 pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use recovery::Recovered;
-pub use refinement::LiveEstimate;
-pub use repeat::{estimate_command, look_command, run_command};
+pub use refinement::{LiveEstimate, LiveRecipe};
+pub use repeat::{estimate_command, look_command, repeat_command, run_command};
 pub use samples::{SAMPLES, Sample};
 pub use simulation::{Simulated, Simulator};
-pub use snapshots::{FileChange, Snapshot, Snapshots};
+pub use snapshots::{Bits, FileChange, Snapshot, Snapshots};
 pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

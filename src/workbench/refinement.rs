@@ -5,50 +5,45 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use ndarray::{Array2, Array3, Axis, s};
+use ndarray::{Array2, Array3};
+use serde::{Deserialize, Serialize};
 
 use super::design::Design;
-use super::estimation::moments;
-use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
+use super::evaluation::{EvaluationError, Scene};
+use super::live_bounds::{ABOVE, BELOW, Beads, Draws};
+use super::live_subject::Subject;
 use super::simulation::imaging;
 use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
-    BeadChannel, CausalFit, CausalModel, CausalRequest, Decoder, Estimator, FitLength, InformationError, NamedBound,
-    NoiseEntropy, PatchBatch, PatchStream, PosteriorFit, Protocol, QuickLowerBound, causal_model, information_map,
-    paired_interval, posterior_lower_bound, posterior_upper_bound,
+    CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PatchBatch, PatchStream,
 };
 use crate::objects::Split;
 use crate::optics::LensletGradient;
 
-/// Time of a fit from the beginning, with some seconds for following the posterior.
-const COLD: Duration = Duration::from_secs(66);
-/// Time of a fit from the model of a similar design, likewise.
-const WARM: Duration = Duration::from_secs(26);
-/// Share of the usual learning rate in the latter.
-const WARM_RATE: f64 = 0.5;
+/// Time for the steps of a fit from the beginning.
+const COLD: Duration = Duration::from_secs(60);
+/// The same for a fit from the model of a similar design.
+const WARM: Duration = Duration::from_secs(20);
+/// Steps from which their pace is told before the first fit, and the fewest and most steps of a fit.
+const PACED: usize = 8;
+const PLANNED: (f64, f64) = (200.0, 100_000.0);
 /// Time from the beginning of a fit to its first score; later ones follow at times that grow by [`GROWTH`].
 const FIRST_SCORE: Duration = Duration::from_millis(300);
 const GROWTH: f64 = 1.7;
-/// Held-out patches of the scores in between, and of the last.
-const SCORED: usize = 96;
-const SCORED_LAST: usize = 384;
 /// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
 const FIRST_GRADIENT: Duration = Duration::from_secs(2);
 const PULLED_OBJECTS: usize = 12;
 const PULLED_PATCHES: usize = 32;
 /// Time from the beginning of a fit from which on the lower bound is taken along; the most samples that it rests on
-/// then and once the estimate has settled, and the half width of its interval that is enough, bits per pixel.
+/// then and once the estimate has settled.
 const FIRST_LOWER: Duration = Duration::from_millis(700);
 const LOWER_SAMPLES: usize = 256;
 const LOWER_SAMPLES_LAST: usize = 2048;
-const LOWER_HALF_WIDTH: f64 = 0.002;
 /// Time from the beginning of a fit from which on the posterior is followed, and for how long on each side then and once
 /// the estimate has settled.
 const FIRST_FOLLOWED: Duration = Duration::from_secs(3);
 const FOLLOWED: Duration = Duration::from_secs(3);
 const FOLLOWED_LAST: Duration = Duration::from_secs(8);
-/// Patches whose own maps are kept.
-const SHOWN: usize = 8;
 
 /// An estimate that gets better while one waits: an upper bound on the information at any time.
 #[derive(Clone, Debug)]
@@ -73,6 +68,12 @@ pub struct LiveEstimate {
     pub remaining: Option<Duration>,
     /// Whether the fit began with the model of a similar design.
     pub warm: bool,
+    /// How it came about, and what it started from.
+    pub recipe: LiveRecipe,
+    /// See there.
+    pub start: Option<Arc<CausalStart>>,
+    /// The model.
+    pub model: Arc<CausalModel>,
     /// How it changes with each lenslet, bits per pixel and unit of the parameter; none for other masks and in the first
     /// seconds of a fit.
     pub gradient: Option<Vec<LensletGradient>>,
@@ -88,10 +89,25 @@ pub struct LiveEstimate {
     pub patches: Array3<f32>,
 }
 
-/// Keeps the last model for the next design.
+/// How a live estimate came about; with what it started from, the same numbers come out again, bit for bit on one machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LiveRecipe {
+    /// Steps that the fit was planned for, which its learning rates depend on.
+    pub planned: usize,
+    /// Steps after which it was scored.
+    pub steps: usize,
+    /// What the bound from below was drawn from.
+    pub lower: Option<Draws>,
+    /// What the bound by posterior sampling was drawn from.
+    pub upper: Option<Draws>,
+}
+
+/// Keeps the last model for the next design, and how fast steps are.
 #[derive(Default)]
 pub(super) struct Refiner {
-    last: Option<(Arc<Scene>, CausalModel)>,
+    last: Option<(Arc<Scene>, Arc<CausalStart>)>,
+    /// Seconds of a step, and the patch that they are of.
+    pace: Option<(f64, (usize, usize))>,
 }
 
 impl Refiner {
@@ -109,46 +125,34 @@ impl Refiner {
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), EvaluationError> {
-        let set = &scene.set;
-        let imaging = imaging(design, set)?;
-        let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
-        let psf = design.psf(set.planes())?;
-        let convolver = imaging.convolver(psf.view())?;
-        let stream = |split| imaging.stream(convolver.clone(), split, patch);
-        let test = stream(Split::Test).draw(SCORED, derived_seed(design.seed, 2))?;
-        let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-        let known = self.last.take().filter(|(of, _)| Arc::ptr_eq(of, scene)).map(|(_, model)| model);
-        let train = stream(Split::Train);
-        let request = CausalRequest {
-            stream: &train,
-            test: &test,
-            validation: None,
-            keeper: None,
-            moments: Some(&moments(design, &imaging, patch)?),
-            noise: design.noise,
-            length: FitLength::Time(if known.is_some() { WARM } else { COLD }),
-            start: known.as_ref(),
-            estimator: Estimator::Live,
-            seed: derived_seed(design.seed, 3),
-        };
-        let mut model = causal_model(&request)?;
-        let mut fit = CausalFit::new(request.length, request.seed);
-        if known.is_some() {
-            fit.rate *= WARM_RATE;
-        }
-        let scorer = Scorer { design, entropy: &entropy, warm: known.is_some() };
+        let imaging = imaging(design, &scene.set)?;
+        let subject = Subject::new(design, scene, &imaging)?;
+        let start = self.last.take().filter(|(of, _)| Arc::ptr_eq(of, scene)).map(|(_, start)| start);
+        let test = subject.test()?;
+        let train = subject.stream(Split::Train);
+        let mut model = subject.model(&train, &test, start.as_deref())?;
+        let planned = self.planned(&model, &train, start.is_some())?;
+        let fit = subject.fit(planned, start.is_some());
         let started = Instant::now();
-        let mut next = FIRST_SCORE;
-        let channel = imaging.bead_channel(psf.view(), patch);
-        let mut beads = Beads { channel, design, lower: None, upper: None };
-        let mut next_followed = FIRST_FOLLOWED;
+        let score = |model: &CausalModel, test: &PatchBatch, steps: usize, remaining: Option<Duration>| {
+            let recipe = LiveRecipe { planned, steps, lower: None, upper: None };
+            let estimate = subject.score(model, test, (recipe, start.clone()))?;
+            Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
+        };
+        let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
+        let (mut next, mut next_followed) = (FIRST_SCORE, FIRST_FOLLOWED);
+        // Time beside the steps.
+        let mut aside = Duration::ZERO;
         let mut failure = None;
         let fitted = fit.fit_watched(&mut model, &train, None, &mut |progress, snapshot| {
             if stop() {
                 return ControlFlow::Break(());
             }
+            let pace = progress.elapsed.saturating_sub(aside).as_secs_f64() / progress.step as f64;
             if progress.elapsed >= next {
-                match scorer.score(&snapshot(), &test, progress.step, started, progress.remaining) {
+                let remaining = Duration::from_secs_f64(pace * (planned - progress.step) as f64);
+                let before = Instant::now();
+                match score(&snapshot(), &test, progress.step, Some(remaining)) {
                     Ok(mut estimate) => {
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             beads.decode(LOWER_SAMPLES, stop);
@@ -156,11 +160,11 @@ impl Refiner {
                         if progress.elapsed >= FIRST_GRADIENT {
                             estimate.gradient = pull(design, &imaging, &snapshot());
                         }
-                        publish(beads.known(estimate.clone()));
+                        publish(with_bounds(&beads, estimate.clone()));
                         if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
                             beads.follow(FOLLOWED, stop);
-                            publish(beads.known(estimate));
+                            publish(with_bounds(&beads, estimate));
                         }
                     }
                     Err(error) => {
@@ -168,7 +172,11 @@ impl Refiner {
                         return ControlFlow::Break(());
                     }
                 }
+                aside += before.elapsed();
                 next = started.elapsed().mul_f64(GROWTH);
+            }
+            if progress.step >= PACED {
+                self.pace = Some((pace, subject.patch));
             }
             ControlFlow::Continue(())
         });
@@ -176,67 +184,92 @@ impl Refiner {
             return Err(failure.into());
         }
         if let Ok(steps) = fitted {
-            // The first patches are those of the scores before, so that the last one differs from them by little.
-            let more = stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(design.seed, 5))?;
-            let test = joined(&test, &more)?;
-            let mut estimate = scorer.score(&model, &test, steps, started, None)?;
+            let mut estimate = score(&model, &subject.last_test(&test)?, steps, None)?;
             estimate.gradient = pull(design, &imaging, &model);
-            publish(beads.known(estimate.clone()));
+            publish(with_bounds(&beads, estimate.clone()));
             beads.decode(LOWER_SAMPLES_LAST, stop);
             beads.follow(FOLLOWED_LAST, stop);
-            publish(beads.known(estimate));
+            publish(with_bounds(&beads, estimate));
         }
-        self.last = Some((Arc::clone(scene), model));
+        self.last = Some((Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         Ok(fitted.map(|_| ())?)
     }
+
+    /// Steps for which the time of a fit suffices, as fast as they were of late. They are planned before it begins, so that
+    /// the fit does not depend on the clock.
+    fn planned(&self, model: &CausalModel, train: &dyn PatchStream, warm: bool) -> Result<usize, InformationError> {
+        let pace =
+            match self.pace.filter(|(_, of)| *of == model.patch()) {
+                Some((pace, _)) => pace,
+                None => {
+                    let mut trial = model.clone();
+                    let before = Instant::now();
+                    CausalFit::new(FitLength::Steps(PACED), 0)
+                        .fit(&mut trial, train, &mut |_| ControlFlow::Continue(()))?;
+                    before.elapsed().as_secs_f64() / PACED as f64
+                }
+            };
+        let time = if warm { WARM } else { COLD };
+        Ok((time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize)
+    }
 }
 
-/// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
-/// those that were stopped leave the ones before.
-struct Beads<'a> {
-    channel: Option<BeadChannel>,
-    design: &'a Design,
-    lower: Option<NamedBound>,
-    upper: Option<NamedBound>,
+/// Computes a live estimate again from its recipe and what it started from.
+///
+/// # Errors
+/// [`EvaluationError`] where design, objects or noise allow no estimate, or when cancelled: `go_on` is asked at every step
+/// and told how many are done.
+pub(super) fn repeated(
+    design: &Design,
+    scene: &Scene,
+    (recipe, start): (&LiveRecipe, Option<&CausalStart>),
+    go_on: &(dyn Fn(usize) -> bool + Sync),
+) -> Result<LiveEstimate, EvaluationError> {
+    let imaging = imaging(design, &scene.set)?;
+    let subject = Subject::new(design, scene, &imaging)?;
+    let test = subject.test()?;
+    let train = subject.stream(Split::Train);
+    let mut model = subject.model(&train, &test, start)?;
+    let settled = recipe.steps >= recipe.planned;
+    let mut scored = None;
+    let fitted = subject.fit(recipe.planned, start.is_some()).fit_watched(
+        &mut model,
+        &train,
+        None,
+        &mut |progress, snapshot| {
+            if progress.step == recipe.steps && !settled {
+                scored = Some(snapshot());
+            }
+            if scored.is_some() || !go_on(progress.step) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        },
+    );
+    let (model, test) = match scored {
+        Some(model) => (model, test),
+        None => {
+            fitted?;
+            (model, subject.last_test(&test)?)
+        }
+    };
+    let whole = LiveRecipe { lower: None, upper: None, ..*recipe };
+    let estimate = subject.score(&model, &test, (whole, start.cloned().map(Arc::new)))?;
+    let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
+    let stop = || !go_on(recipe.steps);
+    match recipe.lower {
+        Some(Draws::AtOnce { samples }) => beads.decode(samples, &stop),
+        Some(Draws::Followed { levels, samples }) => beads.below(&beads.again(levels, samples, BELOW), &stop),
+        None => {}
+    }
+    if let Some(Draws::Followed { levels, samples }) = recipe.upper {
+        beads.above(&beads.again(levels, samples, ABOVE), &stop);
+    }
+    Ok(with_bounds(&beads, estimate))
 }
 
-impl Beads<'_> {
-    /// An estimate with what is known so far.
-    fn known(&self, estimate: LiveEstimate) -> LiveEstimate {
-        LiveEstimate { lower: self.lower.clone(), upper: self.upper.clone(), ..estimate }
-    }
-
-    /// What the decoder tells of fresh samples.
-    fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
-        let Some(channel) = &self.channel else { return };
-        let seed = derived_seed(self.design.seed, 7);
-        let Ok(Some(bound)) = QuickLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
-            return;
-        };
-        let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
-        self.raise(NamedBound { from: "decoder".into(), bits_per_pixel, interval_95 });
-    }
-
-    /// The posterior from both sides, for so long each.
-    fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        let (Some(channel), Some(decoder)) = (&self.channel, Decoder::shipped()) else { return };
-        let fit = |stream| PosteriorFit::within(time, derived_seed(self.design.seed, stream));
-        let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-        let below = posterior_lower_bound(channel, &fit(8), decoder, &mut watch);
-        let above = posterior_upper_bound(channel, &fit(9), decoder, &mut watch);
-        if let Ok(below) = below {
-            self.raise(NamedBound::from(&below));
-        }
-        if let Ok(above) = above {
-            self.upper = Some(NamedBound::from(&above));
-        }
-    }
-
-    fn raise(&mut self, bound: NamedBound) {
-        if self.lower.as_ref().is_none_or(|known| bound.bits_per_pixel > known.bits_per_pixel) {
-            self.lower = Some(bound);
-        }
-    }
+/// An estimate with the bounds that are known so far.
+fn with_bounds(beads: &Beads<'_>, estimate: LiveEstimate) -> LiveEstimate {
+    let ((lower, by_lower), (upper, by_upper)) = (beads.lower.clone().unzip(), beads.upper.clone().unzip());
+    let recipe = LiveRecipe { lower: by_lower, upper: by_upper, ..estimate.recipe };
+    LiveEstimate { lower, upper, recipe, ..estimate }
 }
 
 /// Where information pulls the lenslets of a design, on held-out objects; none for masks without lenslets, or where numbers
@@ -247,60 +280,4 @@ fn pull(design: &Design, imaging: &Imaging<'_>, model: &CausalModel) -> Option<V
     let draw = GradientDraw { split: Split::Test, objects: PULLED_OBJECTS, patches: PULLED_PATCHES, seed };
     let gradient = imaging.gradient(array, &draw, model.patch(), model).ok()?.lenslets;
     gradient.iter().all(|by| by.x.is_finite() && by.y.is_finite()).then_some(gradient)
-}
-
-/// Scores models of one design.
-struct Scorer<'a> {
-    design: &'a Design,
-    entropy: &'a NoiseEntropy,
-    warm: bool,
-}
-
-impl Scorer<'_> {
-    fn score(
-        &self,
-        model: &CausalModel,
-        test: &PatchBatch,
-        steps: usize,
-        started: Instant,
-        remaining: Option<Duration>,
-    ) -> Result<LiveEstimate, InformationError> {
-        let maps = information_map(model, self.entropy, test)?;
-        let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
-        let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let (bits_per_pixel, entropy_y_given_x) = (mean(&information), mean(&per_patch));
-        let shown = s![..SHOWN.min(maps.len_of(Axis(0))), .., ..];
-        Ok(LiveEstimate {
-            bits_per_pixel,
-            interval_95: paired_interval(&information, self.design.seed)?,
-            entropy_y: bits_per_pixel + entropy_y_given_x,
-            entropy_y_given_x,
-            patch: model.patch(),
-            test_patches: information.len(),
-            steps,
-            seconds: started.elapsed().as_secs_f64(),
-            remaining,
-            warm: self.warm,
-            gradient: None,
-            lower: None,
-            upper: None,
-            mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
-            maps: maps.slice(shown).mapv(|bits| bits as f32),
-            patches: test.noisy.slice(shown).to_owned(),
-        })
-    }
-}
-
-/// Both batches, one after the other.
-fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, InformationError> {
-    let both = |a: &Array3<f32>, b: &Array3<f32>| {
-        ndarray::concatenate(Axis(0), &[a.view(), b.view()])
-            .map_err(|error| InformationError::Stream { reason: error.to_string() })
-    };
-    let clean = match (&one.clean, &other.clean) {
-        (Some(one), Some(other)) => Some(both(one, other)?),
-        _ => None,
-    };
-    Ok(PatchBatch { noisy: both(&one.noisy, &other.noisy)?, clean })
 }

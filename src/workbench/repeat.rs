@@ -3,6 +3,8 @@
 //! They hold the whole design: by flags where it is one of the published layouts, and otherwise as JSON on standard input,
 //! so that they come out the same in any folder and on any day.
 
+use std::path::Path;
+
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
 use crate::design::{Free, IdealSettings};
@@ -105,7 +107,7 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
 }
 
 /// Objects by a path that means the same in every folder.
-fn anywhere(objects: &ObjectSource) -> ObjectSource {
+pub(super) fn anywhere(objects: &ObjectSource) -> ObjectSource {
     let whole = |path: &std::path::Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     match objects {
         ObjectSource::Idx(path) => ObjectSource::Idx(whole(path)),
@@ -114,6 +116,11 @@ fn anywhere(objects: &ObjectSource) -> ObjectSource {
         ObjectSource::Stack(path) => ObjectSource::Stack(whole(path)),
         drawn => drawn.clone(),
     }
+}
+
+/// The command that computes a live estimate again from its record.
+pub fn repeat_command(record: &Path) -> String {
+    format!("lenslet-studio repeat {}", quoted(&record.display().to_string()))
 }
 
 /// A word for a POSIX shell.

@@ -13,6 +13,7 @@ use super::evaluation::Optics;
 use super::export::Curve;
 use super::worker::Live;
 use crate::formats::{FormatError, create_folder, read_json};
+use crate::information::{Bracket, NamedBound};
 use crate::objects::ObjectSource;
 
 /// Least time between two writings of changed numbers.
@@ -34,32 +35,69 @@ pub struct Snapshot {
     changed: bool,
     /// Whether its PSF was rendered for its own sake.
     drawn: bool,
+    /// Whether its measurement was asked for.
+    asked: bool,
     /// PSF and transfer function.
     pub optics: Option<Arc<Optics>>,
     /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols).
     pub measurement: Option<Array2<f32>>,
     /// Mean Tamura coefficient of its measurements.
     pub tamura: Option<f64>,
-    /// Gaussian bound, bits per pixel.
-    pub gaussian: Option<f64>,
+    /// Gaussian bound.
+    pub gaussian: Option<Bits>,
     /// Object-entropy ceiling, bits per pixel.
     pub ceiling: Option<f64>,
-    /// Live estimate and its 95 % interval, bits per pixel, and whether it has settled.
-    pub live: Option<(f64, [f64; 2], bool)>,
-    /// Upper bound by posterior sampling, bits per pixel.
-    pub sampled: Option<f64>,
-    /// Largest lower bound of 32 x 32 px patches, bits per pixel.
-    pub lower: Option<f64>,
-    /// Lower and upper bound of its last bracket of 32 x 32 px patches, bits per pixel.
-    pub bracket: Option<[f64; 2]>,
+    /// Live estimate, and whether it has settled.
+    pub live: Option<(Bits, bool)>,
+    /// Upper bound by posterior sampling.
+    pub sampled: Option<Bits>,
+    /// Largest lower bound of 32 x 32 px patches.
+    pub lower: Option<Bits>,
+    /// Lower and upper bound of its last bracket of 32 x 32 px patches.
+    pub bracket: Option<[Bits; 2]>,
+}
+
+/// Bits per pixel with their 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bits {
+    /// Bits per pixel.
+    pub bits: f64,
+    /// 95 % interval.
+    pub interval_95: [f64; 2],
+}
+
+impl Bits {
+    /// Half the width of the interval.
+    pub fn half_width(&self) -> f64 {
+        0.5 * (self.interval_95[1] - self.interval_95[0])
+    }
 }
 
 impl Snapshot {
-    /// The smallest of its upper bounds, bits per pixel.
-    pub fn upper(&self) -> Option<f64> {
+    /// The smallest of its upper bounds.
+    pub fn upper(&self) -> Option<Bits> {
         let bracket = self.bracket.map(|bracket| bracket[1]);
-        let known = [self.live.map(|live| live.0), self.gaussian, self.ceiling, self.sampled, bracket];
-        known.into_iter().flatten().min_by(f64::total_cmp)
+        // Nothing is sampled for the ceiling.
+        let ceiling = self.ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
+        let known = [self.live.map(|live| live.0), self.gaussian, ceiling, self.sampled, bracket];
+        known.into_iter().flatten().min_by(|one, other| one.bits.total_cmp(&other.bits))
+    }
+
+    /// What its numbers depend on beside the mask: those of designs that differ in it are not comparable.
+    pub fn scene(&self) -> String {
+        let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &*self.design;
+        let light = match objects {
+            ObjectSource::Beads { .. } | ObjectSource::Volume { .. } => String::new(),
+            _ => format!(", mean {mean_photons} photons"),
+        };
+        format!("{objects}{light}, background {bias_photons} photons, {noise} noise, seed {seed}")
+    }
+
+    /// Whether its measurement is missing and nobody has asked for it.
+    pub fn wants_measurement(&mut self) -> bool {
+        let wants = self.measurement.is_none() && !self.asked;
+        self.asked |= wants;
+        wants
     }
 
     fn take_up(&mut self, live: &Live, estimates: &Estimates) {
@@ -111,38 +149,44 @@ impl Snapshot {
             self.tamura = Some(measurements.value.tamura.mean);
         }
         if let Some(information) = live.information.as_ref().filter(|information| information.revision == revision) {
-            self.gaussian = Some(information.value.gaussian.bits_per_pixel);
+            let (bits, interval_95) = (information.value.gaussian.bits_per_pixel, information.value.interval_95);
+            self.gaussian = Some(Bits { bits, interval_95 });
             self.ceiling = information.value.ceiling_bits();
         }
         if let Some(live) = estimates.live.as_ref().filter(|live| live.revision == revision) {
-            self.live = Some((live.value.bits_per_pixel, live.value.interval_95, live.value.remaining.is_none()));
+            let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
+            self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
         }
         let finished = estimates.finished.iter().rev().filter(|done| done.revision == revision);
         let brackets = finished.filter_map(|done| {
             let estimate = &done.value.estimate;
-            Some([estimate.lower()?, estimate.bits_per_pixel]).filter(|_| estimate.patch == [32, 32])
+            let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
+            let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
+            let above = Bits { bits: *upper, interval_95: *upper_interval_95 };
+            Some([below, above]).filter(|_| estimate.patch == [32, 32])
         });
         self.bracket = brackets.into_iter().next().or(self.bracket);
         let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
-        let live = newest.and_then(|live| Some(live.value.lower.as_ref()?.bits_per_pixel));
-        let above = newest.and_then(|live| Some(live.value.upper.as_ref()?.bits_per_pixel));
+        let bits = |bound: &NamedBound| Bits { bits: bound.bits_per_pixel, interval_95: bound.interval_95 };
+        let live = newest.and_then(|live| live.value.lower.as_ref().map(bits));
+        let above = newest.and_then(|live| live.value.upper.as_ref().map(bits));
         self.sampled = above.or(self.sampled);
         let known = [live, self.bracket.map(|bracket| bracket[0])];
-        self.lower = known.into_iter().flatten().max_by(f64::total_cmp).or(self.lower);
+        let largest = known.into_iter().flatten().max_by(|one, other| one.bits.total_cmp(&other.bits));
+        self.lower = largest.or(self.lower);
     }
 }
 
 /// What was computed of a snapshot.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Numbers {
     tamura: Option<f64>,
-    gaussian: Option<f64>,
+    gaussian: Option<Bits>,
     ceiling: Option<f64>,
-    live: Option<(f64, [f64; 2], bool)>,
-    #[serde(default)]
-    sampled: Option<f64>,
-    lower: Option<f64>,
-    bracket: Option<[f64; 2]>,
+    live: Option<(Bits, bool)>,
+    sampled: Option<Bits>,
+    lower: Option<Bits>,
+    bracket: Option<[Bits; 2]>,
 }
 
 /// A snapshot as it stands in its file.
@@ -150,8 +194,9 @@ struct Numbers {
 struct Kept {
     name: String,
     design: Design,
+    /// [`Numbers`]; those of another version are left out, and come again when the design is opened.
     #[serde(flatten)]
-    numbers: Numbers,
+    numbers: serde_json::Value,
 }
 
 /// All designs that were put aside, oldest first.
@@ -197,6 +242,7 @@ impl Snapshots {
             file: format!("{:024}-{}.json", now.as_nanos(), std::process::id()),
             changed: true,
             drawn: false,
+            asked: false,
             optics: None,
             measurement: None,
             tamura: None,
@@ -230,6 +276,7 @@ impl Snapshots {
             let Ok(Kept { name, design, numbers }) = read_json(path) else { continue };
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
+            let numbers = serde_json::from_value(numbers).unwrap_or_default();
             let Numbers { tamura, gaussian, ceiling, live, sampled, lower, bracket } = numbers;
             all.entries.push(Snapshot {
                 number: all.last,
@@ -239,6 +286,7 @@ impl Snapshots {
                 file: file.to_string_lossy().into_owned(),
                 changed: false,
                 drawn: false,
+                asked: false,
                 optics: None,
                 measurement: None,
                 tamura,
@@ -276,8 +324,9 @@ impl Snapshots {
             std::mem::take(&mut self.deleted).into_iter().map(|file| (file, None)).collect();
         for snapshot in self.entries.iter_mut().filter(|snapshot| snapshot.changed) {
             snapshot.changed = false;
-            let (name, design, numbers) = (snapshot.name.clone(), Design::clone(&snapshot.design), snapshot.kept());
-            let text = serde_json::to_string(&Kept { name, design, numbers }).ok();
+            let (name, design) = (snapshot.name.clone(), Design::clone(&snapshot.design));
+            let numbers = serde_json::to_value(snapshot.kept());
+            let text = numbers.and_then(|numbers| serde_json::to_string(&Kept { name, design, numbers })).ok();
             changes.extend(text.map(|text| (snapshot.file.clone(), Some(text))));
         }
         if !changes.is_empty() {
@@ -296,7 +345,25 @@ impl Snapshots {
         self.entries.iter().find(|snapshot| snapshot.number == number)
     }
 
-    /// All numbers, as a table.
+    /// The scenes that they are before, each once, in the order of the designs.
+    pub fn scenes(&self) -> Vec<String> {
+        let mut scenes = Vec::new();
+        for scene in self.entries.iter().map(Snapshot::scene) {
+            if !scenes.contains(&scene) {
+                scenes.push(scene);
+            }
+        }
+        scenes
+    }
+
+    /// Takes up a measurement that was asked for.
+    pub fn take_up_measurement(&mut self, number: u64, measurement: Array2<f32>) {
+        if let Some(snapshot) = self.entries.iter_mut().find(|snapshot| snapshot.number == number) {
+            snapshot.measurement = Some(measurement);
+        }
+    }
+
+    /// All numbers, as a table; scenes are numbered in the order of the designs.
     pub fn table(&self) -> Curve {
         let header = [
             "lenslets",
@@ -307,24 +374,34 @@ impl Snapshots {
             "gaussian_bound_bits_per_pixel",
             "ceiling_bits_per_pixel",
             "lower_bound_bits_per_pixel",
+            "lower_bound_low_bits_per_pixel",
+            "lower_bound_high_bits_per_pixel",
             "upper_bound_bits_per_pixel",
+            "upper_bound_low_bits_per_pixel",
+            "upper_bound_high_bits_per_pixel",
             "sensor_tamura",
+            "scene",
         ];
+        let scenes = self.scenes();
         let known = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let three = |bits: Option<Bits>| {
+            bits.map_or([f64::NAN; 3], |Bits { bits, interval_95: [low, high] }| [bits, low, high])
+        };
         let row = |snapshot: &Snapshot| {
             let array = snapshot.design.encoder.lenslets();
-            vec![
+            let mut row = vec![
                 known(array.map(|array| array.lenslets.len() as f64)),
                 known(array.map(crate::optics::LensletArray::effective_count)),
-                known(snapshot.live.map(|live| live.0)),
-                known(snapshot.live.map(|live| live.1[0])),
-                known(snapshot.live.map(|live| live.1[1])),
-                known(snapshot.gaussian),
-                known(snapshot.ceiling),
-                known(snapshot.lower),
-                known(snapshot.upper()),
-                known(snapshot.tamura),
-            ]
+            ];
+            row.extend(three(snapshot.live.map(|live| live.0)));
+            row.push(known(snapshot.gaussian.map(|bound| bound.bits)));
+            row.push(known(snapshot.ceiling));
+            row.extend(three(snapshot.lower));
+            row.extend(three(snapshot.upper()));
+            row.push(known(snapshot.tamura));
+            let scene = snapshot.scene();
+            row.push(scenes.iter().position(|known| *known == scene).map_or(f64::NAN, |scene| (scene + 1) as f64));
+            row
         };
         Curve {
             names: self.entries.iter().map(|snapshot| snapshot.name.clone()).collect(),

@@ -11,6 +11,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use super::activity::{Activities, ActivityKind, Entry};
+use super::closer::{Closer, CloserOrder};
 use super::design::Design;
 use super::estimator::Estimator;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
@@ -46,6 +47,8 @@ pub struct Live {
     pub measurements: Option<Stamped<Measurements>>,
     /// The information.
     pub information: Option<Stamped<LiveInformation>>,
+    /// What was computed of the one measurement that is looked at.
+    pub closer: Option<Arc<Closer>>,
     /// Why the newest design has no numbers.
     pub failure: Option<(u64, String)>,
     /// What takes long at the moment ("Reading objects: 1200 of 10000").
@@ -77,6 +80,7 @@ struct Shared {
 struct Mailbox {
     evaluate: Option<(u64, Arc<Design>)>,
     jobs: VecDeque<(Job, Entry)>,
+    closer: Option<CloserOrder>,
     quit: bool,
 }
 
@@ -113,6 +117,12 @@ impl Worker {
     pub fn evaluate(&self, revision: u64, design: Arc<Design>) {
         self.shared.estimator.supersede(revision);
         lock(&self.shared.mailbox).evaluate = Some((revision, design));
+        self.shared.arrived.notify_one();
+    }
+
+    /// Asks for what is computed of one measurement alone; takes the place of a request that still waits.
+    pub fn look_closer(&self, order: CloserOrder) {
+        lock(&self.shared.mailbox).closer = Some(order);
         self.shared.arrived.notify_one();
     }
 
@@ -168,6 +178,7 @@ impl Drop for Worker {
 enum Task {
     Evaluate(u64, Arc<Design>),
     Job(Job, Entry),
+    Closer(CloserOrder),
 }
 
 fn run(shared: &Shared) {
@@ -184,17 +195,25 @@ fn run(shared: &Shared) {
                 entry.begin();
                 Some(evaluator.run_job(job, entry, shared))
             }
+            Task::Closer(order) => {
+                let closer = Arc::new(order.look());
+                lock(&shared.results).live.closer = Some(closer);
+                None
+            }
         });
         let answer = done.unwrap_or_else(|text| {
             // What the computation had built may be half done.
             evaluator = Evaluator::default();
             let mut results = lock(&shared.results);
             results.live.busy = None;
-            if let Task::Evaluate(revision, _) = task {
-                results.live.failure = Some((revision, text));
-                return None;
+            match task {
+                Task::Evaluate(revision, _) => {
+                    results.live.failure = Some((revision, text));
+                    None
+                }
+                Task::Job(..) => Some(Err(text)),
+                Task::Closer(_) => None,
             }
-            Some(Err(text))
         });
         if let (Task::Job(_, entry), Some(answer)) = (task, answer) {
             entry.end(answer.as_ref().map(Outcome::sentence).map_err(Clone::clone));
@@ -221,6 +240,9 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
         if let Some((revision, design)) = mailbox.evaluate.take() {
             *job_is_due = true;
             return Some(Task::Evaluate(revision, design));
+        }
+        if let Some(order) = mailbox.closer.take() {
+            return Some(Task::Closer(order));
         }
         mailbox = shared.arrived.wait(mailbox).unwrap_or_else(PoisonError::into_inner);
     }

@@ -35,7 +35,7 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     answer(&mut window, &file, "Export");
     let text = std::fs::read_to_string(&file).unwrap();
     let lines: Vec<&str> = text.lines().collect();
-    assert!(lines[0].starts_with("name,lenslets,") && lines[0].ends_with(",sensor_tamura"), "{text}");
+    assert!(lines[0].starts_with("name,lenslets,") && lines[0].ends_with(",sensor_tamura,scene"), "{text}");
     assert!(lines[1].starts_with("Design 1,9.0,") && lines[2].starts_with("Design 2,4.0,"), "{text}");
     // Opening is one step, which can be undone.
     menu(&mut window, &["More of snapshot 1", "Open"]);
@@ -48,6 +48,15 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     window.get_by_label("Choose A and B to compare their pictures.");
     assert!(window.query_by_label("More of snapshot 1").is_none());
     window.get_by_label("More of snapshot 2");
+    // Numbers before another scene are marked as such.
+    assert!(window.query_by_label("b").is_none());
+    click(&mut window, "Scene");
+    click(&mut window, "New");
+    settle(&mut window);
+    menu(&mut window, &["View", "Room", "Show Compare"]);
+    click(&mut window, "Keep this design");
+    window.get_by_label("a");
+    window.get_by_label("b");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use egui::{Key, Modifiers, Theme, Vec2};
+use egui::{Key, Modifiers, Role, Theme, Vec2};
 use egui_kittest::kittest::Queryable;
 use lenslet_studio::workbench::Design;
 
@@ -215,6 +215,19 @@ fn keys_do_not_reach_the_mask_behind_a_question() {
     window.key_press(Key::Delete);
     window.run_steps(4);
     assert_eq!(lenslets(&window), before[1..]);
+    // The mask need not be seen.
+    window.hover_at(window.get_by_role_and_label(Role::Image, "Object").rect().center());
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::M);
+    window.run_steps(4);
+    assert!(window.query_by_label("Lenslet 1").is_none());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.run_steps(2);
+    menu(&mut window, &["View", "Room", "Show Lenslets"]);
+    click(&mut window, "Select lenslet 1");
+    window.key_press(Key::Backspace);
+    window.run_steps(4);
+    assert_eq!(lenslets(&window), before[2..]);
 }
 
 #[test]

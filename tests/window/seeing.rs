@@ -1,10 +1,11 @@
 //! Looking at pictures: zoom, pan, links, levels, spectrum.
 
-use egui::{Key, Modifiers, Role, vec2};
+use egui::{Key, Modifiers, Role, Theme, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, drag, lenslets, menu, open, settle, studio, turn, type_number};
+use super::estimates::wait_for;
+use super::{Window, answer, click, drag, lenslets, menu, open, open_window, settle, studio, turn, type_number};
 
 /// Zoom and pixel coordinates (x, y) in the middle of a picture, as assistive technology reads them.
 fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
@@ -318,6 +319,9 @@ fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
     let mut window = open(Design::default());
     menu(&mut window, &["View", "Room", "Show MTF"]);
     click(&mut window, "Show spectrum");
+    wait_for(&mut window, "the spectrum", |window| {
+        !window.get_by_label("Export spectrum as CSV").accesskit_node().is_disabled()
+    });
     let file = folder.path().join("spectrum.csv");
     click(&mut window, "Export spectrum as CSV");
     answer(&mut window, &file, "Export");
@@ -334,4 +338,59 @@ fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
     assert!(rows[0][1] > 3.0 * mean, "{:?}", rows[0]);
     let last: f64 = rows[24..].iter().map(|row| row[1]).sum::<f64>() / 7.0;
     assert!((last / mean - 1.0).abs() < 0.6, "{last} {mean}");
+}
+
+#[test]
+fn where_information_comes_from_is_laid_over_the_measurement() {
+    let mut window = open_window(Design::default(), vec2(1280.0, 800.0), Theme::Dark, true);
+    let told = |window: &Window| {
+        let node = window.get_by_role_and_label(Role::Image, "Measurement");
+        node.accesskit_node().description().filter(|text| text.starts_with("information over it, to "))
+    };
+    assert_eq!(told(&window), None);
+    click(&mut window, "Information over the measurement");
+    wait_for(&mut window, "the map", |window| told(window).is_some());
+    let closer = studio(&window).bench().live().closer.unwrap();
+    let map = closer.map.as_ref().unwrap();
+    assert_eq!(map.dim(), (65, 65), "all of the measurement, not one patch of it");
+    window.hover_at(rect_of(&window, "Measurement").center());
+    window.run_steps(3);
+    window.get_by_label_contains(", tells ");
+    // The map is that of the measurement that is shown.
+    click(&mut window, "Next measurement");
+    wait_for(&mut window, "the map of the next one", |window| {
+        told(window).is_some() && studio(window).bench().live().closer.unwrap().key.sample == 1
+    });
+    click(&mut window, "Information over the measurement");
+    assert_eq!(told(&window), None);
+}
+
+#[test]
+fn pictures_have_a_menu_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let place = rect_of(&window, "Measurement");
+    let place = place.min + place.size() * vec2(0.3, 0.6);
+    turn(&mut window, place, 5.0, Modifiers::NONE);
+    assert!(view_of(&window, "Measurement").0 > 1.5);
+    window.get_by_role_and_label(Role::Image, "Measurement").click_secondary();
+    window.run_steps(4);
+    click(&mut window, "Show all of it");
+    assert_eq!(view_of(&window, "Measurement").0, 1.0);
+    window.get_by_role_and_label(Role::Image, "Measurement").click_secondary();
+    window.run_steps(4);
+    let file = folder.path().join("measurement.png");
+    click(&mut window, "Export this picture...");
+    answer(&mut window, &file, "Export");
+    assert_eq!(image::open(&file).unwrap().to_rgb8().dimensions(), (65, 65));
+    // The mask is edited where it was clicked.
+    let corner = rect_of(&window, "PSF").min + vec2(30.0, 30.0);
+    drag(&mut window, corner, vec2(0.0, 0.0), egui::PointerButton::Secondary);
+    click(&mut window, "Add a lenslet here");
+    assert_eq!(lenslets(&window).len(), 10);
+    // A row of the table has the menu of its lenslet.
+    window.get_by_label("Select lenslet 10").click_secondary();
+    window.run_steps(4);
+    click(&mut window, "Delete");
+    assert_eq!(lenslets(&window).len(), 9);
 }

@@ -12,6 +12,9 @@ use super::*;
 
 /// Clicks and returns what was put into the clipboard.
 fn copied(window: &mut Window, name: &str) -> String {
+    if window.query_by_label(name).is_none() {
+        click(window, "More of the numbers");
+    }
     window.get_by_label(name).click();
     for _ in 0..8 {
         window.step();
@@ -76,6 +79,41 @@ fn copied_commands_give_the_same_numbers_bit_for_bit() {
     assert!(line.contains("--estimator full --patch 32x32 --steps 12"), "{line}");
     let repeated = run_line(&line);
     assert_eq!(repeated["bits_per_pixel"].as_f64(), Some(estimate.bits_per_pixel), "whatever the number of threads");
+}
+
+#[test]
+#[cfg(unix)]
+fn the_live_estimate_is_repeated_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    studio(&window).bench().set_live(true);
+    let bounded =
+        |window: &Window| studio(window).bench().estimates().live.is_some_and(|live| live.value.lower.is_some());
+    wait_for(&mut window, "an estimate with a bound from below", bounded);
+    menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
+    let revision = studio(&window).bench().revision();
+    wait_for(&mut window, "that of two lenslets", |window| {
+        bounded(window) && studio(window).bench().estimates().live.unwrap().revision == revision
+    });
+    studio(&window).bench().set_live(false);
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    window.run_steps(4);
+    let shown = studio(&window).bench().estimates().live.unwrap().value;
+    let line = copied(&mut window, "Copy command line");
+    assert!(shown.warm && line.starts_with("lenslet-studio repeat "), "{line}");
+    settle(&mut window);
+    let repeated = run_line(&format!("{line} --json"));
+    assert_eq!(repeated["numbers"]["bits_per_pixel"].as_f64(), Some(shown.bits_per_pixel), "{repeated:#}");
+    assert_eq!(repeated["numbers"]["lower"]["bits_per_pixel"].as_f64(), shown.lower.as_ref().map(|b| b.bits_per_pixel));
+    let bound = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
+    assert_eq!(repeated["look"]["information"]["gaussian_bound"].as_f64(), Some(bound));
+    assert_eq!(repeated["same"], true);
+    // The same record, where a person wants it.
+    menu(&mut window, &["More of the numbers", "Export record of the live estimate..."]);
+    let file = folder.path().join("mine.json");
+    answer(&mut window, &file, "Export");
+    let kept = line.trim_start_matches("lenslet-studio repeat ").trim_matches('\'');
+    assert_eq!(std::fs::read(file).unwrap(), std::fs::read(kept).unwrap());
 }
 
 #[test]
@@ -209,6 +247,11 @@ fn kept_designs_are_there_the_other_day() {
     menu(&mut window, &["View", "Room", "Show Compare"]);
     window.get_by_label("PSF of Design 1");
     window.get_by_label(&format!("\u{2264} {bound:.3}"));
+    // Measurements are not kept, but come again for those that are compared.
+    for name in ["A is snapshot 1", "B is snapshot 2", "Compare Measurement", "Show difference"] {
+        click(&mut window, name);
+    }
+    wait_for(&mut window, "both measurements", |window| window.query_by_label("Difference").is_some());
     menu(&mut window, &["More of snapshot 2", "Open"]);
     assert_eq!(lenslets(&window).len(), 2);
     menu(&mut window, &["More of snapshot 1", "Delete"]);

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::levels::{Levels, Scale};
 use super::network::PatchInputs;
 use super::predictor::Predictor;
+use super::start::CausalStart;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, StationaryGaussian};
 use crate::sensor::Noise;
@@ -142,17 +143,22 @@ impl Conditioning {
     }
 
     /// What belongs to this design alone, with the units that `start` gave to the inputs and, where they serve, its
-    /// levels: weights that were fitted to those keep their meaning.
-    pub fn in_units_of(mut self, start: &Self) -> Self {
+    /// `levels`: weights that were fitted to those keep their meaning.
+    pub fn in_units_of(mut self, start: &CausalStart, levels: &Levels) -> Self {
         self.roots = start.roots;
         self.photons = start.photons;
         self.far = in_order_of(&start.far, self.far);
-        let ((low, high), (start_low, start_high)) = (self.levels.range(), start.levels.range());
+        let ((low, high), (start_low, start_high)) = (self.levels.range(), levels.range());
         let serves = self.noise == start.noise && (low - start_low).abs() <= 1e-3 * start_low.abs().max(1.0);
         if serves && high <= start_high && high >= 0.6 * start_high {
-            self.levels = start.levels.clone();
+            self.levels = levels.clone();
         }
         self
+    }
+
+    /// Mean and inverse deviation of the roots of photons, and of photons.
+    pub fn units(&self) -> ((f32, f32), (f32, f32)) {
+        (self.roots, self.photons)
     }
 
     /// With its far places in the order in which `before` has those next to them.

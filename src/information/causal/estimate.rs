@@ -9,6 +9,7 @@ use super::fit::{CausalFit, FitLength};
 use super::keep::FitKeeper;
 use super::model::CausalModel;
 use super::shape::CausalShape;
+use super::start::CausalStart;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::likelihood::log_likelihood;
 use crate::information::{
@@ -42,7 +43,7 @@ pub struct CausalRequest<'a> {
     /// Length of the fit.
     pub length: FitLength,
     /// A model of a similar design to start from.
-    pub start: Option<&'a CausalModel>,
+    pub start: Option<&'a CausalStart>,
     /// The name the estimate goes by.
     pub estimator: Estimator,
     /// Seed of first weights, patches, noise and bootstraps.

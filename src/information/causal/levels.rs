@@ -2,6 +2,7 @@
 
 use ndarray::ArrayView3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::information::likelihood::{ln_normal, ln_poisson, log_likelihood};
 use crate::network::{exponential, vectorised};
@@ -96,10 +97,21 @@ struct Table {
     log_largest: Vec<f32>,
 }
 
+/// What levels are chosen for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct LevelSpan {
+    /// Darkest and brightest pixel, photons.
+    low: f64,
+    high: f64,
+    /// Whether shot noise has left whole numbers.
+    counts: bool,
+}
+
 /// Levels `x_l`, uniform on the square-root scale, and the likelihoods `P(y | x_l)`.
 #[derive(Clone, Debug)]
 pub(super) struct Levels {
     noise: Noise,
+    pub span: LevelSpan,
     /// Photons.
     pub photons: Vec<f32>,
     /// Their logarithms.
@@ -111,10 +123,16 @@ impl Levels {
     /// Levels for images of `clean` photons under a noise, or for noisy ones where no clean ones are known. `counts`
     /// tells whether shot noise has left whole numbers.
     pub fn new(noise: Noise, images: ArrayView3<'_, f32>, counts: bool) -> Self {
-        let scale = Scale::new(noise);
         let (low, high) = images.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
             (low.min(f64::from(x)), high.max(f64::from(x)))
         });
+        Self::spanning(noise, LevelSpan { low, high, counts })
+    }
+
+    /// Levels from the darkest to the brightest pixel.
+    pub fn spanning(noise: Noise, span: LevelSpan) -> Self {
+        let LevelSpan { low, high, counts } = span;
+        let scale = Scale::new(noise);
         let low = if noise.has_shot_noise() { low.max(DARKEST) } else { low };
         let high = low + (high - low).max(0.0) * HEADROOM;
         let (first, last) = (scale.of(low), scale.of(high).max(scale.of(low) + 1.0));
@@ -128,7 +146,7 @@ impl Levels {
         let kernel = Self::kernel(noise, scale, &photons, step, counts);
         let photons: Vec<f32> = photons.iter().map(|&x| x as f32).collect();
         let logs = photons.iter().map(|&x| f64::from(x).ln()).collect();
-        Self { noise, photons, logs, kernel }
+        Self { noise, span, photons, logs, kernel }
     }
 
     fn kernel(noise: Noise, scale: Scale, photons: &[f64], step: f64, counts: bool) -> Kernel {

@@ -11,8 +11,10 @@ mod keep;
 mod levels;
 mod model;
 mod network;
+mod over;
 mod predictor;
 mod shape;
+mod start;
 mod stream;
 
 pub use conditioning::Moments;
@@ -20,5 +22,7 @@ pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map
 pub use fit::{CausalFit, FitLength};
 pub use keep::FitKeeper;
 pub use model::CausalModel;
+pub use over::information_over;
 pub use shape::CausalShape;
+pub use start::CausalStart;
 pub use stream::{PatchBatch, PatchStream};

@@ -6,8 +6,10 @@ use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
 use super::conditioning::{Conditioning, Inputs, Moments};
+use super::levels::Levels;
 use super::network::Workspace;
 use super::shape::{CausalShape, Layers};
+use super::start::CausalStart;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, MAX_PATCH_PIXELS};
 use crate::network::{ParameterLayout, Pool, sum_in_order};
@@ -41,20 +43,23 @@ impl CausalModel {
         noise: Noise,
         sample: &PatchBatch,
         moments: &Moments,
-        start: Option<&Self>,
+        start: Option<&CausalStart>,
         seed: u64,
     ) -> Result<Self, InformationError> {
         crate::information::NoiseEntropy::new(noise, crate::information::Protocol::Default)?;
         check(sample.noisy.view())?;
-        let start = start.filter(|start| start.shape == shape);
+        let start = start.filter(|start| start.shape == shape).and_then(|start| {
+            let levels = Levels::spanning(start.noise, start.span);
+            Some((start, start.layout(levels.count())?, levels))
+        });
         let mut conditioning = Conditioning::new(noise, sample, moments)?;
-        if let Some(start) = start {
-            conditioning = conditioning.in_units_of(&start.conditioning);
+        if let Some((start, _, levels)) = &start {
+            conditioning = conditioning.in_units_of(start, levels);
         }
         let mut model = Self::unfitted(shape, conditioning, sample, seed);
-        if let Some(start) = start {
-            let same_levels = start.conditioning.levels.photons == model.conditioning.levels.photons;
-            for (tensor, from) in model.layout.tensors().iter().zip(start.layout.tensors()) {
+        if let Some((start, layout, levels)) = &start {
+            let same_levels = levels.photons == model.conditioning.levels.photons;
+            for (tensor, from) in model.layout.tensors().iter().zip(layout.tensors()) {
                 if tensor.shape == from.shape && (same_levels || !tensor.name.starts_with("head")) {
                     model.weights[tensor.range.clone()].copy_from_slice(&start.weights[from.range.clone()]);
                 }
@@ -302,7 +307,8 @@ mod tests {
         let (first, _) = model(Noise::Shot, (6, 6));
         let sample = sample(Noise::Shot, (6, 6));
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
-        let again = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Some(&first), 9).unwrap();
+        let start = CausalStart::from(&first);
+        let again = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Some(&start), 9).unwrap();
         assert_eq!(again.weights, first.weights);
         assert_eq!(again.conditioning.levels.photons, first.conditioning.levels.photons);
         let fresh = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, None, 9).unwrap();

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
 use super::conditioning::{PRESENT_CHANNELS, WINDOW_CHANNELS};
 use crate::network::{Initial, Layer, ParameterLayout, Rule, Taps, Tensor};
 
@@ -12,7 +14,7 @@ const WINDOW: (isize, isize) = (2, 2);
 pub(super) const FAR_CHANNELS: usize = 8;
 
 /// Size of the network.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CausalShape {
     /// Channels C of the hidden layers.
     pub(super) channels: usize,

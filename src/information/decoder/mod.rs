@@ -28,6 +28,8 @@ pub use channel::BeadChannel;
 pub use first::{FirstProgress, OnFirstStep};
 pub use fit::{DecoderFit, DecoderProgress};
 pub use layers::Decoder;
-pub use posterior::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
+pub use posterior::{
+    OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound,
+};
 pub use quick::QuickLowerBound;
 pub use slope::spot_slope;

@@ -20,4 +20,6 @@ mod state;
 mod tests;
 mod watch;
 
-pub use bound::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
+pub use bound::{
+    OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound,
+};

@@ -1,0 +1,82 @@
+//! `repeat`: a live estimate of the window again, from its record.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::choices::about_objects;
+use super::look::Look;
+use super::{Failure, output};
+use crate::information::NamedBound;
+use crate::workbench::{LiveNumbers, LiveRecord, Repeated};
+
+/// Arguments of `repeat`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// A record of a live estimate, as the Information room writes it.
+    record: PathBuf,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Result {
+    #[serde(flatten)]
+    repeated: Repeated,
+    look: Look,
+}
+
+impl Arguments {
+    /// Does it.
+    pub fn run(self) -> std::result::Result<(), Failure> {
+        let record = LiveRecord::open(&self.record)?;
+        let look = Look::at(&record.design)?;
+        let bar = output::step_bar(record.steps());
+        let repeated = record.repeat(&|steps| {
+            bar.set_position(steps as u64);
+            true
+        });
+        let repeated = repeated.map_err(|error| about_objects(&record.design, error))?;
+        bar.finish_and_clear();
+        let (same, notes) = (repeated.same, repeated.notes.join("; "));
+        if self.json {
+            output::print_json(&Result { repeated, look })?;
+        } else {
+            let mut lines = look.lines();
+            lines.extend(lines_of(&repeated));
+            output::print(&lines.join("\n"))?;
+        }
+        if same {
+            return Ok(());
+        }
+        let reason = if notes.is_empty() { "another processor may have computed them".to_owned() } else { notes };
+        Err(Failure::Incomplete(anyhow::anyhow!("the numbers are not the same as those of the record: {reason}")))
+    }
+}
+
+fn lines_of(repeated: &Repeated) -> Vec<String> {
+    let [rows, cols] = repeated.numbers.patch;
+    let mut lines = vec![format!("Live estimate of a {rows} x {cols} px patch, bits per pixel (now, recorded):")];
+    let numbers = [&repeated.numbers, &repeated.recorded];
+    let sides: [(&str, fn(&LiveNumbers) -> Option<NamedBound>); 3] = [
+        ("at least", |numbers| numbers.lower.clone()),
+        ("at most", |numbers| numbers.upper.clone()),
+        ("at most", |numbers| {
+            let (bits_per_pixel, interval_95) = (numbers.bits_per_pixel, numbers.interval_95);
+            Some(NamedBound { from: "live estimate".into(), bits_per_pixel, interval_95 })
+        }),
+    ];
+    for (side, bound) in sides {
+        if let [Some(now), Some(then)] = numbers.map(bound) {
+            let [low, high] = now.interval_95;
+            let (bits, recorded) = (now.bits_per_pixel, then.bits_per_pixel);
+            lines.push(format!("  {side} {bits:.6} [{low:.4}, {high:.4}], {recorded:.6}  {}", now.from));
+        }
+    }
+    lines.push(if repeated.same { "The same to the last bit." } else { "Not the same." }.into());
+    lines.extend(repeated.notes.iter().map(|note| format!("note: {note}")));
+    lines
+}

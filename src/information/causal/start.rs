@@ -1,0 +1,53 @@
+//! What a fitted model gives to the fit of a similar design.
+
+use serde::{Deserialize, Serialize};
+
+use super::levels::LevelSpan;
+use super::model::CausalModel;
+use super::shape::CausalShape;
+use crate::network::ParameterLayout;
+use crate::sensor::Noise;
+
+/// Everything that a fit takes from the model of a similar design, in numbers that go through a file unchanged: a fit that
+/// starts from them is the same whenever it is repeated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CausalStart {
+    pub(super) shape: CausalShape,
+    pub(super) noise: Noise,
+    pub(super) span: LevelSpan,
+    /// Units of the inputs: mean and inverse deviation of the roots of photons, and of photons.
+    pub(super) roots: (f32, f32),
+    pub(super) photons: (f32, f32),
+    /// Far places (rows down, columns right), px.
+    pub(super) far: Vec<(isize, isize)>,
+    pub(super) weights: Vec<f32>,
+}
+
+impl CausalStart {
+    /// The weights.
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// Where the weights lie; none where they are too many or too few, as those of a damaged file are.
+    pub(super) fn layout(&self, levels: usize) -> Option<ParameterLayout> {
+        let (_, layout) = self.shape.layers(levels, &self.far);
+        (layout.count() == self.weights.len() && self.weights.iter().all(|weight| weight.is_finite())).then_some(layout)
+    }
+}
+
+impl From<&CausalModel> for CausalStart {
+    fn from(model: &CausalModel) -> Self {
+        let conditioning = &model.conditioning;
+        let (roots, photons) = conditioning.units();
+        Self {
+            shape: model.shape.clone(),
+            noise: conditioning.noise,
+            span: conditioning.levels.span,
+            roots,
+            photons,
+            far: conditioning.far.clone(),
+            weights: model.weights.clone(),
+        }
+    }
+}

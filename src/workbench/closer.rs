@@ -1,0 +1,85 @@
+//! What is computed of one measurement because somebody looks at it: its spectrum, and where its information comes from.
+
+use std::sync::Arc;
+
+use ndarray::{Array2, ArrayView2, Axis, s};
+
+use super::evaluation::Measurements;
+use crate::information::{CausalModel, PowerSpectrum, information_over, power_spectrum};
+
+/// Of a larger picture the middle is taken, so that edits never wait long for its transform.
+const LARGEST_SIDE: usize = 512;
+
+/// Pixels of the largest measurement whose map is made, for the same reason.
+const MOST_MAPPED: usize = 256 * 256;
+
+/// Tells one such look from another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CloserKey {
+    /// Revision of the design.
+    pub revision: u64,
+    /// Index of the measurement.
+    pub sample: usize,
+    /// Whether it is shown with noise.
+    pub noisy: bool,
+    /// Training steps of the model that tells where its information comes from; none where that is not asked for.
+    pub steps: Option<usize>,
+}
+
+/// What is to be looked at.
+#[derive(Clone, Debug)]
+pub struct CloserOrder {
+    /// What it is called.
+    pub key: CloserKey,
+    /// The measurements of that design.
+    pub measurements: Arc<Measurements>,
+    /// The model of the live estimate, where the map is asked for.
+    pub model: Option<Arc<CausalModel>>,
+}
+
+/// What came of it.
+#[derive(Clone, Debug)]
+pub struct Closer {
+    /// What it is of.
+    pub key: CloserKey,
+    /// Power spectrum of the measurement as it is shown.
+    pub spectrum: PowerSpectrum,
+    /// What each pixel of the noisy measurement adds to what those before it have told, bits, shape (rows, cols).
+    pub map: Option<Array2<f32>>,
+}
+
+impl CloserOrder {
+    /// Looks.
+    pub(super) fn look(&self) -> Closer {
+        let Measurements { noiseless, noisy, .. } = &*self.measurements;
+        let last = noisy.len_of(Axis(0)).saturating_sub(1);
+        let of = self.key.sample.min(last);
+        let (clean, measured) = (noiseless.index_axis(Axis(0), of), noisy.index_axis(Axis(0), of));
+        let spectrum = power_spectrum(middle(if self.key.noisy { measured } else { clean }));
+        // Without a map the picture is shown as it is.
+        let model = self.model.as_ref().filter(|_| measured.len() <= MOST_MAPPED);
+        let map = model.and_then(|model| information_over(model, measured, clean).ok());
+        Closer { key: self.key, spectrum, map }
+    }
+}
+
+/// At most [`LARGEST_SIDE`] rows and columns in the middle of a picture.
+fn middle(image: ArrayView2<'_, f32>) -> ArrayView2<'_, f32> {
+    let (rows, cols) = image.dim();
+    let (tall, wide) = (rows.min(LARGEST_SIDE), cols.min(LARGEST_SIDE));
+    let (top, left) = ((rows - tall) / 2, (cols - wide) / 2);
+    image.slice_move(s![top..top + tall, left..left + wide])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_of_large_pictures_is_taken() {
+        let image = Array2::from_shape_fn((600, 20), |(row, col)| (100 * row + col) as f32);
+        let part = middle(image.view());
+        assert_eq!(part.dim(), (512, 20));
+        assert_eq!(part[(0, 0)], 4400.0);
+    }
+}

@@ -1,0 +1,115 @@
+//! The bounds beside the live estimate that know the prior of the objects.
+
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::design::derived_seed;
+use crate::information::{
+    BeadChannel, Decoder, InformationError, NamedBound, OnPosterior, PosteriorBound, PosteriorFit, QuickLowerBound,
+    posterior_lower_bound, posterior_upper_bound,
+};
+
+/// Half width of the interval of the decoder's bound that is enough, bits per pixel.
+const LOWER_HALF_WIDTH: f64 = 0.002;
+/// Streams of random numbers for the posterior from below and from above.
+pub(super) const BELOW: u64 = 8;
+pub(super) const ABOVE: u64 = 9;
+
+/// Samples behind a bound that knows the prior.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Draws {
+    /// By the decoder that comes with the program, as it is: on at most so many.
+    AtOnce {
+        /// Most samples.
+        samples: usize,
+    },
+    /// By following the posterior.
+    Followed {
+        /// Steps from guess to posterior.
+        levels: usize,
+        /// Samples.
+        samples: usize,
+    },
+}
+
+/// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
+/// those that were stopped leave the ones before.
+pub(super) struct Beads<'a> {
+    /// None without a prior.
+    channel: Option<&'a BeadChannel>,
+    /// Seed of the design.
+    seed: u64,
+    pub lower: Option<(NamedBound, Draws)>,
+    pub upper: Option<(NamedBound, Draws)>,
+}
+
+impl<'a> Beads<'a> {
+    pub fn new(channel: Option<&'a BeadChannel>, seed: u64) -> Self {
+        Self { channel, seed, lower: None, upper: None }
+    }
+
+    /// What the decoder tells of fresh samples.
+    pub fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
+        let Some(channel) = self.channel else { return };
+        let seed = derived_seed(self.seed, 7);
+        let Ok(Some(bound)) = QuickLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
+            return;
+        };
+        let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
+        self.raise(NamedBound { from: "decoder".into(), bits_per_pixel, interval_95 }, Draws::AtOnce { samples });
+    }
+
+    /// The posterior from both sides, for so long each.
+    pub fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
+        let fit = |stream| PosteriorFit::within(time, derived_seed(self.seed, stream));
+        let (below, above) = (fit(BELOW), fit(ABOVE));
+        self.below(&below, stop);
+        self.above(&above, stop);
+    }
+
+    /// The fit that follows the posterior of just these samples.
+    pub fn again(&self, levels: usize, samples: usize, stream: u64) -> PosteriorFit {
+        let seed = derived_seed(self.seed, stream);
+        PosteriorFit { samples, half_width: 0.0, ..PosteriorFit::of_levels(levels, seed) }
+    }
+
+    pub fn below(&mut self, fit: &PosteriorFit, stop: &(dyn Fn() -> bool + Sync)) {
+        if let Some(below) = self.followed(posterior_lower_bound, fit, stop) {
+            self.raise(NamedBound::from(&below), drawn(&below));
+        }
+    }
+
+    pub fn above(&mut self, fit: &PosteriorFit, stop: &(dyn Fn() -> bool + Sync)) {
+        if let Some(above) = self.followed(posterior_upper_bound, fit, stop) {
+            self.upper = Some((NamedBound::from(&above), drawn(&above)));
+        }
+    }
+
+    fn followed(
+        &self,
+        bound: BoundOfPosterior,
+        fit: &PosteriorFit,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Option<PosteriorBound> {
+        let (channel, decoder) = (self.channel?, Decoder::shipped()?);
+        let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        bound(channel, fit, decoder, &mut watch).ok()
+    }
+
+    fn raise(&mut self, bound: NamedBound, draws: Draws) {
+        if self.lower.as_ref().is_none_or(|(known, _)| bound.bits_per_pixel > known.bits_per_pixel) {
+            self.lower = Some((bound, draws));
+        }
+    }
+}
+
+/// [`posterior_lower_bound`] or [`posterior_upper_bound`].
+type BoundOfPosterior =
+    fn(&BeadChannel, &PosteriorFit, &Decoder, OnPosterior<'_>) -> Result<PosteriorBound, InformationError>;
+
+fn drawn(bound: &PosteriorBound) -> Draws {
+    Draws::Followed { levels: bound.levels, samples: bound.samples }
+}

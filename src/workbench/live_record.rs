@@ -1,0 +1,243 @@
+//! Records of live estimates: a file with all that is needed to compute the same numbers again.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::design::{Design, DesignFileError};
+use super::evaluation::{EvaluationError, Scene};
+use super::refinement::{LiveEstimate, LiveRecipe, repeated};
+use super::repeat::anywhere;
+use crate::formats::{FormatError, create_folder, read_json, write_json};
+use crate::information::{CausalStart, NamedBound};
+use crate::objects::Progress;
+
+/// What such a file says of itself.
+const FORMAT: &str = "lenslet-studio/live-estimate";
+const FORMAT_VERSION: u32 = 1;
+
+/// A live estimate, the design that it is of, and how it came about.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LiveRecord {
+    format: String,
+    format_version: u32,
+    program_version: String,
+    /// The design, its objects by absolute path.
+    pub design: Design,
+    /// What was found in the objects.
+    objects_fingerprint: String,
+    /// The numbers.
+    pub numbers: LiveNumbers,
+    /// How they came about.
+    recipe: LiveRecipe,
+    /// What the fit started from; none where it began from nothing.
+    start: Option<CausalStart>,
+}
+
+/// The numbers of a live estimate, bits per pixel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LiveNumbers {
+    /// The estimate, an upper bound.
+    pub bits_per_pixel: f64,
+    /// Its 95 % interval.
+    pub interval_95: [f64; 2],
+    /// Cross-entropy of the measurements.
+    pub entropy_y: f64,
+    /// Entropy of the noise.
+    pub entropy_y_given_x: f64,
+    /// Held-out patches behind it.
+    pub test_patches: usize,
+    /// Rows and columns of a patch.
+    pub patch: [usize; 2],
+    /// The largest bound from below, where the prior is known.
+    pub lower: Option<NamedBound>,
+    /// The bound from above by posterior sampling, where the prior is known.
+    pub upper: Option<NamedBound>,
+}
+
+impl LiveNumbers {
+    fn of(live: &LiveEstimate) -> Self {
+        Self {
+            bits_per_pixel: live.bits_per_pixel,
+            interval_95: live.interval_95,
+            entropy_y: live.entropy_y,
+            entropy_y_given_x: live.entropy_y_given_x,
+            test_patches: live.test_patches,
+            patch: live.patch.into(),
+            lower: live.lower.clone(),
+            upper: live.upper.clone(),
+        }
+    }
+}
+
+/// What came of computing a live estimate again.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Repeated {
+    /// The numbers now.
+    pub numbers: LiveNumbers,
+    /// Those of the record.
+    pub recorded: LiveNumbers,
+    /// Whether they are the same to the last bit.
+    pub same: bool,
+    /// What differs from then, where something does.
+    pub notes: Vec<String>,
+}
+
+impl LiveRecord {
+    /// The record of an estimate of a design before a scene.
+    pub fn new(design: &Design, scene: &Scene, live: &LiveEstimate) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            format_version: FORMAT_VERSION,
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            design: Design { objects: anywhere(&design.objects), ..design.clone() },
+            objects_fingerprint: scene.set.fingerprint(),
+            numbers: LiveNumbers::of(live),
+            recipe: live.recipe,
+            start: live.start.as_deref().cloned(),
+        }
+    }
+
+    /// Writes it; its folder is made if need be.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), FormatError> {
+        if let Some(folder) = path.parent() {
+            create_folder(folder)?;
+        }
+        write_json(path, self)
+    }
+
+    /// A name for its file: records of the same numbers have the same, others have others.
+    pub fn file_name(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(format!("{} {:?} {:?}", self.objects_fingerprint, self.design, self.recipe).as_bytes());
+        for weight in self.start.iter().flat_map(CausalStart::weights) {
+            hasher.update(&weight.to_le_bytes());
+        }
+        format!("live-{}.json", &hasher.finalize().to_hex()[..16])
+    }
+
+    /// Reads one.
+    ///
+    /// # Errors
+    /// [`DesignFileError`] for files that are no such record, or one of a newer version.
+    pub fn open(path: &Path) -> Result<Self, DesignFileError> {
+        let refuse = |found: String| DesignFileError::Refused {
+            path: path.display().to_string(),
+            found,
+            advice: "choose a record of a live estimate, as the Information room saves it",
+        };
+        let value: serde_json::Value = read_json(path)?;
+        let entry = |name: &str| value.get(name).map_or_else(|| "nothing".to_owned(), ToString::to_string);
+        if value.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
+            return Err(refuse(format!("{} as its format", entry("format"))));
+        }
+        if value.get("format_version").and_then(serde_json::Value::as_u64) != Some(FORMAT_VERSION.into()) {
+            return Err(refuse(format!("format version {}", entry("format_version"))));
+        }
+        let record: Self = serde_json::from_value(value).map_err(|error| refuse(error.to_string()))?;
+        record.design.check().map_err(|error| refuse(error.to_string()))?;
+        if record.recipe.steps > record.recipe.planned || record.recipe.steps == 0 {
+            return Err(refuse(format!("step {} of {}", record.recipe.steps, record.recipe.planned)));
+        }
+        Ok(record)
+    }
+
+    /// Steps of the fit.
+    pub fn steps(&self) -> usize {
+        self.recipe.steps
+    }
+
+    /// Computes it again: the same to the last bit on the machine and by the version that it was computed by. `go_on` is
+    /// asked at every step of the fit and told how many are done.
+    ///
+    /// # Errors
+    /// Where the objects cannot be opened or the design allows no estimate, and when cancelled.
+    pub fn repeat(&self, go_on: &(dyn Fn(usize) -> bool + Sync)) -> Result<Repeated, EvaluationError> {
+        let open = |_: Progress| if go_on(0) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let scene = Scene::open(&self.design, &open)?;
+        let live = repeated(&self.design, &scene, (&self.recipe, self.start.as_ref()), go_on)?;
+        let numbers = LiveNumbers::of(&live);
+        let mut notes = Vec::new();
+        if scene.set.fingerprint() != self.objects_fingerprint {
+            notes.push("the objects are no longer those of the record".to_owned());
+        }
+        if self.program_version != env!("CARGO_PKG_VERSION") {
+            notes.push(format!("the record was written by version {}", self.program_version));
+        }
+        Ok(Repeated { same: numbers == self.numbers, numbers, recorded: self.numbers.clone(), notes })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use super::super::live_bounds::Draws;
+    use super::super::refinement::Refiner;
+    use super::*;
+    use crate::optics::{Encoder, heuristic_layout};
+
+    /// The first estimate that is wanted of a design.
+    fn first(
+        refiner: &mut Refiner,
+        design: &Design,
+        scene: &Arc<Scene>,
+        wanted: fn(&LiveEstimate) -> bool,
+    ) -> LiveEstimate {
+        let (found, stop) = (RefCell::new(None), AtomicBool::new(false));
+        let mut publish = |estimate: LiveEstimate| {
+            if wanted(&estimate) && found.borrow().is_none() {
+                found.replace(Some(estimate));
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
+        let ended = refiner.refine(design, scene, &mut publish, &|| stop.load(Ordering::Relaxed));
+        assert!(ended.is_err_and(|error| error.is_cancelled()));
+        found.into_inner().unwrap()
+    }
+
+    #[test]
+    fn live_estimates_come_out_the_same_from_their_records() {
+        let folder = tempfile::tempdir().unwrap();
+        let design = |count| Design { encoder: Encoder::Lenslets(heuristic_layout(count)), ..Design::default() };
+        let (one, two) = (design(1), design(2));
+        let scene = Arc::new(Scene::open(&one, &|_| ControlFlow::Continue(())).unwrap());
+        let mut refiner = Refiner::default();
+        let cold = first(&mut refiner, &one, &scene, |live| live.lower.is_some());
+        let warm = first(&mut refiner, &two, &scene, |live| live.upper.is_some());
+        assert!(!cold.warm && warm.warm && warm.steps > 0);
+        assert!(matches!(warm.recipe.upper, Some(Draws::Followed { .. })));
+        for (name, design, live) in [("cold", &one, &cold), ("warm", &two, &warm)] {
+            let path = folder.path().join("new folder").join(name);
+            let record = LiveRecord::new(design, &scene, live);
+            record.save(&path).unwrap();
+            let read = LiveRecord::open(&path).unwrap();
+            assert_eq!(read, record);
+            let repeated = read.repeat(&|_| true).unwrap();
+            assert!(repeated.same && repeated.notes.is_empty(), "{repeated:#?}");
+            assert_eq!(repeated.numbers.bits_per_pixel, live.bits_per_pixel);
+            assert!(read.repeat(&|steps| steps < 3).is_err_and(|error| error.is_cancelled()));
+        }
+        assert_ne!(LiveRecord::new(&one, &scene, &cold).file_name(), LiveRecord::new(&one, &scene, &warm).file_name());
+    }
+
+    #[test]
+    fn other_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("record.json");
+        let mut texts = vec!["{}".to_owned(), "[]".into(), format!("{{\"format\": \"{FORMAT}\"}}")];
+        texts.push(format!("{{\"format\": \"{FORMAT}\", \"format_version\": 2}}"));
+        texts.push(format!("{{\"format\": \"{FORMAT}\", \"format_version\": 1, \"recipe\": 3}}"));
+        for text in texts {
+            std::fs::write(&path, &text).unwrap();
+            let refusal = LiveRecord::open(&path).unwrap_err().to_string();
+            assert!(refusal.contains("record.json"), "{text}: {refusal}");
+        }
+    }
+}

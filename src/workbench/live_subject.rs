@@ -1,0 +1,139 @@
+//! A design as its live estimate sees it: patches, model, scores.
+
+use std::sync::Arc;
+
+use ndarray::{Array3, Axis, s};
+
+use super::design::Design;
+use super::estimation::moments;
+use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
+use super::refinement::{LiveEstimate, LiveRecipe};
+use crate::design::{Imaging, derived_seed};
+use crate::information::{
+    BeadChannel, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
+    NoiseEntropy, PatchBatch, PatchStream, Protocol, causal_model, information_map, paired_interval,
+};
+use crate::objects::Split;
+use crate::sensor::Convolver;
+
+/// Share of the usual learning rate of a fit that starts from the model of a similar design.
+const WARM_RATE: f64 = 0.5;
+/// Held-out patches of the scores in between, and of the last.
+const SCORED: usize = 96;
+const SCORED_LAST: usize = 384;
+/// Patches whose own maps are kept.
+const SHOWN: usize = 8;
+
+/// A design with what its estimates are made of.
+pub(super) struct Subject<'a> {
+    design: &'a Design,
+    imaging: &'a Imaging<'a>,
+    pub patch: (usize, usize),
+    convolver: Convolver,
+    pub channel: Option<BeadChannel>,
+    entropy: NoiseEntropy,
+}
+
+impl<'a> Subject<'a> {
+    pub fn new(design: &'a Design, scene: &Scene, imaging: &'a Imaging<'a>) -> Result<Self, EvaluationError> {
+        let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
+        let psf = design.psf(scene.set.planes())?;
+        let convolver = imaging.convolver(psf.view())?;
+        let channel = imaging.bead_channel(psf.view(), patch);
+        let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
+        Ok(Self { design, imaging, patch, convolver, channel, entropy })
+    }
+
+    pub fn stream(&self, split: Split) -> impl PatchStream {
+        self.imaging.stream(self.convolver.clone(), split, self.patch)
+    }
+
+    /// Held-out patches of the scores in between.
+    pub fn test(&self) -> Result<PatchBatch, InformationError> {
+        self.stream(Split::Test).draw(SCORED, derived_seed(self.design.seed, 2))
+    }
+
+    /// Those of the last score. The first of them are those of the scores before, so that it differs from them by little.
+    pub fn last_test(&self, test: &PatchBatch) -> Result<PatchBatch, InformationError> {
+        let more = self.stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(self.design.seed, 5))?;
+        joined(test, &more)
+    }
+
+    /// The model before its fit.
+    pub fn model(
+        &self,
+        train: &dyn PatchStream,
+        test: &PatchBatch,
+        start: Option<&CausalStart>,
+    ) -> Result<CausalModel, EvaluationError> {
+        Ok(causal_model(&CausalRequest {
+            stream: train,
+            test,
+            validation: None,
+            keeper: None,
+            moments: Some(&moments(self.design, self.imaging, self.patch)?),
+            noise: self.design.noise,
+            length: FitLength::Steps(0),
+            start,
+            estimator: Estimator::Live,
+            seed: self.seed(),
+        })?)
+    }
+
+    fn seed(&self) -> u64 {
+        derived_seed(self.design.seed, 3)
+    }
+
+    pub fn fit(&self, planned: usize, warm: bool) -> CausalFit {
+        let fit = CausalFit::new(FitLength::Steps(planned), self.seed());
+        if warm { CausalFit { rate: WARM_RATE * fit.rate, ..fit } } else { fit }
+    }
+
+    pub fn score(
+        &self,
+        model: &CausalModel,
+        test: &PatchBatch,
+        (recipe, start): (LiveRecipe, Option<Arc<CausalStart>>),
+    ) -> Result<LiveEstimate, InformationError> {
+        let maps = information_map(model, &self.entropy, test)?;
+        let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
+        let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let (bits_per_pixel, entropy_y_given_x) = (mean(&information), mean(&per_patch));
+        let shown = s![..SHOWN.min(maps.len_of(Axis(0))), .., ..];
+        Ok(LiveEstimate {
+            bits_per_pixel,
+            interval_95: paired_interval(&information, self.design.seed)?,
+            entropy_y: bits_per_pixel + entropy_y_given_x,
+            entropy_y_given_x,
+            patch: model.patch(),
+            test_patches: information.len(),
+            steps: recipe.steps,
+            seconds: 0.0,
+            remaining: None,
+            warm: start.is_some(),
+            recipe,
+            start,
+            model: Arc::new(model.clone()),
+            gradient: None,
+            lower: None,
+            upper: None,
+            mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
+            maps: maps.slice(shown).mapv(|bits| bits as f32),
+            patches: test.noisy.slice(shown).to_owned(),
+        })
+    }
+}
+
+/// Both batches, one after the other.
+fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, InformationError> {
+    let both = |a: &Array3<f32>, b: &Array3<f32>| {
+        ndarray::concatenate(Axis(0), &[a.view(), b.view()])
+            .map_err(|error| InformationError::Stream { reason: error.to_string() })
+    };
+    let clean = match (&one.clean, &other.clean) {
+        (Some(one), Some(other)) => Some(both(one, other)?),
+        _ => None,
+    };
+    Ok(PatchBatch { noisy: both(&one.noisy, &other.noisy)?, clean })
+}
