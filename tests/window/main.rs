@@ -5,6 +5,7 @@ mod compare;
 mod estimates;
 mod home;
 mod mask;
+mod messages;
 mod runs;
 mod seeing;
 mod soak;
