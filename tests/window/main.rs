@@ -6,6 +6,7 @@ mod estimates;
 mod home;
 mod mask;
 mod messages;
+mod panics;
 mod runs;
 mod seeing;
 mod soak;
