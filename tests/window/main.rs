@@ -2,6 +2,7 @@
 #![cfg(feature = "studio")]
 
 mod compare;
+mod dialogs;
 mod estimates;
 mod home;
 mod mask;
