@@ -1,46 +1,127 @@
-//! A program that is killed at any moment leaves whole files, and what was not saved can be recovered.
+//! A program that is killed at any moment leaves whole files, and what was not saved can be recovered: a state that the
+//! design had, and none that was left long ago.
 
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command as Process, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command as Process, Stdio};
+use std::time::{Duration, Instant};
 
 use lenslet_studio::optics::Lenslet;
-use lenslet_studio::workbench::{Command, Design, LensletChange, Workbench};
+use lenslet_studio::workbench::{Command, Design, LensletChange, Outcome, Recovered, Workbench};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Tells the child where to work.
+/// Tells the child where to work, the number of its first edit, and after how many edits it saves, 0 for never.
 const FOLDER: &str = "LENSLET_STUDIO_CRASH_FOLDER";
+const FIRST: &str = "LENSLET_STUDIO_CRASH_FIRST_EDIT";
+const SAVES: &str = "LENSLET_STUDIO_CRASH_SAVES";
 const KILLS: usize = 200;
-/// The file that tells that the child edits by now.
-const STARTED: &str = "started";
+/// Where the child tells what it is about to do.
+const JOURNAL: &str = "journal";
+const SAVED_FILE: &str = "design.json";
+/// The most that a design which is kept may be behind the open one.
+const PROMISED: Duration = Duration::from_secs(30);
 
-/// Edits and saves without end; does nothing unless it is started by the test below.
+/// The lenslet that is edited, after the edit of this number. No two are equal.
+fn edited(edit: u64) -> Lenslet {
+    let lenslet = Design::default().encoder.lenslets().unwrap().lenslets[0];
+    Lenslet { x: 4.0 + (edit % 200) as f64 * 0.1, y: 4.0 + (edit / 200) as f64 * 0.1, ..lenslet }
+}
+
+fn command(edit: u64) -> Command {
+    Command::ChangeLenslets { what: LensletChange::Position, lenslets: vec![(0, edited(edit))] }
+}
+
+/// The number of the edit that a design is the result of; it differs from that in nothing.
+fn edit_of(design: &Design) -> u64 {
+    let lenslet = design.encoder.lenslets().unwrap().lenslets[0];
+    let edit = ((lenslet.x - 4.0) * 10.0).round() as u64 + 200 * ((lenslet.y - 4.0) * 10.0).round() as u64;
+    assert_eq!(*design, command(edit).applied_to(&Design::default()).unwrap(), "edit {edit}");
+    edit
+}
+
+/// Edits and saves without end; does nothing unless it is started by a test below.
 #[test]
 fn edits_and_saves_until_it_is_killed() {
     let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return };
+    let number = |name: &str| std::env::var(name).unwrap().parse::<u64>().unwrap();
+    let (first, saves) = (number(FIRST), number(SAVES));
     let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
     bench.set_live(false);
     bench.keep_unsaved_in(&folder.join("unsaved")).unwrap();
-    std::fs::write(folder.join(STARTED), b"").unwrap();
-    for edit in 0_u32.. {
-        let mut lenslet: Lenslet = bench.design().encoder.lenslets().unwrap().lenslets[0];
-        lenslet.x = 4.0 + f64::from(edit % 200) * 0.1;
-        bench.apply(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: vec![(0, lenslet)] }).unwrap();
+    let mut journal = File::options().append(true).create(true).open(folder.join(JOURNAL)).unwrap();
+    let mut saving = VecDeque::new();
+    for edit in first.. {
+        // One write each: a kill leaves whole lines.
+        journal.write_all(format!("edit {edit}\n").as_bytes()).unwrap();
+        bench.apply(&command(edit)).unwrap();
         assert_eq!(bench.note_unsaved(), None);
-        if edit % 3 == 2 {
-            bench.save_to(folder.join("design.json"));
+        if saves > 0 && edit % saves == saves - 1 {
+            bench.save_to(folder.join(SAVED_FILE));
+            saving.push_back(edit);
         }
         for outcome in bench.take_outcomes() {
-            outcome.unwrap();
+            assert!(matches!(outcome.unwrap(), Outcome::Saved { .. }));
+            journal.write_all(format!("saved {}\n", saving.pop_front().unwrap()).as_bytes()).unwrap();
         }
         std::thread::sleep(Duration::from_millis(1));
     }
 }
 
-fn unsaved(folder: &Path) -> usize {
-    let Ok(files) = std::fs::read_dir(folder.join("unsaved")) else { return 0 };
-    files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "json")).count()
+/// The program that is to be killed, whatever becomes of the test.
+struct Victim(Child);
+
+impl Victim {
+    fn start(folder: &Path, first: u64, saves: u64) -> Self {
+        let child = Process::new(std::env::current_exe().unwrap())
+            .args(["edits_and_saves_until_it_is_killed", "--exact", "--nocapture"])
+            .env(FOLDER, folder)
+            .env(FIRST, first.to_string())
+            .env(SAVES, saves.to_string())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        Self(child.unwrap())
+    }
+
+    fn kill(mut self) {
+        assert!(self.0.try_wait().unwrap().is_none(), "it ends only when it is killed");
+    }
+}
+
+impl Drop for Victim {
+    fn drop(&mut self) {
+        // It may have ended by itself, which is told where it matters.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The last number that the journal tells of this kind.
+fn last(folder: &Path, kind: &str) -> Option<u64> {
+    let journal = std::fs::read_to_string(folder.join(JOURNAL)).unwrap_or_default();
+    // A line that is being written has no end yet.
+    let mut lines = journal.split_inclusive('\n').filter(|line| line.ends_with('\n'));
+    lines.rfind(|line| line.starts_with(kind))?[kind.len()..].trim().parse().ok()
+}
+
+/// Files with unsaved changes.
+fn unsaved(folder: &Path) -> Vec<PathBuf> {
+    let Ok(files) = std::fs::read_dir(folder.join("unsaved")) else { return Vec::new() };
+    let files = files.map(|file| file.unwrap().path());
+    files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).collect()
+}
+
+/// What the window offers when it is opened next.
+fn offered(folder: &Path) -> Vec<Recovered> {
+    let left = unsaved(folder).len();
+    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    bench.set_live(false);
+    let found = bench.keep_unsaved_in(&folder.join("unsaved")).unwrap();
+    assert_eq!(found.len(), left, "every file that was left behind is whole");
+    found
 }
 
 #[test]
@@ -48,43 +129,68 @@ fn no_kill_tears_a_file_or_loses_what_was_kept() {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let (mut saved, mut recovered) = (0, 0);
     let folder = tempfile::tempdir().unwrap();
-    for kill in 0..KILLS {
-        let started = folder.path().join(STARTED);
-        let _ = std::fs::remove_file(&started);
-        let mut child = Process::new(std::env::current_exe().unwrap())
-            .args(["edits_and_saves_until_it_is_killed", "--exact", "--nocapture"])
-            .env(FOLDER, folder.path())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
+    let file = folder.path().join(SAVED_FILE);
+    for kills in 0..KILLS {
+        let first = last(folder.path(), "edit").map_or(0, |edit| edit + 1);
+        let victim = Victim::start(folder.path(), first, 3);
         // A few are killed while they start, whenever that is on this machine.
         for _ in 0..20_000 {
-            if kill % 8 == 0 || started.exists() {
+            if kills % 8 == 0 || last(folder.path(), "edit") >= Some(first) {
                 break;
             }
             std::thread::sleep(Duration::from_millis(1));
         }
         std::thread::sleep(Duration::from_micros(random.random_range(0..80_000)));
-        assert!(child.try_wait().unwrap().is_none(), "the child ends only when it is killed");
-        child.kill().unwrap();
-        child.wait().unwrap();
-        let file = folder.path().join("design.json");
+        victim.kill();
+        let newest = last(folder.path(), "edit");
         if file.exists() {
-            Design::open(&file).unwrap();
+            let edit = edit_of(&Design::open(&file).unwrap());
+            assert!(Some(edit) >= last(folder.path(), "saved") && Some(edit) <= newest, "{edit} of {newest:?}");
             saved += 1;
         }
-        // What the window does when it is opened next.
-        let offered = unsaved(folder.path());
-        let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
-        bench.set_live(false);
-        let found = bench.keep_unsaved_in(&folder.path().join("unsaved")).unwrap();
-        assert_eq!(found.len(), offered, "every file that was left behind is whole");
-        for left in found {
-            assert_eq!(left.design.encoder.lenslets().unwrap().lenslets.len(), 9);
-            recovered += 1;
+        for left in offered(folder.path()) {
+            let edit = edit_of(&left.design);
+            assert!(edit >= first && Some(edit) <= newest, "{edit} of {first} to {newest:?}");
+            assert!(left.path.as_ref().is_none_or(|path| *path == file));
             left.discard();
+            recovered += 1;
         }
     }
     assert!(saved > KILLS / 2 && recovered > KILLS / 8, "{saved} saved, {recovered} recovered");
+}
+
+/// The edit that is kept while its program runs.
+fn kept(folder: &Path) -> Option<u64> {
+    let files = unsaved(folder);
+    assert!(files.len() <= 1, "{files:?}");
+    let value: serde_json::Value = serde_json::from_slice(&std::fs::read(files.first()?).unwrap()).unwrap();
+    Some(edit_of(&serde_json::from_value(value["design"].clone()).unwrap()))
+}
+
+#[test]
+fn what_is_recovered_is_no_older_than_promised() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let victim = Victim::start(folder, 0, 0);
+    let begun = Instant::now();
+    while last(folder, "edit").is_none() {
+        assert!(begun.elapsed() < PROMISED, "it does not start");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // However long one edits without a pause, what is kept follows.
+    let mut seen = None;
+    for _ in 0..2 {
+        let (now, asked) = (last(folder, "edit"), Instant::now());
+        while seen < now {
+            assert!(asked.elapsed() < PROMISED, "{now:?} is not kept, but {seen:?} is");
+            let later = kept(folder);
+            assert!(later >= seen, "{later:?} after {seen:?}");
+            seen = later;
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+    victim.kill();
+    let mut found = offered(folder);
+    let edit = found.pop().map(|left| edit_of(&left.design));
+    assert!(found.is_empty() && edit >= seen && edit <= last(folder, "edit"), "{edit:?}, but {seen:?} was kept");
 }

@@ -9,7 +9,7 @@ use egui_tiles::Tree;
 
 use super::actions::Action;
 use super::dialogs;
-use super::home::{Home, KEPT};
+use super::home::{Home, KEPT, ZOOM};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
@@ -167,7 +167,9 @@ impl Studio {
         let Some(home) = &mut self.home else { return };
         home.keep_designs(state.snapshots.changes(self.closing));
         state.preferences.theme = ctx.options(|options| options.theme_preference);
-        state.preferences.zoom = ctx.zoom_factor();
+        // The keys reach further than what is remembered.
+        state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());
+        ctx.set_zoom_factor(state.preferences.zoom);
         state.preferences.live = state.bench.is_live();
         // Rooms are moved by the pointer, and come to rest when that is released.
         let moved = ctx.input(|input| input.pointer.any_released() || input.viewport().close_requested());

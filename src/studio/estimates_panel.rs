@@ -33,7 +33,8 @@ pub struct EstimateForm {
 impl Default for EstimateForm {
     fn default() -> Self {
         let kind = Estimator::Bracket;
-        Self { kind, whole_sensor: false, minutes: usual_minutes(kind), steps: 4000, by_steps: false, chosen: None }
+        let (minutes, steps) = (usual_minutes(kind), usual_steps(kind));
+        Self { kind, whole_sensor: false, minutes, steps, by_steps: true, chosen: None }
     }
 }
 
@@ -72,6 +73,11 @@ impl EstimateForm {
 
 fn usual_minutes(kind: Estimator) -> f64 {
     kind.usual_budget().map_or(1.0, |budget| budget.as_secs_f64() / 60.0)
+}
+
+/// Steps that take about as long on two cores.
+fn usual_steps(kind: Estimator) -> usize {
+    if kind == Estimator::Full { 60_000 } else { 2_000 }
 }
 
 /// Shows the panel.
@@ -114,7 +120,7 @@ fn order(ui: &mut Ui, state: &mut State) {
             .show_ui(ui, |ui| {
                 for (kind, name, hint) in EstimateForm::KINDS {
                     if ui.selectable_value(&mut form.kind, kind, name).on_hover_text(hint).clicked() {
-                        form.minutes = usual_minutes(kind);
+                        (form.minutes, form.steps) = (usual_minutes(kind), usual_steps(kind));
                     }
                 }
             })
@@ -143,7 +149,8 @@ fn order(ui: &mut Ui, state: &mut State) {
             .selected_text(if form.counts_steps() { "steps" } else { "min" })
             .width(52.0)
             .show_ui(ui, |ui| {
-                ui.selectable_value(&mut form.by_steps, false, "min").on_hover_text("The number depends on the machine");
+                ui.selectable_value(&mut form.by_steps, false, "min")
+                    .on_hover_text("The fit gets as far as the machine does, so that the copied command gives a similar number");
                 ui.add_enabled_ui(can_count, |ui| {
                     ui.selectable_value(&mut form.by_steps, true, "steps")
                         .on_hover_text("The copied command gives the same number again, bit for bit");

@@ -24,6 +24,8 @@ pub const THREADS: std::ops::RangeInclusive<usize> = 1..=256;
 /// The files.
 const PREFERENCES: &str = "preferences.json";
 const LAYOUT: &str = "layout.json";
+/// Where eframe keeps size and place of the window.
+const GEOMETRY: &str = "app.ron";
 /// The folder of designs that were put aside.
 pub const KEPT: &str = "kept";
 
@@ -146,8 +148,10 @@ impl Home {
     /// # Errors
     /// Where they cannot be written.
     pub fn reset(folder: &Path) -> Result<(), FormatError> {
-        // It may never have been there.
-        let _ = std::fs::remove_file(folder.join(LAYOUT));
+        for name in [LAYOUT, GEOMETRY] {
+            // It may never have been there.
+            let _ = std::fs::remove_file(folder.join(name));
+        }
         let path = folder.join(PREFERENCES);
         let Ok(known) = read_json::<Preferences>(&path) else { return Ok(()) };
         write_json(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })

@@ -52,7 +52,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             (_, 1) => "1 selected".into(),
             (_, more) => format!("{more} selected"),
         };
-        ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate());
+        // What is left of the row: the picture stays as large as it is, whatever the text.
+        let room = vec2(ui.available_size_before_wrap().x, ui.spacing().interact_size.y);
+        if room.x > 60.0 {
+            ui.allocate_ui(room, |ui| ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate()));
+        }
     });
     let Some(optics) = state.live.optics.clone() else {
         placeholder(ui, "Rendering the PSF");

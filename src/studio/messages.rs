@@ -1,8 +1,9 @@
 //! What the studio has told: the newest shows in the status bar, all stay in the log.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use egui::{Color32, RichText, Ui};
+use egui::accesskit::Live;
+use egui::{Color32, Response, RichText, Ui};
 
 /// How serious a message is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +20,8 @@ pub enum Severity {
 struct Message {
     severity: Severity,
     text: String,
-    told: Instant,
+    /// When it was first seen in the corner, seconds since the window was opened.
+    seen: Option<f64>,
 }
 
 /// All messages since the start, bounded.
@@ -36,12 +38,12 @@ impl Messages {
     /// Messages that are kept; older ones are dropped.
     const KEPT: usize = 500;
     /// How long a message shows in the corner, and how many do at a time.
-    const SHOWN: Duration = Duration::from_secs(5);
+    const SHOWN_SECONDS: f64 = 5.0;
     const MOST_SHOWN: usize = 3;
     /// Width of such a message at most, points.
     const TOAST_WIDTH: f32 = 320.0;
 
-    /// Adds a message. The same message again is not repeated.
+    /// Adds a message. The same message again is not repeated in the list, but shows in the corner anew.
     pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
         let text = text.into();
         match severity {
@@ -49,13 +51,14 @@ impl Messages {
             Severity::Done => self.failure = None,
             Severity::Notice => {}
         }
-        if self.entries.last().is_some_and(|last| last.text == text) {
+        if let Some(last) = self.entries.last_mut().filter(|last| last.text == text) {
+            last.seen = None;
             return;
         }
         if self.entries.len() >= Self::KEPT {
             self.entries.remove(0);
         }
-        self.entries.push(Message { severity, text, told: Instant::now() });
+        self.entries.push(Message { severity, text, seen: None });
     }
 
     /// A strip with the newest failure in full, which cannot be overlooked.
@@ -69,7 +72,8 @@ impl Messages {
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
                 dismissed = ui.button("Dismiss").clicked();
                 ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                    ui.add(egui::Label::new(RichText::new(failure).color(colour)).wrap());
+                    let label = ui.add(egui::Label::new(RichText::new(failure).color(colour)).wrap());
+                    speak(&label, Live::Assertive);
                 });
             });
         });
@@ -78,13 +82,18 @@ impl Messages {
         }
     }
 
-    /// The newest messages in the corner, for some seconds; failures have a strip of their own.
-    pub fn toasts(&self, ctx: &egui::Context) {
-        let recent = self.entries.iter().rev().take_while(|message| message.told.elapsed() < Self::SHOWN);
-        let shown: Vec<&Message> =
+    /// The newest messages in the corner, for some seconds after they are first seen; failures have a strip of their own.
+    pub fn toasts(&mut self, ctx: &egui::Context) {
+        let now = ctx.input(|input| input.time);
+        let left = |message: &Message| Self::SHOWN_SECONDS - message.seen.map_or(0.0, |seen| now - seen);
+        let recent = self.entries.iter_mut().rev().take_while(|message| left(message) > 0.0);
+        let mut shown: Vec<&mut Message> =
             recent.filter(|message| message.severity != Severity::Failure).take(Self::MOST_SHOWN).collect();
+        for message in &mut shown {
+            message.seen.get_or_insert(now);
+        }
         let Some(oldest) = shown.last() else { return };
-        ctx.request_repaint_after(Self::SHOWN.saturating_sub(oldest.told.elapsed()));
+        ctx.request_repaint_after(Duration::from_secs_f64(left(oldest)));
         egui::Area::new(egui::Id::unique("toasts"))
             .anchor(egui::Align2::RIGHT_BOTTOM, [-12.0, -34.0])
             .order(egui::Order::Foreground)
@@ -111,9 +120,11 @@ impl Messages {
         };
         let text = RichText::new(&message.text).color(colour(ui, message.severity));
         let label = egui::Label::new(text).truncate().sense(egui::Sense::click());
-        if ui.add(label).on_hover_text(format!("{}\n\nClick for all messages", message.text)).clicked() {
+        let response = ui.add(label).on_hover_text(format!("{}\n\nClick for all messages", message.text));
+        if response.clicked() {
             self.log_open = !self.log_open;
         }
+        speak(&response, Live::Polite);
     }
 
     /// The window with all messages, newest first.
@@ -133,6 +144,11 @@ impl Messages {
         });
         self.log_open = open;
     }
+}
+
+/// Has assistive technology read a text aloud when it changes, wherever its user is.
+fn speak(response: &Response, live: Live) {
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_live(live));
 }
 
 fn colour(ui: &Ui, severity: Severity) -> Color32 {

@@ -97,8 +97,8 @@ fn settings(ui: &mut Ui, state: &mut State) {
         // The size changes when the slider is let go: it would run away from the pointer otherwise.
         let id = egui::Id::unique("zoom");
         let mut zoom = ui.data(|data| data.get_temp(id)).unwrap_or_else(|| ui.ctx().zoom_factor());
-        let slider =
-            egui::Slider::new(&mut zoom, ZOOM).step_by(0.1).custom_formatter(|x, _| format!("{:.0} %", 100.0 * x));
+        let slider = egui::Slider::new(&mut zoom, ZOOM).step_by(0.1).update_while_editing(false);
+        let slider = slider.custom_formatter(|x, _| format!("{:.0} %", 100.0 * x)).custom_parser(percent);
         let response = ui.add(slider);
         name_widget(&response, "Zoom");
         if response.dragged() {
@@ -152,6 +152,11 @@ fn settings(ui: &mut Ui, state: &mut State) {
         let unsaved = state.preferences.unsaved.clone().unwrap_or_else(|| folder.join("unsaved"));
         ui.weak(format!("Unsaved changes are in {}", unsaved.display()));
     }
+}
+
+/// The share that a text such as "120 %" or "120" means.
+fn percent(text: &str) -> Option<f64> {
+    text.trim().trim_end_matches('%').trim_end().parse::<f64>().ok().map(|percent| percent / 100.0)
 }
 
 /// How many threads compute.

@@ -47,6 +47,12 @@ impl RendererChoice {
 /// Why there is no window.
 #[derive(Debug, Error)]
 pub enum WindowError {
+    /// There is nothing to open a window on, whatever draws it.
+    #[error(
+        "no window could be opened: nothing answers at the display that DISPLAY or WAYLAND_DISPLAY names; start it or \
+         correct the name"
+    )]
+    NoDisplay,
     /// Neither renderer starts.
     #[error(
         "no window could be opened ({first_name}: {first}; {second_name}: {second}); check that the display named by \
@@ -65,8 +71,8 @@ pub enum WindowError {
 }
 
 /// Opens the window on a design and returns when it is closed, drawn by `renderer` or, without one, by that of the
-/// preferences. Where it does not start, the other is tried and
-/// a message in the window says so. `reset` forgets layout and preferences first.
+/// preferences. Where it does not start, the other is tried and a message in the window says so. `reset` forgets layout
+/// and preferences first.
 ///
 /// # Errors
 /// [`WindowError`] where neither starts.
@@ -85,7 +91,11 @@ pub fn open_window(
     let open = |renderer: RendererChoice, notices: Vec<String>| {
         run(design.clone(), path.clone(), renderer, folder.clone(), notices)
     };
-    let Err(first) = open(renderer, notices.clone()) else { return Ok(()) };
+    let first = match open(renderer, notices.clone()) {
+        Ok(()) => return Ok(()),
+        Err(eframe::Error::WinitEventLoop(_)) => return Err(WindowError::NoDisplay),
+        Err(error) => error,
+    };
     let other = renderer.other();
     let notice =
         format!("{} did not start ({first}); the window is drawn by {} instead.", renderer.name(), other.name());

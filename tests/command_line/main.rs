@@ -1,6 +1,7 @@
 //! The program as its users meet it: the built binary, its files, its sentences and its exit codes.
 
 mod design;
+mod display;
 mod failures;
 mod measured;
 mod options;

@@ -42,17 +42,16 @@ export XDG_DATA_HOME="$work/home"
 "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
 app=$!
 find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
-wait_for 60 find_window
-window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1)
-xdotool windowactivate --sync "$window" 2>/dev/null || xdotool windowfocus "$window"
 
 picture() { import -window "$window" "$1"; }
-# The picture is there when the mask's yellow peaks are.
+# The picture is there when the mask's yellow peaks are. A window that is found before may go away again.
 drawn() {
-  picture "$work/now.png"
-  [ "$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:)" -gt 8 ]
+  find_window && picture "$work/now.png" &&
+    [ "$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:)" -gt 8 ]
 }
 wait_for 60 drawn
+focus() { xdotool windowactivate --sync "$window" || xdotool windowfocus "$window"; }
+wait_for 20 focus
 # The first window asks what to start from; Escape leaves that open.
 xdotool key --window "$window" Escape
 sleep 1

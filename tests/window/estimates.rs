@@ -63,8 +63,9 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     wait_for(&mut window, "the end of it", |window| studio(window).bench().estimates().running.is_none());
     assert!(studio(&window).bench().estimates().finished.is_empty());
     assert!(window.query_by_label("Start estimate").is_some());
-    let minutes = window.get_by_label("Minutes");
-    minutes.click();
+    click(&mut window, "Length of the fit");
+    click(&mut window, "min");
+    window.get_by_label("Minutes").click();
     window.run_steps(2);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.get_by_label("Minutes").type_text("0.1");

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use egui::{Key, Modifiers, Role, Theme, Vec2};
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, lenslets, menu, open, open_window, settle, studio};
+use super::{Window, answer, click, lenslets, menu, open, open_window, settle, studio, type_number};
 
 /// A window that lives in a folder, not for the first time.
 pub fn at_home(folder: &Path) -> Window {
@@ -141,6 +141,55 @@ fn theme_and_rooms_come_back_and_can_be_reset() {
     assert!(window.query_by_label("Recover").is_none());
     assert_eq!(window.ctx.options(|options| options.theme_preference), egui::ThemePreference::Light);
     menu(&mut window, &["View", "Layout", "Reset layout"]);
+}
+
+#[test]
+fn the_size_of_everything_is_chosen_by_keys_and_settings_and_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    let percent = |window: &Window| (100.0 * window.ctx.zoom_factor()).round();
+    let press = |window: &mut Window, key: Key| {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        window.run_steps(4);
+    };
+    for (key, size) in [
+        (Key::Plus, 110.0),
+        (Key::Equals, 120.0),
+        (Key::Minus, 110.0),
+        (Key::Num0, 100.0),
+        (Key::Minus, 90.0),
+        (Key::Minus, 80.0),
+    ] {
+        press(&mut window, key);
+        assert_eq!(percent(&window), size, "{key:?}");
+    }
+    drop(window);
+    let mut window = at_home(folder.path());
+    assert_eq!(percent(&window), 80.0);
+    // In the settings it is the same number, and can be set there.
+    press(&mut window, Key::Comma);
+    let slider = window.get_by_role_and_label(Role::Slider, "Zoom");
+    assert_eq!(slider.accesskit_node().numeric_value().map(|size| (100.0 * size).round()), Some(80.0));
+    slider.focus();
+    window.run_steps(2);
+    window.key_press(Key::ArrowRight);
+    window.run_steps(4);
+    assert_eq!(percent(&window), 90.0);
+    for typed in ["120", "130 %"] {
+        type_number(&mut window, "Zoom", typed);
+        assert!(typed.starts_with(&percent(&window).to_string()), "{typed}: {}", percent(&window));
+    }
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    // The keys end where the next window would not follow.
+    for (key, times, size) in [(Key::Minus, 12, 50.0), (Key::Plus, 40, 400.0)] {
+        for _ in 0..times {
+            press(&mut window, key);
+        }
+        assert_eq!(percent(&window), size, "{key:?}");
+    }
+    drop(window);
+    assert_eq!(percent(&at_home(folder.path())), 400.0);
 }
 
 #[test]

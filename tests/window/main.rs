@@ -2,9 +2,12 @@
 #![cfg(feature = "studio")]
 
 mod compare;
+mod dialogs;
 mod estimates;
 mod home;
 mod mask;
+mod messages;
+mod panics;
 mod runs;
 mod seeing;
 mod soak;

@@ -20,7 +20,10 @@ fn copied(window: &mut Window, name: &str) -> String {
         window.step();
         let commands = &window.output().platform_output.commands;
         if let Some(OutputCommand::CopyText(text)) = commands.first() {
-            return text.clone();
+            let text = text.clone();
+            // The menu goes away.
+            window.run_steps(4);
+            return text;
         }
     }
     panic!("{name}: nothing was copied");

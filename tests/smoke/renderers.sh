@@ -1,0 +1,85 @@
+#!/usr/bin/env bash
+# A renderer that cannot start leads to the other one and a notice; where neither can, the program says so in one sentence
+# and computes the design instead.
+# usage: renderers.sh PROGRAM
+set -euo pipefail
+program=$(realpath "$1")
+work=$(mktemp -d)
+number=$((90 + RANDOM % 400))
+unset WAYLAND_DISPLAY
+export XDG_DATA_HOME="$work/home"
+cd "$work"
+
+Xvfb ":$number" -noreset -screen 0 1300x860x24 >"$work/xvfb.log" 2>&1 &
+xvfb=$!
+# Neither GLX nor, for lack of a driver, EGL: no OpenGL.
+dark=$((number + 1))
+Xvfb ":$dark" -noreset -extension GLX -screen 0 1300x860x24 >"$work/dark.log" 2>&1 &
+xvfb_dark=$!
+no_egl=__EGL_VENDOR_LIBRARY_FILENAMES=/nonexistent
+# An interface that this system does not have.
+no_wgpu=WGPU_BACKEND=metal
+finish() {
+  code=$?
+  kill "${app:-}" "$xvfb" "$xvfb_dark" 2>/dev/null || true
+  if [ $code -ne 0 ]; then
+    echo "smoke test of the renderers failed; the program said:"
+    cat "$work/app.log" 2>/dev/null || true
+  fi
+  rm -rf "$work"
+}
+trap finish EXIT
+
+# Waits up to $1 seconds until the rest of the arguments succeed.
+wait_for() {
+  local limit=$((SECONDS + $1))
+  shift
+  until "$@" >/dev/null 2>&1; do
+    [ $SECONDS -lt $limit ] || { echo "waited in vain for: $*"; return 1; }
+    sleep 0.1
+  done
+}
+
+# Not the first window, in a theme whose notices are of a known colour.
+mkdir -p "$work/home/lenslet-studio"
+echo '{"welcomed": true, "theme": "Dark", "live": false}' >"$work/home/lenslet-studio/preferences.json"
+find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
+# A window that is found at first may go away again.
+picture() { find_window && import -window "$window" "$work/now.png"; }
+# Pixels of notices in the status bar, at the lower edge.
+notices() {
+  picture && convert "$work/now.png" -crop 900x24+0+776 -fill black +opaque '#ff8f00' -fill white -opaque '#ff8f00' \
+    -format '%[fx:int(w*h*mean+0.5)]' info:
+}
+noticed() { [ "$(notices)" -gt 50 ]; }
+# The mask is drawn when its yellow peaks are.
+drawn() {
+  picture && [ "$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:)" -gt 8 ]
+}
+
+# Opens the window by renderer $1 on a display where that cannot start, as the rest of the arguments see to.
+the_other_draws() {
+  local renderer=$1
+  shift
+  env "$@" "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
+  app=$!
+  wait_for 60 noticed
+  wait_for 30 drawn
+  kill -0 "$app"
+  kill "$app"
+  wait "$app" 2>/dev/null || true
+}
+
+export DISPLAY=":$dark"
+wait_for 20 xdotool getdisplaygeometry
+the_other_draws glow "$no_egl"
+
+env "$no_egl" "$no_wgpu" timeout 60 "$program" --renderer wgpu >"$work/out.log" 2>"$work/app.log"
+grep -q '^no window could be opened (wgpu: .*; OpenGL (glow): .*); .*; the design is computed here instead\.$' "$work/app.log"
+grep -q 'Gaussian bound' "$work/out.log"
+test -s "$work/lenslet-studio-export/design.json"
+
+export DISPLAY=":$number"
+wait_for 20 xdotool getdisplaygeometry
+the_other_draws wgpu "$no_wgpu"
+echo "smoke test of the renderers: each stands in for the other, and the command line for both"

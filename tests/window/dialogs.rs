@@ -1,0 +1,72 @@
+//! The button for the system's own file dialog, where there is none, where it is cancelled, and where it answers.
+#![cfg(target_os = "linux")]
+
+use std::os::unix::fs::PermissionsExt;
+use std::process::Command;
+
+use egui_kittest::kittest::NodeT;
+
+use super::estimates::wait_for;
+use super::*;
+
+/// Names the folder of all programs that the test below can start; it runs in a process of its own, with no portal and
+/// no dialog but that folder's, whatever the machine has.
+const PROGRAMS: &str = "LENSLET_STUDIO_DIALOG_PROGRAMS";
+
+/// Puts a program in place that notes that it was asked and then does `and`.
+fn put_dialog(programs: &Path, and: &str) {
+    let program = programs.join("zenity");
+    std::fs::write(&program, format!("#!/bin/sh\necho >>'{}'\n{and}\n", programs.join("asked").display())).unwrap();
+    std::fs::set_permissions(program, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// How often the system's dialog was asked.
+fn asked(programs: &Path) -> usize {
+    std::fs::read(programs.join("asked")).map_or(0, |lines| lines.len())
+}
+
+/// Presses the button and waits for the system's answer.
+fn browse(window: &mut Window) {
+    click(window, "Browse...");
+    wait_for(window, "the answer of the system", |window| {
+        !window.get_by_label("Browse...").accesskit_node().is_disabled()
+    });
+}
+
+fn path_field(window: &Window) -> String {
+    window.get_by_label("Path").value().unwrap_or_default()
+}
+
+#[test]
+fn a_typed_path_outlives_a_dialog_that_is_not_there_or_is_cancelled() {
+    let Some(programs) = std::env::var_os(PROGRAMS).map(std::path::PathBuf::from) else {
+        let programs = tempfile::tempdir().unwrap();
+        let output = Command::new(std::env::current_exe().unwrap())
+            .args(["dialogs::a_typed_path_outlives_a_dialog_that_is_not_there_or_is_cancelled", "--exact"])
+            .env(PROGRAMS, programs.path())
+            .env("PATH", programs.path())
+            .env("DBUS_SESSION_BUS_ADDRESS", "unix:path=/nowhere")
+            .output()
+            .unwrap();
+        let (told, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() && told.contains("1 passed"), "{told}\n{errors}");
+        return;
+    };
+    let chosen = programs.join("chosen.json");
+    Design { seed: 77, ..Design::default() }.save(&chosen).unwrap();
+    let mut window = open(Design::default());
+    menu(&mut window, &["File", "Open design..."]);
+    window.get_by_label("Path").type_text("/some/where.json");
+    window.run_steps(2);
+    browse(&mut window);
+    assert_eq!((path_field(&window).as_str(), asked(&programs)), ("/some/where.json", 0), "there is none");
+    put_dialog(&programs, "exit 1");
+    browse(&mut window);
+    assert_eq!((path_field(&window).as_str(), asked(&programs)), ("/some/where.json", 1), "it was cancelled");
+    put_dialog(&programs, &format!("echo '{}'", chosen.display()));
+    browse(&mut window);
+    assert_eq!((path_field(&window), asked(&programs)), (chosen.display().to_string(), 2));
+    click(&mut window, "Open");
+    settle(&mut window);
+    assert_eq!(studio(&window).bench().design().seed, 77);
+}

@@ -1,0 +1,116 @@
+//! A bug that panics while something is computed is told in a sentence, and the design, the window and the work after it
+//! go on.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use lenslet_studio::workbench::{ActivityState, RunStatus};
+
+use super::estimates::wait_for;
+use super::*;
+
+/// Has the next computation on threads of this name panic, where it asks for a frame to show what it has come to: the one
+/// thing of a window's that computations call. Tells whether that is still to come.
+fn break_once(window: &Window, threads: &'static str) -> Arc<AtomicBool> {
+    let armed = Arc::new(AtomicBool::new(true));
+    let still = Arc::clone(&armed);
+    window.ctx.set_repaint_observer(move |_| {
+        let here = std::thread::current().name().is_some_and(|name| name.starts_with(threads));
+        assert!(!(here && still.swap(false, Ordering::SeqCst)), "no light");
+    });
+    armed
+}
+
+/// What has become of the last job.
+fn state(window: &Window) -> Option<ActivityState> {
+    studio(window).bench().activities().last().map(|activity| activity.state.clone())
+}
+
+#[test]
+fn an_edit_that_cannot_be_computed_stays_and_the_next_one_gets_its_numbers() {
+    let mut window = open(Design::default());
+    let armed = break_once(&window, "lenslet-computation");
+    click(&mut window, "Add lenslet");
+    settle(&mut window);
+    assert!(!armed.load(Ordering::SeqCst), "it has panicked");
+    let (revision, told) = studio(&window).bench().live().failure.unwrap();
+    assert_eq!(
+        (revision, told.as_str()),
+        (studio(&window).bench().revision(), "an internal error stopped this computation: no light")
+    );
+    assert!(window.query_all_by_label(&told).next().is_some(), "the window says it");
+    assert_eq!(lenslets(&window).len(), 10);
+
+    click(&mut window, "Add lenslet");
+    settle(&mut window);
+    let live = studio(&window).bench().live();
+    assert!(live.failure.is_none() && window.query_all_by_label(&told).next().is_none());
+    assert_eq!(live.information.unwrap().revision, studio(&window).bench().revision());
+    assert_eq!(live.measurements.unwrap().revision, studio(&window).bench().revision());
+    for left in [10, 9] {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        settle(&mut window);
+        assert_eq!(lenslets(&window).len(), left);
+    }
+    assert!(studio(&window).bench().live().failure.is_none());
+}
+
+#[test]
+fn objects_that_cannot_be_read_leave_the_design_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("digits-idx3-ubyte");
+    let mut bytes = vec![0, 0, 8, 3, 0, 0, 0, 20, 0, 0, 0, 28, 0, 0, 0, 28];
+    bytes.extend((0..20 * 28 * 28).map(|pixel| (pixel * 7 % 251) as u8));
+    std::fs::write(&file, bytes).unwrap();
+    let mut window = open(Design::default());
+    let before = Arc::clone(studio(&window).bench().design());
+    let armed = break_once(&window, "lenslet-computation");
+    click(&mut window, "Open objects...");
+    answer(&mut window, &file, "Open");
+    assert!(!armed.load(Ordering::SeqCst), "it has panicked");
+    window.get_by_label("Dismiss");
+    let told = "an internal error stopped this computation: no light";
+    assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
+    assert_eq!(*studio(&window).bench().design(), before);
+    assert_eq!(state(&window), Some(ActivityState::Failed(told.into())));
+
+    click(&mut window, "Open objects...");
+    answer(&mut window, &file, "Open");
+    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Idx(file));
+    assert!(studio(&window).bench().live().failure.is_none());
+}
+
+#[test]
+fn estimates_and_runs_that_break_are_told_and_can_be_started_again() {
+    let mut window = open(Design::default());
+    let before = Arc::clone(studio(&window).bench().design());
+    break_once(&window, "lenslet-estimate");
+    click(&mut window, "Estimates");
+    click(&mut window, "Start estimate");
+    let told = "an internal error stopped this estimate: no light";
+    wait_for(&mut window, "the end of the estimate", |window| {
+        state(window) == Some(ActivityState::Failed(told.into()))
+    });
+    assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
+    click(&mut window, "Dismiss");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    click(&mut window, "Cancel estimate");
+    wait_for(&mut window, "the end of it", |window| studio(window).bench().estimates().running.is_none());
+
+    break_once(&window, "lenslet-run");
+    click(&mut window, "Optimize");
+    click(&mut window, "Start run");
+    let told = "an internal error stopped this run: no light";
+    wait_for(&mut window, "the end of the run", |window| state(window) == Some(ActivityState::Failed(told.into())));
+    assert_eq!(studio(&window).bench().run().unwrap().status, RunStatus::Failed(told.into()));
+    assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
+    assert_eq!(*studio(&window).bench().design(), before);
+    click(&mut window, "Start run");
+    if window.query_by_label("Start anew").is_some() {
+        click(&mut window, "Start anew");
+    }
+    wait_for(&mut window, "a step of the next run", |window| {
+        studio(window).bench().run().is_some_and(|run| !run.frames.is_empty())
+    });
+}
