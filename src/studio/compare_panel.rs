@@ -161,7 +161,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
             if response.changed() {
                 snapshot.rename(name);
             }
-            let text = egui::RichText::new(information(snapshot)).small();
+            let text = egui::RichText::new(information(snapshot)).size(11.0);
             ui.label(text).on_hover_text(bounds(snapshot));
             ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
             let lenslets = snapshot.design.encoder.lenslets();

@@ -43,10 +43,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     };
     let known = Known::of(state, &information.value, information.revision);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Min), |ui| {
-            more(ui, state);
-            ui.with_layout(egui::Layout::top_down(egui::Align::Min), |ui| headline(ui, &known));
-        });
+        headline(ui, state, &known);
         bound_bar(ui, &known);
         details(ui, state, &known);
         warning(ui, &known);
@@ -186,7 +183,7 @@ pub fn interval([low, high]: [f64; 2]) -> String {
 }
 
 /// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
-fn headline(ui: &mut Ui, known: &Known<'_>) {
+fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
     let (text, name, patch) = match (&known.sensor, known.lower()) {
@@ -212,17 +209,24 @@ fn headline(ui: &mut Ui, known: &Known<'_>) {
             },
         ),
     };
-    ui.horizontal_wrapped(|ui| {
-        let text = RichText::new(text).size(28.0).strong();
-        // A number that still changes leans.
-        let refining = known.sensor.is_none() && known.sampling().is_some_and(|live| live.remaining.is_some());
-        let text = if refining { text.italics() } else { text };
-        ui.label(if known.current { text } else { text.weak() });
-        ui.vertical(|ui| {
-            ui.add_space(4.0);
-            ui.label("bits per pixel");
-            ui.weak(if known.current { name } else { format!("{name}, of an earlier edit") });
+    let text = RichText::new(text).size(28.0).strong();
+    // A number that still changes leans.
+    let refining = known.sensor.is_none() && known.sampling().is_some_and(|live| live.remaining.is_some());
+    let text = if refining { text.italics() } else { text };
+    let name = if known.current { name } else { format!("{name}, of an earlier edit") };
+    ui.horizontal(|ui| {
+        // What is left beside the button in the corner.
+        let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
+        ui.allocate_ui_with_layout(room, egui::Layout::left_to_right(egui::Align::Min).with_main_wrap(true), |ui| {
+            ui.set_min_width(room.x);
+            ui.label(if known.current { text } else { text.weak() });
+            ui.vertical(|ui| {
+                ui.add_space(4.0);
+                ui.label("bits per pixel");
+                ui.weak(name);
+            });
         });
+        more(ui, state);
     });
     ui.weak(patch).on_hover_text("Mutual information between scenes and noisy measurements");
     ui.add_space(4.0);

@@ -389,7 +389,7 @@ fn pictures_have_a_menu_of_their_own() {
     click(&mut window, "Add a lenslet here");
     assert_eq!(lenslets(&window).len(), 10);
     // A row of the table has the menu of its lenslet.
-    window.get_by_label("Select lenslet 10").click_secondary();
+    window.get_by_label("Select lenslet 2").click_secondary();
     window.run_steps(4);
     click(&mut window, "Delete");
     assert_eq!(lenslets(&window).len(), 9);
