@@ -359,6 +359,8 @@ impl Action {
             }
             Self::StopRun => state.bench.stop_run(),
             Self::Accept => {
+                // What is shown is what was meant, however the run goes on.
+                state.bench.follow_run(false);
                 if !state.bench.accept() {
                     state.guard(ctx, super::state::Leave::Accept);
                 }
@@ -389,7 +391,7 @@ impl Action {
                     (Some(record), Some(folder)) => {
                         let path = folder.join("records").join(record.file_name());
                         let command = repeat_command(&path);
-                        state.bench.submit(Job::ExportLive { record: Box::new(record), path });
+                        state.bench.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
                         Ok(command)
                     }
                     _ => look_command(state.bench.design()),

@@ -13,6 +13,7 @@ use super::home::{Home, KEPT, ZOOM};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
 use super::state::{Arrange, Leave, State};
+use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
 use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, sheets, welcome};
 use crate::objects::ObjectSource;
@@ -36,26 +37,6 @@ pub struct Studio {
     home: Option<Home>,
     /// Designs that were left behind, until it is decided what becomes of them.
     left_behind: Vec<Recovered>,
-}
-
-/// How long the processor works on each frame.
-#[derive(Default)]
-struct FrameTimes {
-    shown: bool,
-    /// Of the last frame and the longest of late, seconds.
-    last: f32,
-    longest: f32,
-    /// Frames drawn since the window was opened.
-    count: u64,
-}
-
-impl FrameTimes {
-    fn note(&mut self, seconds: f32) {
-        self.last = seconds;
-        // The longest fades within a few hundred frames.
-        self.longest = (0.99 * self.longest).max(seconds);
-        self.count += 1;
-    }
 }
 
 impl Studio {
@@ -129,8 +110,15 @@ impl Studio {
         self.state.folder = Some(folder.to_owned());
         self.left_behind = self.state.keep_unsaved();
         match self.state.bench.keep_runs_in(&folder.join("run")) {
-            Ok(false) => {}
-            Ok(true) => self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into()),
+            Ok(()) => match self.state.bench.run() {
+                Some(run) if run.can_go_on() => {
+                    self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
+                }
+                Some(_) => {
+                    self.tell("What the last run has found was not accepted; Optimize > Show newest shows it.".into())
+                }
+                None => {}
+            },
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
     }
@@ -201,7 +189,8 @@ impl Studio {
         state.run = state.bench.take_up_run();
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
-        if let Some(information) = state.live.information.as_ref() {
+        let current = |revision| revision == state.bench.revision();
+        if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             state.trail.note(information.revision, &information.value, state.bench.design());
         }
         if let Some(live) = &state.estimates.live {
@@ -210,7 +199,10 @@ impl Studio {
         state.snapshots.take_up(&state.live, &state.estimates);
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
-        state.locks.check(count);
+        if !state.bench.is_looking() {
+            // Those of the open design, whatever is shown.
+            state.locks.check(count);
+        }
         if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
             && !state.bench.is_dirty()
             && let Some(leaving) = state.leaving.take()
@@ -262,7 +254,7 @@ impl Studio {
             None => self.rooms.ui(&mut Rooms(&mut self.state), ui),
         });
         let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
-        status_bar(&mut bar, &mut self.state, &self.frame_times);
+        status_bar::show(&mut bar, &mut self.state, &self.frame_times);
         let ctx = ui.ctx().clone();
         self.state.messages.log_window(&ctx);
         self.state.messages.toasts(&ctx);
@@ -398,7 +390,11 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
         Ok(Outcome::Exported { .. }) => state.guide.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
             state.snapshots.take_up_measurement(*number, measurement.clone());
+            if let Err(sentence) = measurement {
+                state.messages.push(Severity::Failure, sentence);
+            }
         }
+        Ok(Outcome::RecordKept { .. }) => {}
         Err(_) => {}
     }
     match outcome {
@@ -440,37 +436,6 @@ fn kind_of(path: &Path) -> FileKind {
         "npy" | "npz" | "tif" | "tiff" | "png" | "jpg" | "jpeg" | "bmp" if path.is_file() => FileKind::Picture,
         _ => FileKind::Objects,
     }
-}
-
-/// Left: the newest message, or the value under the pointer. Right: what is going on.
-fn status_bar(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
-    ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-        let work = jobs_window::summary(state).unwrap_or_else(|| {
-            if state.bench.is_computing() {
-                "Computing".into()
-            } else {
-                format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
-            }
-        });
-        let work = egui::Label::new(egui::RichText::new(work).weak()).sense(egui::Sense::click());
-        if ui.add(work).on_hover_text("Click for all jobs").clicked() {
-            state.jobs.open = !state.jobs.open;
-        }
-        if state.live.busy.is_some() && ui.small_button("Cancel reading").clicked() {
-            state.bench.cancel();
-        }
-        ui.separator();
-        if frames.shown {
-            let (last, longest) = (1e3 * frames.last, 1e3 * frames.longest);
-            ui.weak(format!("frame {}: {last:.1} ms, longest {longest:.1} ms", frames.count));
-            ui.separator();
-        }
-        if let Some(hover) = &state.hover {
-            ui.label(hover);
-            ui.separator();
-        }
-        ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| state.messages.status_line(ui));
-    });
 }
 
 /// Says that files may be dropped while some are held over the window.

@@ -286,7 +286,8 @@ fn pair(ui: &mut Ui, state: &mut State) {
         shown.colour_controls(ui, palettes);
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
-        ui.weak("Measuring");
+        let reason = [a, b].into_iter().find_map(|snapshot| snapshot.measurement.as_ref()?.as_ref().err());
+        ui.weak(reason.map_or("Measuring", String::as_str));
         return;
     };
     if one.dim() != other.dim() {
@@ -343,7 +344,7 @@ fn measure(state: &mut State) {
 fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
     match what {
         What::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
-        What::Measurement => snapshot.measurement.as_ref(),
+        What::Measurement => snapshot.measurement.as_ref()?.as_ref().ok(),
         What::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
     }
 }

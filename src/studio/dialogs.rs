@@ -309,7 +309,9 @@ fn answer(state: &mut State, question: &Question) {
         }
         Purpose::ExportPicture { image, .. } => state.bench.submit(Job::ExportPicture { image: image.clone(), path }),
         Purpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
-        Purpose::ExportLive(record) => state.bench.submit(Job::ExportLive { record: record.clone(), path }),
+        Purpose::ExportLive(record) => {
+            state.bench.submit(Job::ExportLive { record: record.clone(), path, for_command: false });
+        }
         Purpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }

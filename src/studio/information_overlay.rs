@@ -35,6 +35,10 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
     name_widget(&response, "Information over the measurement");
     if state.overlay.shown && state.overlay.drawn.is_some() {
         ui.weak(format!("to {} bits", significant(f64::from(state.overlay.most))));
+    } else if state.overlay.shown {
+        let asked = state.overlay.asked.filter(|key| key.steps.is_some());
+        let none = state.live.closer.as_ref().is_some_and(|closer| Some(closer.key) == asked && closer.map.is_none());
+        ui.weak(if none { "this measurement is too large for a map" } else { "computing" });
     }
 }
 

@@ -121,7 +121,9 @@ struct Known<'a> {
 
 impl<'a> Known<'a> {
     fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
-        let finished = state.estimates.finished.iter().rev().filter(|result| state.is_current(result.revision));
+        // A design that was left and came back is the same design.
+        let design = state.bench.design();
+        let finished = state.estimates.finished.iter().rev().filter(|result| result.value.order.design == *design);
         let brackets: Vec<_> = finished
             .filter_map(|result| Some((result.value.estimate.bracket.clone()?, result.value.estimate.patch)))
             .collect();

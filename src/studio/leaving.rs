@@ -19,6 +19,11 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     let what = leaving.what.clone();
     // A run leaves the design as it is.
     let dirty = what != Leave::Run && state.bench.is_dirty();
+    if !dirty && !matches!(what, Leave::Close | Leave::Run) {
+        // The save that was waited for has come.
+        state.leave(ctx, what);
+        return false;
+    }
     let work = if what == Leave::Close { going_on(state) } else { None };
     let mut leave = false;
     egui::Modal::new(egui::Id::unique("leaving")).show(ctx, |ui| {
@@ -32,7 +37,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
             let end = if run.can_go_on() {
                 format!("It was stopped at step {step} of {steps} and could still go on.")
             } else {
-                "It came to its end, and none of its masks was accepted.".into()
+                "What it found was not accepted.".into()
             };
             ui.label(format!("{end} Its masks are lost where another run takes its place."));
         } else {
@@ -67,20 +72,22 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     close
 }
 
-/// What the window's end would interrupt, in words.
-pub fn going_on(state: &State) -> Option<&'static str> {
-    if state.bench.has_untaken_result() {
-        return Some("The run came to its end, and none of its masks was accepted: they would be lost.");
-    }
+/// What the window's end would interrupt or lose, in words.
+pub fn going_on(state: &State) -> Option<String> {
     let open = state.bench.activities();
     let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
-    match (is_open(ActivityKind::Run), is_open(ActivityKind::Estimate)) {
-        (true, false) => Some("A run goes on. It is kept, and the next window can go on with it."),
-        (false, true) => Some("An estimate is being computed. What it has computed so far would be lost."),
-        (true, true) => Some(
-            "A run goes on, which is kept: the next window can go on with it. The estimate that is being computed would be \
-             lost.",
-        ),
-        (false, false) => None,
-    }
+    let run = match (is_open(ActivityKind::Run), state.bench.keeps_run()) {
+        (true, true) => Some("A run goes on. It is kept, and the next window can go on with it."),
+        (true, false) => {
+            Some("A run goes on. Only the start that it is at can be kept; what others have found would be lost.")
+        }
+        (false, false) if state.bench.has_untaken_result() => {
+            Some("What the run has found was not accepted, and would be lost.")
+        }
+        (false, _) => None,
+    };
+    let estimate = is_open(ActivityKind::Estimate)
+        .then_some("An estimate is being computed. What it has computed so far would be lost.");
+    let sentences: Vec<&str> = run.into_iter().chain(estimate).collect();
+    (!sentences.is_empty()).then(|| sentences.join(" "))
 }

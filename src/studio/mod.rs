@@ -36,6 +36,7 @@ mod scene_panel;
 mod sheets;
 mod spectrum_plot;
 mod state;
+mod status_bar;
 mod viewport;
 mod welcome;
 mod window;

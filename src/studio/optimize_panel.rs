@@ -247,7 +247,7 @@ const OBJECTIVES: [(Objective, &str); 3] = [
 
 /// Starts the run that the room asks for.
 pub fn start(state: &mut State) {
-    let design = Arc::clone(state.bench.design());
+    let design = Arc::clone(state.bench.open_design());
     let form = &mut state.optimize_form;
     form.frame = None;
     form.turn_to(form.settings.preset, &design.objects);

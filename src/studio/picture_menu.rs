@@ -107,7 +107,9 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
         if ui.button("Copy the value here").clicked() {
             let image = view.picture(state);
             let text = image.and_then(|image| view.of(state).describe_pixel(image.view(), place));
-            ui.ctx().copy_text(text.unwrap_or_default());
+            if let Some(text) = text {
+                ui.ctx().copy_text(text);
+            }
             ui.close();
         }
         if ui.button("Export this picture...").clicked() {

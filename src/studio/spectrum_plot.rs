@@ -22,13 +22,15 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     };
     let spectrum = &closer.spectrum;
+    let current = is_shown(state, &closer.key);
     let powers: Vec<[f64; 2]> = spectrum.radial.iter().copied().filter(|[_, power]| *power > 0.0).collect();
     if powers.is_empty() {
         placeholder(ui, "This measurement has no frequencies above 0.");
         return;
     }
     let (name, noise) = noise_level(state.bench.design().noise, spectrum.mean);
-    let noise = noise.filter(|noise| *noise > 0.0);
+    // The noise of this sensor says nothing of an earlier measurement.
+    let noise = noise.filter(|noise| *noise > 0.0 && current);
     // The plot knows no logarithmic axis: it draws logarithms, and its marks say of what.
     let points: PlotPoints<'static> = powers.iter().map(|&[frequency, power]| [frequency, power.log10()]).collect();
     let mut plot = Plot::new("Power spectrum of the measurement")
@@ -52,18 +54,22 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         plot = plot.include_y(noise.log10() - 0.5).include_y(noise.log10() + 0.5);
     }
     plot.show(ui, |plot| {
-        plot.line(Line::new("measurement", points).width(2.0));
+        let line = Line::new(if current { "measurement" } else { "an earlier one" }, points);
+        plot.line(line.width(if current { 2.0 } else { 1.0 }));
         if let Some(noise) = noise {
             plot.hline(HLine::new(name, noise.log10()).color(CEILING).width(1.5));
         }
     });
 }
 
+/// Whether a closer look is one at the measurement as it is shown.
+fn is_shown(state: &State, key: &CloserKey) -> bool {
+    state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy)
+}
+
 /// Asks where to write the spectrum to.
 pub fn export_button(ui: &mut Ui, state: &mut State) {
-    let shown =
-        |key: &CloserKey| state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy);
-    let closer = state.live.closer.clone().filter(|closer| shown(&closer.key));
+    let closer = state.live.closer.clone().filter(|closer| is_shown(state, &closer.key));
     let export = ui.add_enabled(closer.is_some(), egui::Button::new("Export CSV...").small());
     name_widget(&export, "Export spectrum as CSV");
     if export.clicked()

@@ -176,12 +176,13 @@ impl Workbench {
         self.worker.estimator().cancel();
     }
 
-    /// Changes the design. Whoever edits a mask of the run has accepted it.
+    /// Changes the design. Whoever edits lenslets of a mask of the run has accepted it; everything else changes the open
+    /// design, which is then shown again.
     ///
     /// # Errors
     /// [`CommandError`] where the command cannot be done; the design is then as it was.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
-        if command.puts_mask() {
+        if !command.edits_lenslets() {
             self.look_away();
         }
         let changed = command.applied_to(&self.design)?;
@@ -326,7 +327,7 @@ impl Workbench {
 
     /// Reads objects; the design images them once they are known to be good.
     pub fn open_objects(&self, source: ObjectSource) {
-        let design = Design { objects: source, ..Design::clone(&self.design) };
+        let design = Design { objects: source, ..Design::clone(self.open_design()) };
         self.submit(Job::OpenObjects { design: Arc::new(design) });
     }
 
@@ -363,7 +364,8 @@ impl Workbench {
                     let command = Command::ReplaceEncoder { name: encoder.describe(), encoder: encoder.clone() };
                     self.apply(&command).err().map(|error| error.to_string())
                 }
-                Ok(Outcome::Exported { .. } | Outcome::SnapshotMeasured { .. }) | Err(_) => None,
+                Ok(Outcome::Exported { .. } | Outcome::RecordKept { .. } | Outcome::SnapshotMeasured { .. })
+                | Err(_) => None,
             };
             if let Some(reason) = refused {
                 *outcome = Err(reason);

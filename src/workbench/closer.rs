@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ndarray::{Array2, ArrayView2, Axis, s};
 
 use super::evaluation::Measurements;
-use crate::information::{CausalModel, PowerSpectrum, information_over, power_spectrum};
+use crate::information::{CausalModel, InformationError, PowerSpectrum, information_over, power_spectrum};
 
 /// Of a larger picture the middle is taken, so that edits never wait long for its transform.
 const LARGEST_SIDE: usize = 512;
@@ -49,8 +49,8 @@ pub struct Closer {
 }
 
 impl CloserOrder {
-    /// Looks.
-    pub(super) fn look(&self) -> Closer {
+    /// Looks; breaks off without an answer where it is not to `go_on`: another design waits.
+    pub(super) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<Closer> {
         let Measurements { noiseless, noisy, .. } = &*self.measurements;
         let last = noisy.len_of(Axis(0)).saturating_sub(1);
         let of = self.key.sample.min(last);
@@ -58,8 +58,11 @@ impl CloserOrder {
         let spectrum = power_spectrum(middle(if self.key.noisy { measured } else { clean }));
         // Without a map the picture is shown as it is.
         let model = self.model.as_ref().filter(|_| measured.len() <= MOST_MAPPED);
-        let map = model.and_then(|model| information_over(model, measured, clean).ok());
-        Closer { key: self.key, spectrum, map }
+        let map = match model.map(|model| information_over(model, measured, clean, go_on)) {
+            Some(Err(InformationError::Cancelled)) => return None,
+            map => map.and_then(Result::ok),
+        };
+        Some(Closer { key: self.key, spectrum, map })
     }
 }
 

@@ -116,9 +116,9 @@ impl Command {
         }
     }
 
-    /// Whether it puts a mask in place, whatever was there.
-    pub fn puts_mask(&self) -> bool {
-        matches!(self, Self::ReplaceEncoder { .. } | Self::ReplaceDesign { .. })
+    /// Whether it edits the lenslets that are there.
+    pub fn edits_lenslets(&self) -> bool {
+        matches!(self, Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. })
     }
 
     /// What it changes: commands of one kind that follow each other make one step of a gesture.

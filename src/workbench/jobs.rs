@@ -110,6 +110,8 @@ pub enum Job {
         record: Box<LiveRecord>,
         /// The file.
         path: PathBuf,
+        /// Whether it is for a command line, and not for its own sake.
+        for_command: bool,
     },
     /// Writes a curve as CSV.
     ExportCurve {
@@ -154,8 +156,13 @@ pub enum Outcome {
         number: u64,
         /// What it is called.
         name: String,
-        /// Its measurement with noise, photons per pixel, shape (rows, cols).
-        measurement: Array2<f32>,
+        /// Its measurement with noise, photons per pixel, shape (rows, cols); or why there is none.
+        measurement: Result<Array2<f32>, String>,
+    },
+    /// The record of a live estimate was written, for a command line.
+    RecordKept {
+        /// The file.
+        path: PathBuf,
     },
     /// A PSF picture was read.
     PsfImported {
@@ -176,7 +183,9 @@ impl Outcome {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
             Self::ObjectsOpened { source, .. } => format!("Imaging {source}"),
-            Self::SnapshotMeasured { name, .. } => format!("Measured {name}"),
+            Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
+            Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
+            Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
             Self::PsfImported { encoder } => format!("Using {}", encoder.describe()),
             Self::Exported { files } => match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
@@ -230,8 +239,8 @@ impl Job {
                 Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices })
             }
             Self::MeasureSnapshot { number, name, design } => {
-                let measurement = first_measurement(design).map_err(|error| error.to_string())?;
-                Ok(Outcome::SnapshotMeasured { number: *number, name: name.clone(), measurement })
+                let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string());
+                Ok(measured_snapshot((*number, name), design, scene.as_ref().map_err(Clone::clone)))
             }
             Self::ImportPsf { path, side } => {
                 let image = import_psf(path, *side).map_err(|error| error.to_string())?;
@@ -262,9 +271,10 @@ impl Job {
                 record.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
-            Self::ExportLive { record, path } => {
+            Self::ExportLive { record, path, for_command } => {
                 record.save(path).map_err(|error| error.to_string())?;
-                Ok(Outcome::Exported { files: vec![path.clone()] })
+                let path = path.clone();
+                Ok(if *for_command { Outcome::RecordKept { path } } else { Outcome::Exported { files: vec![path] } })
             }
             Self::ExportCurve { curve, path } => {
                 curve.write(path).map_err(|error| error.to_string())?;
@@ -274,10 +284,17 @@ impl Job {
     }
 }
 
-/// The first of the live measurements of a design, with noise, as the window shows it.
-fn first_measurement(design: &Design) -> Result<Array2<f32>, EvaluationError> {
-    let scene = Scene::open(design, &|_| ControlFlow::Continue(()))?;
-    let optics = Optics::of(design, scene.set.planes())?;
-    let measured = SceneOptics::new(&scene, design.encoder.grid())?.measure(design, &optics, &scene)?;
-    Ok(measured.noisy.index_axis_move(Axis(0), 0))
+/// The first of the live measurements of a design that was put aside, with noise, as the window shows it.
+pub(super) fn measured_snapshot(
+    (number, name): (u64, &str),
+    design: &Design,
+    scene: Result<&Scene, String>,
+) -> Outcome {
+    let measure = |scene: &Scene| {
+        let optics = Optics::of(design, scene.set.planes())?;
+        let measured = SceneOptics::new(scene, design.encoder.grid())?.measure(design, &optics, scene)?;
+        Ok::<_, EvaluationError>(measured.noisy.index_axis_move(Axis(0), 0))
+    };
+    let measurement = scene.and_then(|scene| measure(scene).map_err(|error| error.to_string()));
+    Outcome::SnapshotMeasured { number, name: name.to_owned(), measurement }
 }

@@ -35,6 +35,16 @@ pub enum Draws {
     },
 }
 
+impl Draws {
+    /// Whether they are as many as can be meant.
+    pub(super) fn is_sound(self) -> bool {
+        match self {
+            Self::AtOnce { samples } => (1..=1 << 16).contains(&samples),
+            Self::Followed { levels, samples } => (1..=1 << 16).contains(&levels) && (2..=1 << 16).contains(&samples),
+        }
+    }
+}
+
 /// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
 /// those that were stopped leave the ones before.
 pub(super) struct Beads<'a> {

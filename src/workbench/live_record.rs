@@ -4,8 +4,9 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-use super::design::{Design, DesignFileError};
+use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
 use super::repeat::anywhere;
@@ -16,6 +17,25 @@ use crate::objects::Progress;
 /// What such a file says of itself.
 const FORMAT: &str = "lenslet-studio/live-estimate";
 const FORMAT_VERSION: u32 = 1;
+
+/// Why a record was not read.
+#[derive(Debug, Error)]
+pub enum LiveRecordError {
+    /// The file cannot be read or parsed.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// The file is JSON, but not a record that this version knows.
+    #[error(
+        "{path}: expected a record of a live estimate of version {FORMAT_VERSION}, found {found}; choose a file that the \
+         Information room has written"
+    )]
+    Refused {
+        /// The file.
+        path: String,
+        /// What it holds.
+        found: String,
+    },
+}
 
 /// A live estimate, the design that it is of, and how it came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -113,7 +133,8 @@ impl LiveRecord {
     /// A name for its file: records of the same numbers have the same, others have others.
     pub fn file_name(&self) -> String {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(format!("{} {:?} {:?}", self.objects_fingerprint, self.design, self.recipe).as_bytes());
+        let design = serde_json::to_string(&self.design).unwrap_or_default();
+        hasher.update(format!("{} {design} {:?}", self.objects_fingerprint, self.recipe).as_bytes());
         for weight in self.start.iter().flat_map(CausalStart::weights) {
             hasher.update(&weight.to_le_bytes());
         }
@@ -123,13 +144,9 @@ impl LiveRecord {
     /// Reads one.
     ///
     /// # Errors
-    /// [`DesignFileError`] for files that are no such record, or one of a newer version.
-    pub fn open(path: &Path) -> Result<Self, DesignFileError> {
-        let refuse = |found: String| DesignFileError::Refused {
-            path: path.display().to_string(),
-            found,
-            advice: "choose a record of a live estimate, as the Information room saves it",
-        };
+    /// [`LiveRecordError`] for files that are no such record, one of a newer version, or one that no window has written.
+    pub fn open(path: &Path) -> Result<Self, LiveRecordError> {
+        let refuse = |found: String| LiveRecordError::Refused { path: path.display().to_string(), found };
         let value: serde_json::Value = read_json(path)?;
         let entry = |name: &str| value.get(name).map_or_else(|| "nothing".to_owned(), ToString::to_string);
         if value.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
@@ -140,8 +157,11 @@ impl LiveRecord {
         }
         let record: Self = serde_json::from_value(value).map_err(|error| refuse(error.to_string()))?;
         record.design.check().map_err(|error| refuse(error.to_string()))?;
-        if record.recipe.steps > record.recipe.planned || record.recipe.steps == 0 {
-            return Err(refuse(format!("step {} of {}", record.recipe.steps, record.recipe.planned)));
+        if !record.recipe.is_sound() {
+            return Err(refuse(format!("a recipe that no window makes, {:?}", record.recipe)));
+        }
+        if record.start.as_ref().is_some_and(|start| !start.is_sound()) {
+            return Err(refuse("a start of the fit that is damaged".to_owned()));
         }
         Ok(record)
     }
@@ -237,7 +257,41 @@ mod tests {
         for text in texts {
             std::fs::write(&path, &text).unwrap();
             let refusal = LiveRecord::open(&path).unwrap_err().to_string();
-            assert!(refusal.contains("record.json"), "{text}: {refusal}");
+            assert!(refusal.contains("record.json") && refusal.contains("record of a live"), "{text}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn damaged_records_are_refused_before_anything_is_computed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("record.json");
+        let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
+        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let mut refiner = Refiner::default();
+        first(&mut refiner, &design, &scene, |_| true);
+        let warm = first(&mut refiner, &design, &scene, |_| true);
+        let record = serde_json::to_value(LiveRecord::new(&design, &scene, &warm)).unwrap();
+        let open = |change: &dyn Fn(&mut serde_json::Value)| {
+            let mut changed = record.clone();
+            change(&mut changed);
+            std::fs::write(&path, changed.to_string()).unwrap();
+            LiveRecord::open(&path)
+        };
+        assert!(open(&|_| {}).is_ok());
+        let changes: [&dyn Fn(&mut serde_json::Value); 8] = [
+            &|record| record["recipe"]["planned"] = 1_000_000_000_u64.into(),
+            &|record| record["recipe"]["steps"] = 0.into(),
+            &|record| record["recipe"]["upper"] = serde_json::json!({ "at_once": { "samples": 1_u64 << 62 } }),
+            &|record| {
+                record["recipe"]["lower"] = serde_json::json!({ "followed": { "levels": 1_u64 << 40, "samples": 9 } })
+            },
+            &|record| record["start"]["span"]["high"] = 1e300.into(),
+            &|record| record["start"]["far"] = serde_json::json!([]),
+            &|record| record["start"]["far"][0][0] = (1_i64 << 62).into(),
+            &|record| record["start"]["weights"] = serde_json::json!([0.5]),
+        ];
+        for (number, change) in changes.into_iter().enumerate() {
+            assert!(matches!(open(change), Err(LiveRecordError::Refused { .. })), "change {number}");
         }
     }
 }

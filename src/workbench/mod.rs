@@ -52,7 +52,7 @@ pub use ideal::{
 };
 pub use jobs::{Job, Outcome};
 pub use live_bounds::Draws;
-pub use live_record::{LiveNumbers, LiveRecord, Repeated};
+pub use live_record::{LiveNumbers, LiveRecord, LiveRecordError, Repeated};
 pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use recovery::Recovered;

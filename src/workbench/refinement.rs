@@ -102,6 +102,17 @@ pub struct LiveRecipe {
     pub upper: Option<Draws>,
 }
 
+impl LiveRecipe {
+    /// Whether a fit could have come about like this; others would never end, or not begin.
+    pub(super) fn is_sound(&self) -> bool {
+        let sound = |draws: Option<Draws>| draws.is_none_or(|draws| draws.is_sound());
+        (1..=self.planned).contains(&self.steps)
+            && self.planned as f64 <= PLANNED.1
+            && sound(self.lower)
+            && sound(self.upper)
+    }
+}
+
 /// Keeps the last model for the next design, and how fast steps are.
 #[derive(Default)]
 pub(super) struct Refiner {
@@ -149,7 +160,8 @@ impl Refiner {
                 return ControlFlow::Break(());
             }
             let pace = progress.elapsed.saturating_sub(aside).as_secs_f64() / progress.step as f64;
-            if progress.elapsed >= next {
+            // The last step has the last score, which is on more patches.
+            if progress.elapsed >= next && progress.step < planned {
                 let remaining = Duration::from_secs_f64(pace * (planned - progress.step) as f64);
                 let before = Instant::now();
                 match score(&snapshot(), &test, progress.step, Some(remaining)) {

@@ -39,8 +39,8 @@ pub struct Snapshot {
     asked: bool,
     /// PSF and transfer function.
     pub optics: Option<Arc<Optics>>,
-    /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols).
-    pub measurement: Option<Array2<f32>>,
+    /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols); or why there is none.
+    pub measurement: Option<Result<Array2<f32>, String>>,
     /// Mean Tamura coefficient of its measurements.
     pub tamura: Option<f64>,
     /// Gaussian bound.
@@ -87,7 +87,8 @@ impl Snapshot {
     pub fn scene(&self) -> String {
         let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &*self.design;
         let light = match objects {
-            ObjectSource::Beads { .. } | ObjectSource::Volume { .. } => String::new(),
+            // Their light is that of their beads.
+            ObjectSource::BeadsMax { .. } => String::new(),
             _ => format!(", mean {mean_photons} photons"),
         };
         format!("{objects}{light}, background {bias_photons} photons, {noise} noise, seed {seed}")
@@ -144,7 +145,7 @@ impl Snapshot {
         }
         if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
             if self.measurement.is_none() {
-                self.measurement = Some(measurements.value.noisy.index_axis(Axis(0), 0).to_owned());
+                self.measurement = Some(Ok(measurements.value.noisy.index_axis(Axis(0), 0).to_owned()));
             }
             self.tamura = Some(measurements.value.tamura.mean);
         }
@@ -157,7 +158,7 @@ impl Snapshot {
             let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
             self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
         }
-        let finished = estimates.finished.iter().rev().filter(|done| done.revision == revision);
+        let finished = estimates.finished.iter().rev().filter(|done| done.value.order.design == self.design);
         let brackets = finished.filter_map(|done| {
             let estimate = &done.value.estimate;
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
@@ -357,7 +358,7 @@ impl Snapshots {
     }
 
     /// Takes up a measurement that was asked for.
-    pub fn take_up_measurement(&mut self, number: u64, measurement: Array2<f32>) {
+    pub fn take_up_measurement(&mut self, number: u64, measurement: Result<Array2<f32>, String>) {
         if let Some(snapshot) = self.entries.iter_mut().find(|snapshot| snapshot.number == number) {
             snapshot.measurement = Some(measurement);
         }

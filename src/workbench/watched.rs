@@ -18,8 +18,8 @@ pub(super) struct WatchedRun {
     pub following: bool,
     /// Numbers of the contents from which the run was started, and of those that its masks made of them.
     contents: Vec<u64>,
-    /// Whether one of its masks was accepted since it went on last.
-    accepted: bool,
+    /// The last of its masks that was accepted.
+    accepted: Option<LensletArray>,
 }
 
 impl Workbench {
@@ -28,13 +28,14 @@ impl Workbench {
         self.designer.run()
     }
 
-    /// Keeps the states of runs in a folder, so that they survive the program. Tells whether a run was interrupted there:
-    /// it can go on.
+    /// Keeps the states of runs in a folder, so that they survive the program, and takes up the run that is there:
+    /// [`Workbench::run`] tells which.
     ///
     /// # Errors
     /// Where the folder cannot be made.
-    pub fn keep_runs_in(&self, folder: &Path) -> Result<bool, EvaluationError> {
-        Ok(self.designer.keep_in(KeptRun::in_folder(folder)?))
+    pub fn keep_runs_in(&self, folder: &Path) -> Result<(), EvaluationError> {
+        self.designer.keep_in(KeptRun::in_folder(folder)?);
+        Ok(())
     }
 
     /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored for so long.
@@ -43,7 +44,7 @@ impl Workbench {
     /// One sentence where another run goes on, or the mask allows none.
     pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
         self.designer.start(starts, settings, score)?;
-        self.watched = WatchedRun { following: true, contents: vec![self.contents], accepted: false };
+        self.watched = WatchedRun { following: true, contents: vec![self.contents], accepted: None };
         Ok(())
     }
 
@@ -53,7 +54,7 @@ impl Workbench {
     /// One sentence where there is none.
     pub fn extend_run(&mut self, steps: usize, score: Duration) -> Result<(), String> {
         self.designer.extend(steps, score)?;
-        (self.watched.following, self.watched.accepted) = (true, false);
+        self.watched.following = true;
         Ok(())
     }
 
@@ -136,22 +137,37 @@ impl Workbench {
         self.history.note(before, "Optimize the mask".into(), kind);
         self.open = None;
         self.contents = self.revision;
-        self.watched.contents.push(self.contents);
-        self.watched.accepted = true;
+        self.note_accepted();
         true
+    }
+
+    /// Notes that a mask of the run is the open design now.
+    fn note_accepted(&mut self) {
+        self.watched.contents.push(self.contents);
+        self.watched.accepted = self.design.encoder.lenslets().cloned();
+        if !self.has_untaken_result() && self.designer.run().is_some_and(|run| !run.is_active()) {
+            self.designer.forget();
+        }
     }
 
     /// Opens the mask that is looked at as a design of its own, which is in no file yet.
     pub fn accept_as_new(&mut self) {
         if self.is_looking() {
             self.take_up_unsaved(Design::clone(&self.design), None);
-            self.watched.accepted = true;
+            self.note_accepted();
         }
     }
 
-    /// Whether the run came to its end and nobody has taken up what it found.
+    /// Whether the run has come to rest at a mask that nobody has accepted: its last one, or the best of several starts.
     pub fn has_untaken_result(&self) -> bool {
-        let finished = |run: DesignRun| run.status == RunStatus::Finished;
-        !self.watched.accepted && self.designer.run().is_some_and(finished)
+        let Some(run) = self.designer.run().filter(|run| !run.is_active()) else { return false };
+        let best = run.ranked.first().and_then(|best| best.design.encoder.lenslets());
+        let untaken = |array: &LensletArray| self.watched.accepted.as_ref() != Some(array);
+        (run.step > 0 || best.is_some()) && untaken(&run.array) && best.is_none_or(untaken)
+    }
+
+    /// Whether the next program can take up the run as it is.
+    pub fn keeps_run(&self) -> bool {
+        self.designer.keeps()
     }
 }

@@ -15,7 +15,7 @@ use super::closer::{Closer, CloserOrder};
 use super::design::Design;
 use super::estimator::Estimator;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
-use super::jobs::{Job, Outcome};
+use super::jobs::{Job, Outcome, measured_snapshot};
 use super::threads::{SpareCores, Threads, Wake, lock};
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
@@ -129,7 +129,11 @@ impl Worker {
     /// Hands over a job.
     pub fn submit(&self, job: Job) {
         lock(&self.shared.results).open_jobs += 1;
-        let kind = if matches!(job, Job::OpenObjects { .. }) { ActivityKind::Objects } else { ActivityKind::File };
+        let kind = if matches!(job, Job::OpenObjects { .. } | Job::MeasureSnapshot { .. }) {
+            ActivityKind::Objects
+        } else {
+            ActivityKind::File
+        };
         let entry = self.shared.activities.add(kind, job.name());
         lock(&self.shared.mailbox).jobs.push_back((job, entry));
         self.shared.arrived.notify_one();
@@ -196,8 +200,10 @@ fn run(shared: &Shared) {
                 Some(evaluator.run_job(job, entry, shared))
             }
             Task::Closer(order) => {
-                let closer = Arc::new(order.look());
-                lock(&shared.results).live.closer = Some(closer);
+                let edited = || lock(&shared.mailbox).evaluate.is_some();
+                if let Some(closer) = order.look(&|| !edited()) {
+                    lock(&shared.results).live.closer = Some(Arc::new(closer));
+                }
                 None
             }
         });
@@ -212,7 +218,10 @@ fn run(shared: &Shared) {
                     None
                 }
                 Task::Job(..) => Some(Err(text)),
-                Task::Closer(_) => None,
+                Task::Closer(_) => {
+                    results.live.closer = None;
+                    None
+                }
             }
         });
         if let (Task::Job(_, entry), Some(answer)) = (task, answer) {
@@ -408,7 +417,27 @@ impl Evaluator {
                     .map_err(|error| format!("{}: {error}", design.objects))?;
                 Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })
             }
+            Job::MeasureSnapshot { number, name, design } => {
+                let known = self.scene.clone().filter(|scene| scene.serves(design));
+                let scene = known.map_or_else(|| self.other_scene(design, entry, shared), Ok);
+                Ok(measured_snapshot((*number, name), design, scene.as_deref().map_err(Clone::clone)))
+            }
             other => other.run(),
         }
+    }
+
+    /// The objects of a design that is not open; reading them ends where it is cancelled or the program does.
+    fn other_scene(&self, design: &Design, entry: &Entry, shared: &Shared) -> Result<Arc<Scene>, String> {
+        shared.cancelled.store(false, Ordering::Relaxed);
+        let watch = |progress: Progress| {
+            lock(&shared.results).live.busy = Some(progress.to_string());
+            tell(entry, progress);
+            (shared.wake)();
+            let stop = lock(&shared.mailbox).quit || shared.cancelled.load(Ordering::Relaxed);
+            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let scene = Scene::open(design, &watch);
+        lock(&shared.results).live.busy = None;
+        scene.map(Arc::new).map_err(|error| error.to_string())
     }
 }

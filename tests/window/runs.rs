@@ -1,7 +1,9 @@
 //! Runs in the window: started, watched, rewound, stopped, and undone; and undo of everything else.
 
 use super::estimates::wait_for;
+use super::home::at_home;
 use super::*;
+use egui::accesskit::Toggled;
 use egui_kittest::kittest::NodeT;
 use lenslet_studio::design::{IdealSettings, Objective, Preset};
 use lenslet_studio::workbench::RunStatus;
@@ -117,6 +119,52 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     click(&mut window, "Discard");
     let bench = studio(&window).bench();
     assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_dirty()), (newest, None, true));
+}
+
+#[test]
+fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
+    let before = lenslets(&window);
+    click(&mut window, "Lock lenslet 2");
+    click(&mut window, "Optimize");
+    click(&mut window, "Start from");
+    click(&mut window, "Random lenslets");
+    click(&mut window, "Start run");
+    let frames = |window: &Window| studio(window).bench().run().map_or(0, |run| run.frames.len());
+    wait_for(&mut window, "the second refit", |window| frames(window) >= 2);
+    assert_eq!((lenslets(&window).len(), open_lenslets(&window)), (25, before.clone()));
+    // The scene is that of the design.
+    click(&mut window, "Scene");
+    click(&mut window, "Read noise");
+    assert!(!studio(&window).bench().is_looking());
+    assert_eq!(lenslets(&window), before);
+    assert_eq!(studio(&window).bench().undoes(), Some("Set noise to read:5"));
+    window.get_by_label("Lock lenslet 2").accesskit_node().toggled().filter(|on| *on == Toggled::True).unwrap();
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    settle(&mut window);
+    click(&mut window, "Optimize");
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    click(&mut window, "Show newest");
+    let newest = lenslets(&window);
+    drop(window);
+
+    // What was found is there the other day, and is asked about until it is accepted.
+    let mut window = at_home(folder.path());
+    window.get_by_label_contains("A run was interrupted");
+    click(&mut window, "Optimize");
+    click(&mut window, "Show newest");
+    assert_eq!(lenslets(&window).len(), newest.len());
+    click(&mut window, "Start run");
+    window.get_by_label("Give up the last run?");
+    click(&mut window, "Cancel");
+    click(&mut window, "Accept this mask");
+    assert!(studio(&window).bench().is_dirty() && studio(&window).bench().undoes().is_none());
+    assert_eq!(open_lenslets(&window).len(), newest.len());
+    drop(window);
+    let window = at_home(folder.path());
+    assert!(studio(&window).bench().run().is_none());
 }
 
 /// Lenslets of the open design, whatever is shown.

@@ -153,7 +153,8 @@ fn jobs_wait_for_each_other_can_be_stopped_and_keep_their_log() {
 
 #[test]
 fn closing_asks_while_work_goes_on() {
-    let mut window = open(Design::default());
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
     ask_for_steps(&mut window, "100000");
     click(&mut window, "Start estimate");
     close(&mut window);
@@ -166,7 +167,7 @@ fn closing_asks_while_work_goes_on() {
     click(&mut window, "Start run");
     close(&mut window);
     window.get_by_label("Close the window?");
-    window.get_by_label_contains("A run goes on");
+    window.get_by_label("A run goes on. It is kept, and the next window can go on with it.");
     click(&mut window, "Cancel");
     let status = studio(&window).bench().run().map(|run| run.status);
     assert_eq!(status, Some(RunStatus::Running));

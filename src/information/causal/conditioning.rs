@@ -16,7 +16,7 @@ pub(super) const WINDOW_CHANNELS: usize = 4;
 /// Numbers about the present pixel that do not depend on it: the prediction, how sure it is, and where the pixel lies.
 pub(super) const PRESENT_CHANNELS: usize = 9;
 /// Far places that are looked at.
-const FAR_PLACES: usize = 16;
+pub(super) const FAR_PLACES: usize = 16;
 /// A place outside of every patch.
 const NOWHERE: (isize, isize) = (-1_000_000, 0);
 /// Largest distance in rows or columns that the first window and its neighbours see well, px.

@@ -107,6 +107,14 @@ pub(super) struct LevelSpan {
     counts: bool,
 }
 
+impl LevelSpan {
+    /// Whether photons of a measurement can span it.
+    pub fn is_sound(self) -> bool {
+        const MOST: f64 = 1e9;
+        (-MOST..=MOST).contains(&self.low) && (self.low..=MOST).contains(&self.high)
+    }
+}
+
 /// Levels `x_l`, uniform on the square-root scale, and the likelihoods `P(y | x_l)`.
 #[derive(Clone, Debug)]
 pub(super) struct Levels {

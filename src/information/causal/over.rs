@@ -1,11 +1,14 @@
 //! Where the information of a whole measurement comes from, by a model of patches.
 
-use ndarray::{Array2, Array3, ArrayView2, s};
+use ndarray::{Array2, Array3, ArrayView2, Axis, s};
 
 use super::estimate::information_map;
 use super::model::CausalModel;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, NoiseEntropy, Protocol};
+
+/// Patches that are computed at a time.
+const AT_ONCE: usize = 16;
 
 /// What each pixel of a measurement adds to what the pixels before it have told, bits, as far as a patch of the model sees
 /// them; shape of the measurement.
@@ -16,11 +19,12 @@ use crate::information::{InformationError, NoiseEntropy, Protocol};
 ///
 /// # Errors
 /// [`InformationError::Stream`] for a measurement that is smaller than a patch, and as
-/// [`information_map`](super::information_map).
+/// [`information_map`](super::information_map); cancelled where `go_on` says so, which is asked every few patches.
 pub fn information_over(
     model: &CausalModel,
     noisy: ArrayView2<'_, f32>,
     clean: ArrayView2<'_, f32>,
+    go_on: &dyn Fn() -> bool,
 ) -> Result<Array2<f32>, InformationError> {
     let (side_rows, side_cols) = model.patch();
     let (rows, cols) = noisy.dim();
@@ -30,16 +34,22 @@ pub fn information_over(
     }
     let (tops, lefts) = (starts(rows, side_rows), starts(cols, side_cols));
     let places: Vec<(usize, usize)> = tops.iter().flat_map(|&top| lefts.iter().map(move |&left| (top, left))).collect();
-    let cut = |image: ArrayView2<'_, f32>| {
+    let cut = |image: ArrayView2<'_, f32>, places: &[(usize, usize)]| {
         let mut patches = Array3::zeros((places.len(), side_rows, side_cols));
-        for (mut patch, &(top, left)) in patches.outer_iter_mut().zip(&places) {
+        for (mut patch, &(top, left)) in patches.outer_iter_mut().zip(places) {
             patch.assign(&image.slice(s![top..top + side_rows, left..left + side_cols]));
         }
         patches
     };
-    let batch = PatchBatch { noisy: cut(noisy), clean: Some(cut(clean)) };
     let entropy = NoiseEntropy::new(model.conditioning.noise, Protocol::Default)?;
-    let maps = information_map(model, &entropy, &batch)?;
+    let mut maps = Array3::zeros((places.len(), side_rows, side_cols));
+    for (places, mut maps) in places.chunks(AT_ONCE).zip(maps.axis_chunks_iter_mut(Axis(0), AT_ONCE)) {
+        if !go_on() {
+            return Err(InformationError::Cancelled);
+        }
+        let batch = PatchBatch { noisy: cut(noisy, places), clean: Some(cut(clean, places)) };
+        maps.assign(&information_map(model, &entropy, &batch)?);
+    }
     Ok(Array2::from_shape_fn((rows, cols), |(row, col)| {
         let (i, j) = (first_over(&tops, side_rows, row), first_over(&lefts, side_cols, col));
         maps[(i * lefts.len() + j, row - tops[i], col - lefts[j])] as f32
@@ -90,7 +100,7 @@ mod tests {
             CausalModel::new(shape, Noise::Shot, sample, &moments, None, 3).unwrap()
         };
         let over = |model: &CausalModel| {
-            information_over(model, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..])).unwrap()
+            information_over(model, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| true).unwrap()
         };
         let whole = model(&batch);
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
@@ -107,6 +117,8 @@ mod tests {
         assert!(same(all.slice(s![..6, ..6]), map.slice(s![0, .., ..])));
         assert!(all.iter().all(|bits| bits.is_finite()));
         let small = batch.noisy.slice(s![0, ..5, ..]);
-        assert!(information_over(&part, small, clean.slice(s![0, ..5, ..])).is_err());
+        assert!(information_over(&part, small, clean.slice(s![0, ..5, ..]), &|| true).is_err());
+        let stopped = information_over(&part, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| false);
+        assert_eq!(stopped, Err(InformationError::Cancelled));
     }
 }

@@ -2,11 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::levels::LevelSpan;
+use super::conditioning::FAR_PLACES;
+use super::levels::{LevelSpan, Levels};
 use super::model::CausalModel;
 use super::shape::CausalShape;
 use crate::network::ParameterLayout;
 use crate::sensor::Noise;
+
+/// Largest distance of a far place in rows or columns, px; that which stands for none is as far.
+const FARTHEST: usize = 1_000_000;
 
 /// Everything that a fit takes from the model of a similar design, in numbers that go through a file unchanged: a fit that
 /// starts from them is the same whenever it is repeated.
@@ -27,6 +31,17 @@ impl CausalStart {
     /// The weights.
     pub fn weights(&self) -> &[f32] {
         &self.weights
+    }
+
+    /// Whether a model can have given it, and not a damaged file.
+    pub fn is_sound(&self) -> bool {
+        let near = |place: &(isize, isize)| place.0.unsigned_abs() <= FARTHEST && place.1.unsigned_abs() <= FARTHEST;
+        let units = [self.roots.0, self.roots.1, self.photons.0, self.photons.1];
+        self.far.len() == FAR_PLACES
+            && self.far.iter().all(near)
+            && units.iter().all(|unit| unit.is_finite())
+            && self.span.is_sound()
+            && self.layout(Levels::spanning(self.noise, self.span).count()).is_some()
     }
 
     /// Where the weights lie; none where they are too many or too few, as those of a damaged file are.

@@ -169,15 +169,13 @@ impl Designer {
         }
     }
 
-    /// Keeps the states of runs in a folder. One that was interrupted there can go on; tells whether there is one.
-    pub fn keep_in(&self, folder: KeptRun) -> bool {
-        let found = folder.unfinished();
-        let is_there = found.is_some();
-        if let Some((KeptStart { start, settings }, bytes, state)) = found {
+    /// Keeps the states of runs in a folder, and takes up the one that is there.
+    pub fn keep_in(&self, folder: KeptRun) {
+        if let Some((KeptStart { start, settings }, bytes, state)) = folder.last() {
             let design = Arc::new(start);
             let mut run = DesignRun::new(&design, settings, 1);
             *lock(&self.shared.starts) = vec![Start { name: design.encoder.describe(), design }];
-            run.status = RunStatus::Stopped;
+            run.status = if state.finished { RunStatus::Finished } else { RunStatus::Stopped };
             run.doing = None;
             (run.array, run.step, run.seconds) = (Arc::new(state.array.clone()), state.step, state.seconds());
             (run.frames, run.events) = (Arc::new(state.frames), state.events);
@@ -185,7 +183,18 @@ impl Designer {
             *lock(&self.shared.run) = Some(run);
         }
         *lock(&self.shared.folder) = Some(folder);
-        is_there
+    }
+
+    /// Whether the next program can take up the run as it is: the results of earlier starts are not kept.
+    pub fn keeps(&self) -> bool {
+        lock(&self.shared.folder).is_some() && self.run().is_none_or(|run| run.start_number.1 == 1)
+    }
+
+    /// The next program need not take up the run.
+    pub fn forget(&self) {
+        if let Some(folder) = &*lock(&self.shared.folder) {
+            folder.end();
+        }
     }
 
     /// The run, if there was one.
@@ -374,9 +383,6 @@ impl Shared {
         };
         let record = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
         let design = Arc::new(record.design());
-        if let Some(folder) = &folder {
-            folder.end();
-        }
         self.change(|run| {
             run.frames = Arc::new(record.frames.clone());
             run.record = Some(Arc::new(record));

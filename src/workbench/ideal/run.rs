@@ -110,11 +110,11 @@ impl KeptRun {
         let _ = std::fs::remove_file(self.start());
     }
 
-    /// The run that was begun here and has not come to its end; none where its files are missing or broken.
-    pub fn unfinished(&self) -> Option<(KeptStart, Vec<u8>, IdealState)> {
+    /// The run that was begun here and neither accepted nor given up; none where its files are missing or broken.
+    pub fn last(&self) -> Option<(KeptStart, Vec<u8>, IdealState)> {
         let start: KeptStart = read_json(&self.start()).ok()?;
         let bytes = self.load().ok()??;
         let state = Ideal::state_in(&bytes).ok()?;
-        (start.start.check().is_ok() && !state.finished).then_some((start, bytes, state))
+        start.start.check().is_ok().then_some((start, bytes, state))
     }
 }
