@@ -38,7 +38,12 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
     } else if state.overlay.shown {
         let asked = state.overlay.asked.filter(|key| key.steps.is_some());
         let none = state.live.closer.as_ref().is_some_and(|closer| Some(closer.key) == asked && closer.map.is_none());
-        ui.weak(if none { "this measurement is too large for a map" } else { "computing" });
+        let text = match state.live_estimate() {
+            _ if none => "this measurement is too large for a map",
+            Some(_) => "computing",
+            None => "waits for the live estimate",
+        };
+        ui.weak(text);
     }
 }
 

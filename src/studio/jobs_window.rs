@@ -101,7 +101,7 @@ fn entry(ui: &mut Ui, state: &State, activity: &Activity) {
 fn left_of(activity: &Activity) -> String {
     match (activity.left, activity.step_left()) {
         (Some(left), _) => format!(", {} left", spoken(left)),
-        (None, Some(left)) => format!(", {} left of this step", spoken(left)),
+        (None, Some(left)) => format!(", {} left of this part", spoken(left)),
         (None, None) => String::new(),
     }
 }

@@ -142,7 +142,7 @@ impl Refiner {
         let test = subject.test()?;
         let train = subject.stream(Split::Train);
         let mut model = subject.model(&train, &test, start.as_deref())?;
-        let planned = self.planned(&model, &train, start.is_some())?;
+        let planned = self.planned(&model, &train, start.is_some(), stop)?;
         let fit = subject.fit(planned, start.is_some());
         let started = Instant::now();
         let score = |model: &CausalModel, test: &PatchBatch, steps: usize, remaining: Option<Duration>| {
@@ -209,18 +209,24 @@ impl Refiner {
 
     /// Steps for which the time of a fit suffices, as fast as they were of late. They are planned before it begins, so that
     /// the fit does not depend on the clock.
-    fn planned(&self, model: &CausalModel, train: &dyn PatchStream, warm: bool) -> Result<usize, InformationError> {
-        let pace =
-            match self.pace.filter(|(_, of)| *of == model.patch()) {
-                Some((pace, _)) => pace,
-                None => {
-                    let mut trial = model.clone();
-                    let before = Instant::now();
-                    CausalFit::new(FitLength::Steps(PACED), 0)
-                        .fit(&mut trial, train, &mut |_| ControlFlow::Continue(()))?;
-                    before.elapsed().as_secs_f64() / PACED as f64
-                }
-            };
+    fn planned(
+        &self,
+        model: &CausalModel,
+        train: &dyn PatchStream,
+        warm: bool,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<usize, InformationError> {
+        let pace = match self.pace.filter(|(_, of)| *of == model.patch()) {
+            Some((pace, _)) => pace,
+            None => {
+                let mut trial = model.clone();
+                let before = Instant::now();
+                CausalFit::new(FitLength::Steps(PACED), 0).fit(&mut trial, train, &mut |_| {
+                    if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                })?;
+                before.elapsed().as_secs_f64() / PACED as f64
+            }
+        };
         let time = if warm { WARM } else { COLD };
         Ok((time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize)
     }

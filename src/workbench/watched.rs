@@ -145,7 +145,9 @@ impl Workbench {
     fn note_accepted(&mut self) {
         self.watched.contents.push(self.contents);
         self.watched.accepted = self.design.encoder.lenslets().cloned();
-        if !self.has_untaken_result() && self.designer.run().is_some_and(|run| !run.is_active()) {
+        // One that was stopped can go on the other day.
+        let finished = self.designer.run().is_some_and(|run| run.status == RunStatus::Finished);
+        if finished && !self.has_untaken_result() {
             self.designer.forget();
         }
     }

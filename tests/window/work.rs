@@ -157,6 +157,7 @@ fn closing_asks_while_work_goes_on() {
     let mut window = at_home(folder.path());
     ask_for_steps(&mut window, "100000");
     click(&mut window, "Start estimate");
+    wait_for(&mut window, "its turn", |window| window.query_by_label("Cancel estimate").is_some());
     close(&mut window);
     window.get_by_label_contains("An estimate is being computed");
     click(&mut window, "Cancel");
