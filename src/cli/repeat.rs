@@ -60,17 +60,8 @@ impl Arguments {
 fn lines_of(repeated: &Repeated) -> Vec<String> {
     let [rows, cols] = repeated.numbers.patch;
     let mut lines = vec![format!("Live estimate of a {rows} x {cols} px patch, bits per pixel (now, recorded):")];
-    let numbers = [&repeated.numbers, &repeated.recorded];
-    let sides: [(&str, fn(&LiveNumbers) -> Option<NamedBound>); 3] = [
-        ("at least", |numbers| numbers.lower.clone()),
-        ("at most", |numbers| numbers.upper.clone()),
-        ("at most", |numbers| {
-            let (bits_per_pixel, interval_95) = (numbers.bits_per_pixel, numbers.interval_95);
-            Some(NamedBound { from: "live estimate".into(), bits_per_pixel, interval_95 })
-        }),
-    ];
-    for (side, bound) in sides {
-        if let [Some(now), Some(then)] = numbers.map(bound) {
+    for ((side, now), (_, then)) in bounds(&repeated.numbers).into_iter().zip(bounds(&repeated.recorded)) {
+        if let (Some(now), Some(then)) = (now, then) {
             let [low, high] = now.interval_95;
             let (bits, recorded) = (now.bits_per_pixel, then.bits_per_pixel);
             lines.push(format!("  {side} {bits:.6} [{low:.4}, {high:.4}], {recorded:.6}  {}", now.from));
@@ -79,4 +70,11 @@ fn lines_of(repeated: &Repeated) -> Vec<String> {
     lines.push(if repeated.same { "The same to the last bit." } else { "Not the same." }.into());
     lines.extend(repeated.notes.iter().map(|note| format!("note: {note}")));
     lines
+}
+
+/// The bounds of a live estimate, and the side that they are on.
+fn bounds(numbers: &LiveNumbers) -> [(&'static str, Option<NamedBound>); 3] {
+    let LiveNumbers { bits_per_pixel, interval_95, .. } = *numbers;
+    let live = NamedBound { from: "live estimate".into(), bits_per_pixel, interval_95 };
+    [("at least", numbers.lower.clone()), ("at most", numbers.upper.clone()), ("at most", Some(live))]
 }

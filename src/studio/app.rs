@@ -115,7 +115,7 @@ impl Studio {
                     self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
                 }
                 Some(_) => {
-                    self.tell("What the last run has found was not accepted; Optimize > Show newest shows it.".into())
+                    self.tell("What the last run has found was not accepted; Optimize > Show newest shows it.".into());
                 }
                 None => {}
             },
@@ -394,8 +394,7 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
                 state.messages.push(Severity::Failure, sentence);
             }
         }
-        Ok(Outcome::RecordKept { .. }) => {}
-        Err(_) => {}
+        Ok(Outcome::RecordKept { .. }) | Err(_) => {}
     }
     match outcome {
         Ok(outcome) => state.messages.push(Severity::Done, outcome.sentence()),

@@ -374,10 +374,11 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
                     plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(CEILING).width(3.0));
                 }
                 if let Some(Bits { bits, .. }) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
-                    let mut text = snapshot.name.clone();
-                    if scenes.len() > 1 {
-                        text += &format!(" ({})", letter_of(&scenes, &snapshot.scene()));
-                    }
+                    let text = if scenes.len() > 1 {
+                        format!("{} ({})", snapshot.name, letter_of(&scenes, &snapshot.scene()))
+                    } else {
+                        snapshot.name.clone()
+                    };
                     let name = Text::new(snapshot.name.clone(), PlotPoint::new(tamura, bits), text);
                     plot.text(name.anchor(egui::Align2::LEFT_BOTTOM));
                 }

@@ -283,7 +283,7 @@ mod tests {
             &|record| record["recipe"]["steps"] = 0.into(),
             &|record| record["recipe"]["upper"] = serde_json::json!({ "at_once": { "samples": 1_u64 << 62 } }),
             &|record| {
-                record["recipe"]["lower"] = serde_json::json!({ "followed": { "levels": 1_u64 << 40, "samples": 9 } })
+                record["recipe"]["lower"] = serde_json::json!({ "followed": { "levels": 1_u64 << 40, "samples": 9 } });
             },
             &|record| record["start"]["span"]["high"] = 1e300.into(),
             &|record| record["start"]["far"] = serde_json::json!([]),

@@ -21,7 +21,7 @@ use crate::objects::Split;
 use crate::optics::LensletGradient;
 
 /// Time for the steps of a fit from the beginning.
-const COLD: Duration = Duration::from_secs(60);
+const COLD: Duration = Duration::from_mins(1);
 /// The same for a fit from the model of a similar design.
 const WARM: Duration = Duration::from_secs(20);
 /// Steps from which their pace is told before the first fit, and the fewest and most steps of a fit.
@@ -105,7 +105,7 @@ pub struct LiveRecipe {
 impl LiveRecipe {
     /// Whether a fit could have come about like this; others would never end, or not begin.
     pub(super) fn is_sound(&self) -> bool {
-        let sound = |draws: Option<Draws>| draws.is_none_or(|draws| draws.is_sound());
+        let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
         (1..=self.planned).contains(&self.steps)
             && self.planned as f64 <= PLANNED.1
             && sound(self.lower)
@@ -216,16 +216,15 @@ impl Refiner {
         warm: bool,
         stop: &dyn Fn() -> bool,
     ) -> Result<usize, InformationError> {
-        let pace = match self.pace.filter(|(_, of)| *of == model.patch()) {
-            Some((pace, _)) => pace,
-            None => {
-                let mut trial = model.clone();
-                let before = Instant::now();
-                CausalFit::new(FitLength::Steps(PACED), 0).fit(&mut trial, train, &mut |_| {
-                    if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-                })?;
-                before.elapsed().as_secs_f64() / PACED as f64
-            }
+        let pace = if let Some((pace, _)) = self.pace.filter(|(_, of)| *of == model.patch()) {
+            pace
+        } else {
+            let mut trial = model.clone();
+            let before = Instant::now();
+            CausalFit::new(FitLength::Steps(PACED), 0).fit(&mut trial, train, &mut |_| {
+                if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            })?;
+            before.elapsed().as_secs_f64() / PACED as f64
         };
         let time = if warm { WARM } else { COLD };
         Ok((time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize)
@@ -261,12 +260,11 @@ pub(super) fn repeated(
             if scored.is_some() || !go_on(progress.step) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         },
     );
-    let (model, test) = match scored {
-        Some(model) => (model, test),
-        None => {
-            fitted?;
-            (model, subject.last_test(&test)?)
-        }
+    let (model, test) = if let Some(scored) = scored {
+        (scored, test)
+    } else {
+        fitted?;
+        (model, subject.last_test(&test)?)
     };
     let whole = LiveRecipe { lower: None, upper: None, ..*recipe };
     let estimate = subject.score(&model, &test, (whole, start.cloned().map(Arc::new)))?;
@@ -287,7 +285,7 @@ pub(super) fn repeated(
 fn with_bounds(beads: &Beads<'_>, estimate: LiveEstimate) -> LiveEstimate {
     let ((lower, by_lower), (upper, by_upper)) = (beads.lower.clone().unzip(), beads.upper.clone().unzip());
     let recipe = LiveRecipe { lower: by_lower, upper: by_upper, ..estimate.recipe };
-    LiveEstimate { lower, upper, recipe, ..estimate }
+    LiveEstimate { recipe, lower, upper, ..estimate }
 }
 
 /// Where information pulls the lenslets of a design, on held-out objects; none for masks without lenslets, or where numbers

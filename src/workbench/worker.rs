@@ -419,25 +419,25 @@ impl Evaluator {
             }
             Job::MeasureSnapshot { number, name, design } => {
                 let known = self.scene.clone().filter(|scene| scene.serves(design));
-                let scene = known.map_or_else(|| self.other_scene(design, entry, shared), Ok);
+                let scene = known.map_or_else(|| other_scene(design, entry, shared), Ok);
                 Ok(measured_snapshot((*number, name), design, scene.as_deref().map_err(Clone::clone)))
             }
             other => other.run(),
         }
     }
+}
 
-    /// The objects of a design that is not open; reading them ends where it is cancelled or the program does.
-    fn other_scene(&self, design: &Design, entry: &Entry, shared: &Shared) -> Result<Arc<Scene>, String> {
-        shared.cancelled.store(false, Ordering::Relaxed);
-        let watch = |progress: Progress| {
-            lock(&shared.results).live.busy = Some(progress.to_string());
-            tell(entry, progress);
-            (shared.wake)();
-            let stop = lock(&shared.mailbox).quit || shared.cancelled.load(Ordering::Relaxed);
-            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        let scene = Scene::open(design, &watch);
-        lock(&shared.results).live.busy = None;
-        scene.map(Arc::new).map_err(|error| error.to_string())
-    }
+/// The objects of a design that is not open; reading them ends where it is cancelled or the program does.
+fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Result<Arc<Scene>, String> {
+    shared.cancelled.store(false, Ordering::Relaxed);
+    let watch = |progress: Progress| {
+        lock(&shared.results).live.busy = Some(progress.to_string());
+        tell(entry, progress);
+        (shared.wake)();
+        let stop = lock(&shared.mailbox).quit || shared.cancelled.load(Ordering::Relaxed);
+        if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let scene = Scene::open(design, &watch);
+    lock(&shared.results).live.busy = None;
+    scene.map(Arc::new).map_err(|error| error.to_string())
 }
