@@ -1,7 +1,6 @@
 //! Runs that optimize the mask: what to start, how it goes, and every mask on the way.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use egui::{Color32, ComboBox, DragValue, ProgressBar, Slider, Ui};
 use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points};
@@ -14,10 +13,10 @@ use super::state::{Leave, State};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, random_layout};
-use crate::workbench::{Design, DesignRun, RunStatus, Start, curve_of, patches_of, run_command, spoken};
+use crate::workbench::{
+    Design, DesignRun, RunStatus, Start, curve_of, estimate_command, patches_of, run_command, spoken,
+};
 
-/// Time that the result of a run is scored for.
-const SCORE: Duration = Duration::from_mins(1);
 /// Random starts of one order.
 const STARTS: u64 = 8;
 /// Colour of the Tamura coefficient in plots.
@@ -162,7 +161,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             let of_run = last.map(|run| &run.settings).filter(|settings| settings.objective != form.objective);
             let steps = of_run.unwrap_or(form).steps;
             state.optimize_form.frame = None;
-            if let Err(refusal) = state.bench.extend_run(steps, SCORE) {
+            if let Err(refusal) = state.bench.extend_run(steps) {
                 state.messages.push(Severity::Failure, refusal);
             }
         }
@@ -265,7 +264,7 @@ pub fn start(state: &mut State) {
         From::Random => vec![random(design.seed)],
         From::RandomStarts => (0..STARTS).map(|number| random(design.seed.wrapping_add(number))).collect(),
     };
-    if let Err(refusal) = state.bench.start_run(starts, settings, SCORE) {
+    if let Err(refusal) = state.bench.start_run(starts, settings) {
         state.messages.push(Severity::Failure, refusal);
     }
 }
@@ -474,6 +473,12 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             {
                 state.bench.follow_run(false);
                 state.bench.look_at(array, &result.design);
+            }
+            let copy =
+                ui.small_button("Copy command").on_hover_text("The command line that computes these numbers again");
+            name_widget(&copy, &format!("Copy command of result {}", place + 1));
+            if copy.clicked() {
+                state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request));
             }
         });
     }

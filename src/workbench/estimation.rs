@@ -268,6 +268,11 @@ fn causal(
     Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
 }
 
+/// Levels over which a bracket whose fits take so many steps follows the posterior: as many steps for each, and the fewest and
+/// the most of them.
+const STEPS_PER_LEVEL: usize = 4;
+const LEVELS: (usize, usize) = (64, 400);
+
 /// Share of a bracket's time that goes to each of its parts where there is a prior: density model, decoder, and following
 /// the posterior on either side.
 const PART: f64 = 0.25;
@@ -306,7 +311,9 @@ fn bead_bounds(
         let seed = derived_seed(design.seed, stream);
         match share_of(length, PART) {
             FitLength::Time(budget) => PosteriorFit::within(budget, seed),
-            FitLength::Steps(_) => PosteriorFit::usual(seed),
+            FitLength::Steps(steps) => {
+                PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed)
+            }
         }
     };
     let below = posterior_lower_bound(&channel, &follow(8), &decoder, &mut |fit| watch(&fit.into()))?;

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
 use super::bench::Workbench;
 use super::design::Design;
@@ -38,12 +37,12 @@ impl Workbench {
         Ok(())
     }
 
-    /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored for so long.
+    /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored.
     ///
     /// # Errors
     /// One sentence where another run goes on, or the mask allows none.
-    pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
-        self.designer.start(starts, settings, score)?;
+    pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings) -> Result<(), String> {
+        self.designer.start(starts, settings)?;
         self.watched = WatchedRun { following: true, contents: vec![self.contents], accepted: None };
         Ok(())
     }
@@ -52,8 +51,8 @@ impl Workbench {
     ///
     /// # Errors
     /// One sentence where there is none.
-    pub fn extend_run(&mut self, steps: usize, score: Duration) -> Result<(), String> {
-        self.designer.extend(steps, score)?;
+    pub fn extend_run(&mut self, steps: usize) -> Result<(), String> {
+        self.designer.extend(steps)?;
         self.watched.following = true;
         Ok(())
     }

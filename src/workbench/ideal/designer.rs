@@ -9,7 +9,7 @@ use super::record::IdealRecord;
 use super::run::{KeptRun, KeptStart, run_ideal, start_of};
 use super::score::judge_of;
 use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
-use crate::information::{EngineChoice, Estimate, Protocol};
+use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
 use crate::optics::LensletArray;
 use crate::workbench::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::threads::{SpareCores, Threads, Wake, lock};
@@ -76,6 +76,29 @@ pub struct RankedStart {
     pub design: Arc<Design>,
     /// What it is worth, by an estimate with a model of its own on held-out objects.
     pub estimate: Estimate,
+    /// What was asked of that.
+    pub request: EstimateRequest,
+}
+
+/// Steps of the fits by which a result is scored, which can be repeated: about as many as a minute has on two cores.
+const BRACKET_STEPS: usize = 400;
+const LIVE_STEPS: usize = 2_000;
+
+/// What the result of a run is scored by: a bracket where the prior of the objects is known.
+fn score_request(design: &Design) -> EstimateRequest {
+    let judge = judge_of(design);
+    let steps = if judge == Estimator::Bracket { BRACKET_STEPS } else { LIVE_STEPS };
+    EstimateRequest {
+        model: DensityModel::new(judge, None, EngineChoice::default()).of_steps(steps),
+        protocol: Protocol::Default,
+        patch: Some((32, 32)),
+        // Fits draw fresh patches at every step.
+        patches_train: 10_000,
+        patches_test: 1_000,
+        fresh: false,
+        trials: 1,
+        keep: None,
+    }
 }
 
 impl RankedStart {
@@ -202,11 +225,11 @@ impl Designer {
         lock(&self.shared.run).clone()
     }
 
-    /// Starts a run from each of `starts`, one after the other; each is scored for `score` in the end.
+    /// Starts a run from each of `starts`, one after the other; each is scored in the end.
     ///
     /// # Errors
     /// One sentence where another run goes on or the first start allows none.
-    pub fn start(&self, starts: Vec<Start>, settings: IdealSettings, score: Duration) -> Result<(), String> {
+    pub fn start(&self, starts: Vec<Start>, settings: IdealSettings) -> Result<(), String> {
         let Some(first) = starts.first() else { return Err("there is no mask to start from".into()) };
         let array = start_of(&first.design).map_err(|error| error.to_string())?;
         settings.check(array).map_err(|error| error.to_string())?;
@@ -216,21 +239,21 @@ impl Designer {
         }
         *lock(&self.shared.kept) = None;
         *lock(&self.shared.starts) = starts;
-        self.spawn(run, score)
+        self.spawn(run)
     }
 
     /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
     ///
     /// # Errors
     /// One sentence where there is none, or it still goes on.
-    pub fn extend(&self, steps: usize, score: Duration) -> Result<(), String> {
+    pub fn extend(&self, steps: usize) -> Result<(), String> {
         let Some(mut run) = self.run() else { return Err("there is no run to go on with".into()) };
         // One that was stopped first takes the steps that it was to take.
         if run.step >= run.settings.steps {
             run.settings.steps += steps;
         }
         run.status = RunStatus::Running;
-        self.spawn(run, score)
+        self.spawn(run)
     }
 
     fn is_active(&self) -> bool {
@@ -238,7 +261,7 @@ impl Designer {
     }
 
     /// Computes the start that the run is at, and those after it.
-    fn spawn(&self, run: DesignRun, score: Duration) -> Result<(), String> {
+    fn spawn(&self, run: DesignRun) -> Result<(), String> {
         if self.is_active() {
             return Err(BUSY.into());
         }
@@ -253,7 +276,7 @@ impl Designer {
         *lock(&self.shared.paused) = false;
         let shared = Arc::clone(&self.shared);
         let spawned =
-            std::thread::Builder::new().name("lenslet-designer".into()).spawn(move || shared.compute(&settings, score));
+            std::thread::Builder::new().name("lenslet-designer".into()).spawn(move || shared.compute(&settings));
         spawned.map(|_| ()).map_err(|error| {
             let sentence = format!("no thread for the run: {error}");
             self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
@@ -299,8 +322,8 @@ impl Shared {
         (self.wake)();
     }
 
-    fn compute(&self, settings: &IdealSettings, score: Duration) {
-        let done = SpareCores::new("run", self.threads.clone()).run(|| self.run_all(settings, score));
+    fn compute(&self, settings: &IdealSettings) {
+        let done = SpareCores::new("run", self.threads.clone()).run(|| self.run_all(settings));
         let status = match done {
             Ok(Ok(())) => RunStatus::Finished,
             Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,
@@ -334,7 +357,7 @@ impl Shared {
         Some(format!("{}: {}", best.design.encoder.describe(), best.estimate.in_words()))
     }
 
-    fn run_all(&self, settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
+    fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {
         let starts = lock(&self.starts).clone();
         let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
         for (index, start) in starts.iter().enumerate().skip(at) {
@@ -346,12 +369,12 @@ impl Shared {
                     *run = DesignRun { start_number, ranked, ..DesignRun::new(&start.design, settings, starts.len()) };
                 });
             }
-            self.run_one(start, settings, score)?;
+            self.run_one(start, settings)?;
         }
         Ok(())
     }
 
-    fn run_one(&self, start: &Start, settings: &IdealSettings, score: Duration) -> Result<(), EvaluationError> {
+    fn run_one(&self, start: &Start, settings: &IdealSettings) -> Result<(), EvaluationError> {
         let from = lock(&self.kept).clone();
         let (mut told, mut shown) = (Instant::now(), usize::MAX);
         let mut watch = |progress: &IdealProgress<'_>| {
@@ -388,28 +411,19 @@ impl Shared {
             run.record = Some(Arc::new(record));
             run.left = None;
         });
-        let estimate = self.score(&design, score)?;
+        let request = score_request(&design);
+        let estimate = self.score(&design, &request)?;
         self.change(|run| {
             let name = start.name.clone();
-            run.ranked.push(RankedStart { name, design, estimate });
+            run.ranked.push(RankedStart { name, design, estimate, request });
             run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
         });
         Ok(())
     }
 
-    /// What a design is worth, by models of its own: a bracket where the prior of the objects is known.
-    fn score(&self, design: &Design, budget: Duration) -> Result<Estimate, EvaluationError> {
-        let request = EstimateRequest {
-            model: DensityModel::new(judge_of(design), Some(budget), EngineChoice::default()),
-            protocol: Protocol::Default,
-            patch: Some((32, 32)),
-            patches_train: 0,
-            patches_test: 1_000,
-            fresh: false,
-            trials: 1,
-            keep: None,
-        };
-        estimate(design, &request, &mut |progress| {
+    /// What a design is worth, by models of its own.
+    fn score(&self, design: &Design, request: &EstimateRequest) -> Result<Estimate, EvaluationError> {
+        estimate(design, request, &mut |progress| {
             let share = progress.done as f64 / progress.total.max(1) as f64;
             let step = format!("Scoring the result: {}", progress.step);
             self.tell(&step, share, None);
@@ -455,5 +469,25 @@ impl Shared {
             run.seconds = progress.seconds;
             run.left = left;
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::information::FitLength;
+    use crate::objects::ObjectSource;
+    use crate::workbench::estimate_command;
+
+    #[test]
+    fn results_are_scored_by_what_a_command_can_repeat() {
+        let beads = Design::default();
+        let pictures = Design { objects: ObjectSource::Idx("digits".into()), ..Design::default() };
+        for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (pictures, "live", LIVE_STEPS)] {
+            let request = score_request(&design);
+            assert_eq!(request.model.length(), Some(FitLength::Steps(steps)));
+            let command = estimate_command(&design, &request).unwrap();
+            assert!(command.contains(&format!("--estimator {estimator} --patch 32x32 --steps {steps} ")), "{command}");
+        }
     }
 }

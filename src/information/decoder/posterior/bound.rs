@@ -74,11 +74,6 @@ impl PosteriorFit {
         Self { levels: None, budget: Some(budget), ..Self::of_levels(USUAL_LEVELS, seed) }
     }
 
-    /// The usual fit without a budget: equal seeds give equal bits, whatever the number of threads.
-    pub fn usual(seed: u64) -> Self {
-        Self::of_levels(USUAL_LEVELS, seed)
-    }
-
     /// The usual fit of a number of levels: equal seeds give equal bits, whatever the number of threads.
     pub fn of_levels(levels: usize, seed: u64) -> Self {
         Self { groups: 4, walkers: 4, levels: Some(levels), samples: 256, half_width: 0.0015, budget: None, seed }
