@@ -127,7 +127,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
         ui.ctx().request_repaint();
     }
     let State { snapshots, comparison, palettes, .. } = state;
-    let scenes = snapshots.scenes();
+    let scenes: Vec<String> = snapshots.scenes().into_iter().map(String::from).collect();
     egui::Grid::new("designs").num_columns(9).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
         for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
             ui.weak(title);
@@ -177,8 +177,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
             });
             name_widget(&more.response, &format!("More of snapshot {number}"));
             if scenes.len() > 1 {
-                let scene = snapshot.scene();
-                ui.label(letter_of(&scenes, &scene)).on_hover_text(scene);
+                ui.label(letter_of(&scenes, &snapshot.scene)).on_hover_text(&snapshot.scene);
             }
             ui.end_row();
         }
@@ -186,12 +185,9 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
 }
 
 /// What a scene is called: a letter while there are enough.
-fn letter_of(scenes: &[String], scene: &str) -> String {
-    let place = scenes.iter().position(|known| known == scene).unwrap_or_default();
-    u8::try_from(place)
-        .ok()
-        .filter(|place| *place < 26)
-        .map_or_else(|| (place + 1).to_string(), |place| char::from(b'a' + place).to_string())
+fn letter_of(scenes: &[impl AsRef<str>], scene: &str) -> String {
+    let place = scenes.iter().position(|known| known.as_ref() == scene).unwrap_or_default();
+    ('a'..='z').nth(place).map_or_else(|| (place + 1).to_string(), String::from)
 }
 
 /// What is known of a design's information, in a few characters: a line for each side.
@@ -375,7 +371,7 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
                 }
                 if let Some(Bits { bits, .. }) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
                     let text = if scenes.len() > 1 {
-                        format!("{} ({})", snapshot.name, letter_of(&scenes, &snapshot.scene()))
+                        format!("{} ({})", snapshot.name, letter_of(&scenes, &snapshot.scene))
                     } else {
                         snapshot.name.clone()
                     };

@@ -43,7 +43,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     };
     let stale = !state.is_current(live.revision);
-    let version = (live.revision, live.value.steps * 16 + state.map_sample.map_or(0, |sample| sample + 1));
+    let version = (live.revision, live.value.recipe.steps * 16 + state.map_sample.map_or(0, |sample| sample + 1));
     let chosen = state.map_sample.filter(|sample| *sample < live.value.maps.len_of(Axis(0)));
     let image = match chosen {
         Some(sample) => live.value.maps.index_axis(Axis(0), sample),

@@ -1,12 +1,10 @@
 //! Where the information of the shown measurement comes from, laid over it.
 
-use std::sync::Arc;
-
 use egui::{Color32, ColorImage, Rect, TextureHandle, TextureOptions, Ui};
 
 use super::image_view::{Shown, name_widget, significant};
 use super::state::State;
-use crate::workbench::{Closer, CloserKey, CloserOrder, Colormap, Measurements, Stamped};
+use crate::workbench::{Closer, CloserKey, Colormap};
 
 /// Opacity of the most telling pixels.
 const MOST_OPAQUE: f32 = 0.85;
@@ -15,9 +13,7 @@ const MOST_OPAQUE: f32 = 0.85;
 #[derive(Default)]
 pub struct InformationOverlay {
     /// Whether it is wanted.
-    shown: bool,
-    /// What was asked for last.
-    asked: Option<CloserKey>,
+    pub shown: bool,
     texture: Option<TextureHandle>,
     drawn: Option<(CloserKey, Colormap)>,
     /// Bits of the most telling pixel.
@@ -36,7 +32,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
     if state.overlay.shown && state.overlay.drawn.is_some() {
         ui.weak(format!("to {} bits", significant(f64::from(state.overlay.most))));
     } else if state.overlay.shown {
-        let asked = state.overlay.asked.filter(|key| key.steps.is_some());
+        let asked = state.closer_asked.filter(|key| key.steps.is_some());
         let none = state.live.closer.as_ref().is_some_and(|closer| Some(closer.key) == asked && closer.map.is_none());
         let text = match state.live_estimate() {
             _ if none => "this measurement is too large for a map",
@@ -44,21 +40,6 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
             None => "waits for the live estimate",
         };
         ui.weak(text);
-    }
-}
-
-impl State {
-    /// Asks for what is computed of the shown measurement alone, and returns the newest that there is.
-    pub fn look_closer(&mut self, measurements: &Stamped<Measurements>) -> Option<Arc<Closer>> {
-        let live =
-            self.live_estimate().filter(|_| self.overlay.shown && measurements.revision == self.bench.revision());
-        let (steps, model) = live.map(|live| (live.steps, Arc::clone(&live.model))).unzip();
-        let key = CloserKey { revision: measurements.revision, sample: self.sample, noisy: self.noisy, steps };
-        if self.overlay.asked != Some(key) {
-            self.overlay.asked = Some(key);
-            self.bench.look_closer(CloserOrder { key, measurements: Arc::clone(&measurements.value), model });
-        }
-        self.live.closer.clone()
     }
 }
 

@@ -75,8 +75,8 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     let known = Known::of(state, &information.value, information.revision);
     let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
         json!({
-            "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.steps,
-            "settled": live.remaining.is_none(), "test_patches": live.test_patches, "warm": live.warm,
+            "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
+            "settled": live.remaining.is_none(), "test_patches": live.test_patches, "warm": live.start.is_some(),
         })
     });
     let (upper, upper_from) = known.upper();
@@ -123,7 +123,7 @@ impl<'a> Known<'a> {
     fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
         // A design that was left and came back is the same design.
         let design = state.bench.design();
-        let finished = state.estimates.finished.iter().rev().filter(|result| result.value.order.design == *design);
+        let finished = state.estimates.finished.iter().rev().filter(|result| result.value.is_of(design));
         let brackets: Vec<_> = finished
             .filter_map(|result| Some((result.value.estimate.bracket.clone()?, result.value.estimate.patch)))
             .collect();

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::optics::Lenslet;
 use crate::workbench::{
-    Colormap, Command, Curve, Design, DesignRun, Estimates, Live, LiveEstimate, LiveInformation, LiveRecord, Recovered,
-    Snapshots, Workbench,
+    Closer, CloserKey, CloserOrder, Colormap, Command, Curve, Design, DesignRun, Estimates, Live, LiveEstimate,
+    LiveInformation, LiveRecord, Measurements, Recovered, Snapshots, Stamped, Workbench,
 };
 
 use super::capture::Capture;
@@ -60,6 +61,8 @@ pub struct State {
     pub noisy: bool,
     /// What the MTF room shows.
     pub mtf_view: MtfView,
+    /// What was last asked for of the one measurement that is looked at.
+    pub closer_asked: Option<CloserKey>,
     /// Where information comes from, over the measurement.
     pub overlay: InformationOverlay,
     /// Where the pointer is in the object or the measurement.
@@ -293,6 +296,7 @@ impl State {
             sample: 0,
             noisy: true,
             mtf_view: MtfView::default(),
+            closer_asked: None,
             overlay: InformationOverlay::default(),
             cursor: LinkedCursor::default(),
             hover: None,
@@ -423,7 +427,20 @@ impl State {
         Some(&*live.value).filter(|_| self.is_current(live.revision))
     }
 
-    /// What is needed to compute it again.
+    /// Asks for what is computed of the shown measurement alone, its spectrum and where its information comes from, and
+    /// returns the newest that there is.
+    pub fn look_closer(&mut self, measurements: &Stamped<Measurements>) -> Option<Arc<Closer>> {
+        let live = self.live_estimate().filter(|_| self.overlay.shown && self.is_current(measurements.revision));
+        let (steps, model) = live.map(|live| (live.recipe.steps, Arc::clone(&live.model))).unzip();
+        let key = CloserKey { revision: measurements.revision, sample: self.sample, noisy: self.noisy, steps };
+        if self.closer_asked != Some(key) {
+            self.closer_asked = Some(key);
+            self.bench.look_closer(CloserOrder { key, measurements: Arc::clone(&measurements.value), model });
+        }
+        self.live.closer.clone()
+    }
+
+    /// What is needed to compute the live estimate again.
     pub fn live_record(&self) -> Option<LiveRecord> {
         let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.bench.design()))?;
         Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))

@@ -61,6 +61,13 @@ pub struct FinishedEstimate {
     pub curve: Vec<FitPoint>,
 }
 
+impl FinishedEstimate {
+    /// Whether it is of this design, whatever revision that has by now.
+    pub fn is_of(&self, design: &Arc<Design>) -> bool {
+        Arc::ptr_eq(&self.order.design, design) || self.order.design == *design
+    }
+}
+
 /// What the thread has computed and is computing.
 #[derive(Clone, Default)]
 pub struct Estimates {

@@ -231,7 +231,7 @@ mod tests {
         let mut refiner = Refiner::default();
         let cold = first(&mut refiner, &one, &scene, |live| live.lower.is_some());
         let warm = first(&mut refiner, &two, &scene, |live| live.upper.is_some());
-        assert!(!cold.warm && warm.warm && warm.steps > 0);
+        assert!(cold.start.is_none() && warm.start.is_some() && warm.recipe.steps > 0);
         assert!(matches!(warm.recipe.upper, Some(Draws::Followed { .. })));
         for (name, design, live) in [("cold", &one, &cold), ("warm", &two, &warm)] {
             let path = folder.path().join("new folder").join(name);

@@ -60,17 +60,13 @@ pub struct LiveEstimate {
     pub patch: (usize, usize),
     /// Held-out patches behind it.
     pub test_patches: usize,
-    /// Training steps so far.
-    pub steps: usize,
     /// Seconds of the fit so far.
     pub seconds: f64,
     /// Time left until it settles; none once it has.
     pub remaining: Option<Duration>,
-    /// Whether the fit began with the model of a similar design.
-    pub warm: bool,
-    /// How it came about, and what it started from.
+    /// How it came about.
     pub recipe: LiveRecipe,
-    /// See there.
+    /// The model of a similar design that the fit began with; none where it began from nothing.
     pub start: Option<Arc<CausalStart>>,
     /// The model.
     pub model: Arc<CausalModel>,

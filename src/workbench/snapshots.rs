@@ -28,6 +28,8 @@ pub struct Snapshot {
     pub name: String,
     /// The design.
     pub design: Arc<Design>,
+    /// What its numbers depend on beside the mask: those of designs that differ in it are not comparable.
+    pub scene: String,
     /// Its revision, if it was open in this window; while it is, its numbers go on getting better.
     revision: Option<u64>,
     /// Name of its file, and whether that is behind.
@@ -73,6 +75,17 @@ impl Bits {
     }
 }
 
+/// Objects, light, noise and seed of a design, in words.
+fn scene_of(design: &Design) -> String {
+    let Design { objects, mean_photons, bias_photons, noise, seed, .. } = design;
+    let light = match objects {
+        // Their light is that of their beads.
+        ObjectSource::BeadsMax { .. } => String::new(),
+        _ => format!(", mean {mean_photons} photons"),
+    };
+    format!("{objects}{light}, background {bias_photons} photons, {noise} noise, seed {seed}")
+}
+
 impl Snapshot {
     /// The smallest of its upper bounds.
     pub fn upper(&self) -> Option<Bits> {
@@ -81,17 +94,6 @@ impl Snapshot {
         let ceiling = self.ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
         let known = [self.live.map(|live| live.0), self.gaussian, ceiling, self.sampled, bracket];
         known.into_iter().flatten().min_by(|one, other| one.bits.total_cmp(&other.bits))
-    }
-
-    /// What its numbers depend on beside the mask: those of designs that differ in it are not comparable.
-    pub fn scene(&self) -> String {
-        let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &*self.design;
-        let light = match objects {
-            // Their light is that of their beads.
-            ObjectSource::BeadsMax { .. } => String::new(),
-            _ => format!(", mean {mean_photons} photons"),
-        };
-        format!("{objects}{light}, background {bias_photons} photons, {noise} noise, seed {seed}")
     }
 
     /// Whether its measurement is missing and nobody has asked for it.
@@ -158,7 +160,7 @@ impl Snapshot {
             let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
             self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
         }
-        let finished = estimates.finished.iter().rev().filter(|done| done.value.order.design == self.design);
+        let finished = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design));
         let brackets = finished.filter_map(|done| {
             let estimate = &done.value.estimate;
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
@@ -238,6 +240,7 @@ impl Snapshots {
             number: self.last,
             name: format!("Design {}", self.last),
             design: Arc::clone(design),
+            scene: scene_of(design),
             revision: Some(revision),
             // Sorted by name, files are in the order in which designs were kept.
             file: format!("{:024}-{}.json", now.as_nanos(), std::process::id()),
@@ -282,6 +285,7 @@ impl Snapshots {
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
+                scene: scene_of(&design),
                 design: Arc::new(design),
                 revision: None,
                 file: file.to_string_lossy().into_owned(),
@@ -347,11 +351,11 @@ impl Snapshots {
     }
 
     /// The scenes that they are before, each once, in the order of the designs.
-    pub fn scenes(&self) -> Vec<String> {
+    pub fn scenes(&self) -> Vec<&str> {
         let mut scenes = Vec::new();
-        for scene in self.entries.iter().map(Snapshot::scene) {
-            if !scenes.contains(&scene) {
-                scenes.push(scene);
+        for snapshot in &self.entries {
+            if !scenes.contains(&snapshot.scene.as_str()) {
+                scenes.push(snapshot.scene.as_str());
             }
         }
         scenes
@@ -400,8 +404,9 @@ impl Snapshots {
             row.extend(three(snapshot.lower));
             row.extend(three(snapshot.upper()));
             row.push(known(snapshot.tamura));
-            let scene = snapshot.scene();
-            row.push(scenes.iter().position(|known| *known == scene).map_or(f64::NAN, |scene| (scene + 1) as f64));
+            row.push(
+                scenes.iter().position(|known| *known == snapshot.scene).map_or(f64::NAN, |scene| (scene + 1) as f64),
+            );
             row
         };
         Curve {

@@ -3,6 +3,7 @@
 # and computes the design instead.
 # usage: renderers.sh PROGRAM
 set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
 program=$(realpath "$1")
 work=$(mktemp -d)
 number=$((90 + RANDOM % 400))
@@ -19,26 +20,8 @@ xvfb_dark=$!
 no_egl=__EGL_VENDOR_LIBRARY_FILENAMES=/nonexistent
 # An interface that this system does not have.
 no_wgpu=WGPU_BACKEND=metal
-finish() {
-  code=$?
-  kill "${app:-}" "$xvfb" "$xvfb_dark" 2>/dev/null || true
-  if [ $code -ne 0 ]; then
-    echo "smoke test of the renderers failed; the program said:"
-    cat "$work/app.log" 2>/dev/null || true
-  fi
-  rm -rf "$work"
-}
-trap finish EXIT
-
-# Waits up to $1 seconds until the rest of the arguments succeed.
-wait_for() {
-  local limit=$((SECONDS + $1))
-  shift
-  until "$@" >/dev/null 2>&1; do
-    [ $SECONDS -lt $limit ] || { echo "waited in vain for: $*"; return 1; }
-    sleep 0.1
-  done
-}
+what="smoke test of the renderers"
+. "$here/lib.sh"
 
 # Not the first window, in a theme whose notices are of a known colour.
 mkdir -p "$work/home/lenslet-studio"

@@ -2,6 +2,7 @@
 # The real window under a virtual display: drag a lenslet, see the PSF change, export, compare the files.
 # usage: window.sh PROGRAM RENDERER [SCREENSHOT_FOLDER]
 set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
 program=$(realpath "$1")
 renderer=$2
 shots=${3:-}
@@ -12,26 +13,8 @@ unset WAYLAND_DISPLAY
 # Without -noreset the display goes away for a moment when the first program that asks it something ends.
 Xvfb "$DISPLAY" -noreset -screen 0 1300x860x24 >"$work/xvfb.log" 2>&1 &
 xvfb=$!
-finish() {
-  code=$?
-  kill "${app:-}" "${manager:-}" "$xvfb" 2>/dev/null || true
-  if [ $code -ne 0 ]; then
-    echo "window smoke test ($renderer) failed; the program said:"
-    cat "$work/app.log" 2>/dev/null || true
-  fi
-  rm -rf "$work"
-}
-trap finish EXIT
-
-# Waits up to $1 seconds until the rest of the arguments succeed.
-wait_for() {
-  local limit=$((SECONDS + $1))
-  shift
-  until "$@" >/dev/null 2>&1; do
-    [ $SECONDS -lt $limit ] || { echo "waited in vain for: $*"; return 1; }
-    sleep 0.1
-  done
-}
+what="window smoke test ($renderer)"
+. "$here/lib.sh"
 
 wait_for 20 xdotool getdisplaygeometry
 openbox >/dev/null 2>&1 &

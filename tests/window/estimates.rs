@@ -20,7 +20,7 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, true);
     wait_for(&mut window, "the first live estimate", |window| studio(window).bench().estimates().live.is_some());
     let first = studio(&window).bench().estimates().live.unwrap();
-    assert!(!first.value.warm && first.value.remaining.is_some());
+    assert!(first.value.start.is_none() && first.value.remaining.is_some());
     assert!(window.query_by_label_contains("refining").is_some());
     assert!(first.value.bits_per_pixel > 0.1 && first.value.interval_95[0] < first.value.bits_per_pixel);
     let before = studio(&window).bench().revision();
@@ -30,7 +30,7 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     wait_for(&mut window, "the estimate of the edited design", |window| {
         studio(window).bench().estimates().live.is_some_and(|live| live.revision == after)
     });
-    assert!(studio(&window).bench().estimates().live.unwrap().value.warm, "it starts from the model before");
+    assert!(studio(&window).bench().estimates().live.unwrap().value.start.is_some(), "it starts from the model before");
     click(&mut window, "Map");
     click(&mut window, "Information map of a patch");
     click(&mut window, "Next patch");

@@ -1,0 +1,23 @@
+# What smoke tests share: waiting, and an end that leaves nothing behind. Sourced, with $what for what failed and $work for
+# the folder that goes.
+
+# Waits up to $1 seconds until the rest of the arguments succeed.
+wait_for() {
+  local limit=$((SECONDS + $1))
+  shift
+  until "$@" >/dev/null 2>&1; do
+    [ $SECONDS -lt $limit ] || { echo "waited in vain for: $*"; return 1; }
+    sleep 0.1
+  done
+}
+
+finish() {
+  code=$?
+  kill "${app:-}" "${manager:-}" "${xvfb:-}" "${xvfb_dark:-}" 2>/dev/null || true
+  if [ $code -ne 0 ]; then
+    echo "$what failed; the program said:"
+    cat "$work/app.log" 2>/dev/null || true
+  fi
+  rm -rf "$work"
+}
+trap finish EXIT
