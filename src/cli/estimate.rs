@@ -192,7 +192,10 @@ fn bracket_line(bracket: &Bracket) -> String {
              the {upper}",
             bracket.upper
         ),
-        _ => format!("at most {:.4} bits per pixel, from the {upper}; no lower bound is known", bracket.upper),
+        _ => {
+            let [low, high] = bracket.upper_interval_95;
+            format!("at most {:.4} bits per pixel  [{low:.4}, {high:.4}], from the {upper}", bracket.upper)
+        }
     }
 }
 

@@ -40,11 +40,6 @@ impl BeadBounds {
             NamedBound::from(&self.below),
         ]
     }
-
-    /// That from above.
-    pub(super) fn upper(&self) -> NamedBound {
-        NamedBound::from(&self.above)
-    }
 }
 
 impl From<&PosteriorBound> for NamedBound {
@@ -99,6 +94,16 @@ impl Bracket {
             upper_bounds,
             lower_bounds,
         })
+    }
+
+    /// Everything that several of them know of one encoder, scene and patch; `None` without any.
+    pub fn joined<'a>(brackets: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
+        let (mut upper, mut lower) = (Vec::new(), Vec::new());
+        for bracket in brackets {
+            upper.extend(bracket.upper_bounds.iter().cloned());
+            lower.extend(bracket.lower_bounds.iter().cloned());
+        }
+        Self::new(upper, lower)
     }
 
     /// Distance between the bounds, bits per pixel.

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{BeadBounds, Bracket, EngineChoice, Estimator, InformationError, NamedBound, Protocol, Trial};
+use super::{
+    BeadBounds, Bracket, EngineChoice, Estimator, InformationError, NamedBound, PosteriorBound, Protocol, Trial,
+};
 use crate::sensor::Noise;
 
 /// Value of the `format` field.
@@ -40,14 +42,15 @@ pub struct Estimate {
     pub bits_per_pixel: f64,
     /// 95 % interval (low, high) of that trial, bits per pixel; it covers the choice of test patches only.
     pub interval_95: [f64; 2],
-    /// Cross-entropy of the measurements under the model, bits per pixel.
+    /// The bound on the entropy of the measurements that the estimate rests on, bits per pixel: a model's cross-entropy, or
+    /// what another bound on the information leaves.
     pub entropy_y: f64,
     /// Entropy of the noise, bits per pixel.
     pub entropy_y_given_x: f64,
     /// A bound on the truth, bits per pixel, where the object entropy is known.
     pub ceiling: Option<f64>,
-    /// Bounds from both sides, where the estimate is a bracket: the fields `lower`, `lower_interval_95`, `lower_from`,
-    /// `upper`, `upper_interval_95`, `upper_from` and `upper_bounds`.
+    /// All bounds that are known, where there are more than that of a density model: the fields `lower`, `lower_interval_95`,
+    /// `lower_from`, `upper`, `upper_interval_95`, `upper_from`, `upper_bounds` and `lower_bounds`.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub bracket: Option<Bracket>,
     /// The density model.
@@ -156,25 +159,14 @@ impl Estimate {
         beads: Option<&BeadBounds>,
         provenance: Provenance,
     ) -> Result<Self, InformationError> {
-        // Above the ceiling is where most density models lie; here it is one bound of several.
-        let ceiling = provenance.ceiling;
-        let mut estimate = Self::new(trials, Provenance { ceiling: None, ..provenance })?;
-        estimate.ceiling = ceiling;
-        let sampled = |from: &str, bits_per_pixel, interval_95| {
-            let from = from.to_owned();
-            NamedBound { from, bits_per_pixel, interval_95 }
-        };
-        let mut bounds = vec![
-            sampled("density", estimate.bits_per_pixel, estimate.interval_95),
-            sampled("gaussian", gaussian.bits_per_pixel(), gaussian.interval_95()),
-        ];
-        bounds.extend(ceiling.map(|ceiling| sampled("ceiling", ceiling, [ceiling; 2])));
-        bounds.extend(beads.map(BeadBounds::upper));
-        let lower = beads.map(BeadBounds::lower).unwrap_or_default();
-        let bracket = Bracket::new(bounds, lower).ok_or(InformationError::Empty)?;
-        estimate.bits_per_pixel = bracket.upper;
-        estimate.interval_95 = bracket.upper_interval_95;
-        estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
+        let mut above = vec![NamedBound {
+            from: "gaussian".to_owned(),
+            bits_per_pixel: gaussian.bits_per_pixel(),
+            interval_95: gaussian.interval_95(),
+        }];
+        above.extend(beads.map(|beads| NamedBound::from(&beads.above)));
+        let below = beads.map(BeadBounds::lower).unwrap_or_default();
+        let mut estimate = Self::with_bounds(trials, above, below, provenance)?;
         match beads {
             Some(BeadBounds { decoder: lower, below, above }) => {
                 let (tests, steps) = (lower.test_patches, lower.steps);
@@ -190,6 +182,45 @@ impl Estimate {
                 estimate.notes.push("the entropy of these objects is not known, so only an upper bound is".to_owned());
             }
         }
+        Ok(estimate)
+    }
+
+    /// The smallest upper bound on what measurements of beads tell: that of a density model, the ceiling, or posterior
+    /// sampling from above.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn at_most(trials: &[Trial], above: &PosteriorBound, provenance: Provenance) -> Result<Self, InformationError> {
+        let mut estimate = Self::with_bounds(trials, vec![NamedBound::from(above)], Vec::new(), provenance)?;
+        estimate.notes.push(format!(
+            "posteriors of {} fresh samples followed in {} groups of sites over {} levels",
+            above.samples, above.groups, above.levels
+        ));
+        Ok(estimate)
+    }
+
+    /// An estimate by trials of a density model, the ceiling and these bounds: it is the smallest upper bound.
+    fn with_bounds(
+        trials: &[Trial],
+        mut above: Vec<NamedBound>,
+        below: Vec<NamedBound>,
+        provenance: Provenance,
+    ) -> Result<Self, InformationError> {
+        // Above the ceiling is where most density models lie; here it is one bound of several.
+        let ceiling = provenance.ceiling;
+        let mut estimate = Self::new(trials, Provenance { ceiling: None, ..provenance })?;
+        estimate.ceiling = ceiling;
+        let (density, interval_95) = (estimate.bits_per_pixel, estimate.interval_95);
+        above.push(NamedBound { from: "density".to_owned(), bits_per_pixel: density, interval_95 });
+        above.extend(ceiling.map(|ceiling| NamedBound {
+            from: "ceiling".to_owned(),
+            bits_per_pixel: ceiling,
+            interval_95: [ceiling; 2],
+        }));
+        let bracket = Bracket::new(above, below).ok_or(InformationError::Empty)?;
+        estimate.bits_per_pixel = bracket.upper;
+        estimate.interval_95 = bracket.upper_interval_95;
+        estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
         estimate.bracket = Some(bracket);
         Ok(estimate)
     }

@@ -113,7 +113,7 @@ struct Known<'a> {
     /// Whether the bounds are those of the design as it is now.
     current: bool,
     live: Option<(Arc<LiveEstimate>, bool)>,
-    /// The newest bracket of the design as it is now: of the patch that the live numbers refer to.
+    /// All bounds that finished estimates know of the design as it is now, for the patch that the live numbers refer to.
     bracket: Option<Bracket>,
     /// The same for whole measurements, with their shape.
     sensor: Option<(Bracket, [usize; 2])>,
@@ -125,16 +125,21 @@ impl<'a> Known<'a> {
         let design = state.bench.design();
         let finished = state.estimates.finished.iter().rev().filter(|result| result.value.is_of(design));
         let brackets: Vec<_> = finished
-            .filter_map(|result| Some((result.value.estimate.bracket.clone()?, result.value.estimate.patch)))
+            .filter_map(|result| Some((result.value.estimate.bracket.as_ref()?, result.value.estimate.patch)))
             .collect();
+        let of =
+            |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| *bracket));
         let here = [bounds.patch.0, bounds.patch.1];
         let live = state.estimates.live.as_ref();
         Self {
             bounds,
             current: state.is_current(revision),
             live: live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision))),
-            bracket: brackets.iter().find(|(_, patch)| *patch == here).map(|(bracket, _)| bracket.clone()),
-            sensor: brackets.into_iter().find(|(_, patch)| *patch != here),
+            bracket: of(here),
+            sensor: brackets
+                .iter()
+                .find(|(_, patch)| *patch != here)
+                .and_then(|(_, patch)| Some((of(*patch)?, *patch))),
         }
     }
 

@@ -12,10 +12,10 @@ use super::progress::{Watch, tell};
 use super::simulation::{imaging, open_set};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
-    BeadBounds, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate, Estimator,
-    FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest, PosteriorFit,
-    Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate, pixelcnn_estimate,
-    posterior_lower_bound, posterior_upper_bound,
+    BeadBounds, BeadChannel, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate,
+    Estimator, FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest,
+    PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
+    pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
 };
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -36,15 +36,16 @@ pub enum DensityModel {
         /// What computes the network.
         engine: EngineChoice,
     },
-    /// The causal density model over clean levels, fitted to fresh patches for this long.
+    /// The causal density model over clean levels, fitted to fresh patches for this long; of beads, whose prior is known, the
+    /// smallest of it, the ceiling and posterior sampling, which gets a quarter of the time.
     Causal {
         /// [`Estimator::Live`] or [`Estimator::Full`].
         estimator: Estimator,
-        /// Length of the fit of each trial.
+        /// Time of each trial, or steps of its fit.
         length: FitLength,
     },
     /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound, the ceiling and posterior
-    /// sampling above, a decoder below. One trial, whatever is asked for.
+    /// sampling above, a decoder and posterior sampling below. One trial, whatever is asked for.
     Bracket {
         /// Time for the fits of density model and decoder and for following the posterior together, or steps of each fit.
         length: FitLength,
@@ -151,6 +152,8 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     // A patch that fits no measurement is told before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol: request.protocol };
+    let channel = imaging.bead_channel(seen_psf(design, &set)?.view(), patch);
+    let density_share = |parts: f64| if channel.is_some() { 1.0 - parts * PART } else { 1.0 };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
     let trials = (0..repetitions as u64)
         .map(|trial| {
@@ -160,9 +163,11 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
                 DensityModel::Full => fitted(&source, request, Covariance::Full, seed, watch),
                 DensityModel::Analytic => analytic(&source, request, seed, watch),
                 DensityModel::PixelCnn { budget, engine } => network(&source, request, (budget, engine), seed, watch),
-                DensityModel::Causal { estimator, length } => causal(&source, request, estimator, length, seed, watch),
+                DensityModel::Causal { estimator, length } => {
+                    causal(&source, request, estimator, share_of(length, density_share(1.0)), seed, watch)
+                }
                 DensityModel::Bracket { length } => {
-                    let length = share_of(length, density_share(&set));
+                    let length = share_of(length, density_share(3.0));
                     causal(&source, request, Estimator::Bracket, length, seed, watch)
                 }
             }
@@ -178,11 +183,16 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         ceiling,
         notes: set.notices().to_vec(),
     };
-    let mut estimate = match request.model {
-        DensityModel::Bracket { length } => {
+    let mut estimate = match (request.model, &channel) {
+        (DensityModel::Bracket { length }, channel) => {
             let upper = analytic(&source, request, design.seed, watch)?;
-            let beads = bead_bounds(&source, length, request.fresh, watch)?;
-            Estimate::bracketed(&trials, &upper, beads.as_ref(), provenance)?
+            let beads = channel.as_ref().map(|channel| bead_bounds(channel, design.seed, length, request.fresh, watch));
+            Estimate::bracketed(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
+        }
+        (DensityModel::Causal { length, .. }, Some(channel)) if let Some(decoder) = Decoder::shipped() => {
+            let fit = posterior_fit(design.seed, length, ABOVE);
+            let above = posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))?;
+            Estimate::at_most(&trials, &above, provenance)?
         }
         _ => Estimate::new(&trials, provenance)?,
     };
@@ -268,19 +278,19 @@ fn causal(
     Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
 }
 
-/// Levels over which a bracket whose fits take so many steps follows the posterior: as many steps for each, and the fewest and
-/// the most of them.
+/// Levels over which the posterior is followed beside fits of so many steps: as many steps for each, and the fewest and the
+/// most of them.
 const STEPS_PER_LEVEL: usize = 4;
 const LEVELS: (usize, usize) = (64, 400);
 
-/// Share of a bracket's time that goes to each of its parts where there is a prior: density model, decoder, and following
-/// the posterior on either side.
+/// Share of the time that the decoder gets where there is a prior, and following the posterior on each side; the rest is
+/// that of the density model.
 const PART: f64 = 0.25;
 
-/// Share of a bracket's time that goes to the density model; without a prior there is no other part.
-fn density_share(set: &ObjectSet) -> f64 {
-    if set.bead_prior().is_some() { PART } else { 1.0 }
-}
+/// Streams of random numbers for the decoder, and for the posterior from below and from above.
+const DECODER: u64 = 4;
+const BELOW: u64 = 8;
+const ABOVE: u64 = 9;
 
 /// A share of a time; steps are not shared.
 fn share_of(length: FitLength, share: f64) -> FitLength {
@@ -292,33 +302,32 @@ fn share_of(length: FitLength, share: f64) -> FitLength {
 
 /// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
 fn bead_bounds(
-    source: &PatchSource<'_>,
+    channel: &BeadChannel,
+    seed: u64,
     length: FitLength,
     fresh: bool,
     watch: Watch<'_>,
-) -> Result<Option<BeadBounds>, EvaluationError> {
-    let design = source.design;
-    let psf = seen_psf(design, source.imaging.set)?;
-    let Some(channel) = source.imaging.bead_channel(psf.view(), source.patch) else { return Ok(None) };
+) -> Result<BeadBounds, EvaluationError> {
     let start = if fresh { None } else { Decoder::shipped() };
-    let (kind, seed) = (DecoderKind::Autoregressive, derived_seed(design.seed, 4));
+    let (kind, decoder_seed) = (DecoderKind::Autoregressive, derived_seed(seed, DECODER));
     let fit = match share_of(length, PART) {
-        FitLength::Time(budget) => DecoderFit::within(budget, kind, seed),
-        FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, seed),
+        FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
+        FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
     };
-    let (bound, decoder) = decoder_lower_bound(&channel, &fit, start, &mut |fit| watch(&fit.into()))?;
-    let follow = |stream: u64| {
-        let seed = derived_seed(design.seed, stream);
-        match share_of(length, PART) {
-            FitLength::Time(budget) => PosteriorFit::within(budget, seed),
-            FitLength::Steps(steps) => {
-                PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed)
-            }
-        }
-    };
-    let below = posterior_lower_bound(&channel, &follow(8), &decoder, &mut |fit| watch(&fit.into()))?;
-    let above = posterior_upper_bound(&channel, &follow(9), &decoder, &mut |fit| watch(&fit.into()))?;
-    Ok(Some(BeadBounds { decoder: bound, below, above }))
+    let (bound, decoder) = decoder_lower_bound(channel, &fit, start, &mut |fit| watch(&fit.into()))?;
+    let follow = |stream: u64| posterior_fit(seed, length, stream);
+    let below = posterior_lower_bound(channel, &follow(BELOW), &decoder, &mut |fit| watch(&fit.into()))?;
+    let above = posterior_upper_bound(channel, &follow(ABOVE), &decoder, &mut |fit| watch(&fit.into()))?;
+    Ok(BeadBounds { decoder: bound, below, above })
+}
+
+/// How the posterior is followed on one side within an estimate of this length.
+fn posterior_fit(seed: u64, length: FitLength, stream: u64) -> PosteriorFit {
+    let seed = derived_seed(seed, stream);
+    match share_of(length, PART) {
+        FitLength::Time(budget) => PosteriorFit::within(budget, seed),
+        FitLength::Steps(steps) => PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),
+    }
 }
 
 /// The point spread function as far as the objects have planes, shape (planes, rows, cols).

@@ -14,7 +14,9 @@ use crate::sensor::Noise;
 /// Channels that the first window sees of every past pixel: square root, photons, one, surprise.
 pub(super) const WINDOW_CHANNELS: usize = 4;
 /// Numbers about the present pixel that do not depend on it: the prediction, how sure it is, and where the pixel lies.
-pub(super) const PRESENT_CHANNELS: usize = 9;
+pub(super) const PRESENT_CHANNELS: usize = 3 + BORDER_CHANNELS;
+/// Those of them that tell where the pixel lies.
+const BORDER_CHANNELS: usize = 6;
 /// Far places that are looked at.
 pub(super) const FAR_PLACES: usize = 16;
 /// A place outside of every patch.
@@ -61,6 +63,8 @@ pub(super) struct Conditioning {
     roots: (f32, f32),
     photons: (f32, f32),
     predictor: Predictor,
+    /// How near each pixel lies to the borders, (pixels, [`BORDER_CHANNELS`]).
+    border: Vec<f32>,
     /// Offsets (rows down, columns right) of far places that tell of the present pixel, px; as many for all designs.
     pub far: Vec<(isize, isize)>,
 }
@@ -139,6 +143,7 @@ impl Conditioning {
             photons: standard(&|y| f64::from(y)),
             far: far_places(&moments.autocovariance),
             predictor: Predictor::new(moments.mean, &moments.autocovariance, (rows, cols))?,
+            border: border((rows, cols)),
         })
     }
 
@@ -171,8 +176,7 @@ impl Conditioning {
     pub fn inputs(&self, patches: ArrayView3<'_, f32>) -> Inputs {
         let values: Vec<f32> = patches.iter().copied().collect();
         let predictions = self.predictor.predict(&values);
-        let (rows, cols) = self.patch;
-        let pixels = rows * cols;
+        let pixels = self.patch.0 * self.patch.1;
         let (low, high) = self.levels.range();
         let mut window = vec![0.0; values.len() * WINDOW_CHANNELS];
         let mut present = vec![0.0; values.len() * PRESENT_CHANNELS];
@@ -197,17 +201,7 @@ impl Conditioning {
                     present[0] = self.root(mean);
                     present[1] = (predicted[i] - self.photons.0) * self.photons.1;
                     present[2] = 0.5 * (signal / noise).ln();
-                    let (row, col) = (i / cols, i % cols);
-                    let near = |distance: usize, reach: f32| (-(distance as f32) / reach).exp();
-                    let right = cols - 1 - col;
-                    present[3..].copy_from_slice(&[
-                        near(row, 2.0),
-                        near(col, 2.0),
-                        near(right, 2.0),
-                        near(row, 8.0),
-                        near(col, 8.0),
-                        near(right, 8.0),
-                    ]);
+                    present[3..].copy_from_slice(&self.border[i * BORDER_CHANNELS..][..BORDER_CHANNELS]);
                 }
             },
         );
@@ -263,6 +257,17 @@ impl Conditioning {
     fn root(&self, photons: f32) -> f32 {
         (self.scale.of(f64::from(photons)) as f32 - self.roots.0) * self.roots.1
     }
+}
+
+/// How near the pixels of a patch of (rows, cols) lie to its upper, left and right border, at a glance of 2 px and of 8 px:
+/// (pixels, [`BORDER_CHANNELS`]).
+fn border((rows, cols): (usize, usize)) -> Vec<f32> {
+    let near = |distance: usize, reach: f32| (-(distance as f32) / reach).exp();
+    let of = |i: usize| {
+        let (row, col) = (i / cols, i % cols);
+        [2.0, 8.0].into_iter().flat_map(move |reach| [row, col, cols - 1 - col].map(|distance| near(distance, reach)))
+    };
+    (0..rows * cols).flat_map(of).collect()
 }
 
 /// Places at the largest peaks of the autocovariance before the present pixel and beyond the reach of the first window:

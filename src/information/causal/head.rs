@@ -5,7 +5,10 @@ use crate::network::{exponential, logarithm, vectorised};
 /// A level is never further from the linear prediction than this says, nats.
 pub(super) const FARTHEST: f32 = -30.0;
 /// Mixtures of less than this, relative to the best level, are not trusted to single precision.
-pub(super) const SMALLEST: f32 = 1e-25;
+const SMALLEST: f32 = 1e-15;
+/// Weights and likelihoods of levels below this, relative to the best one, count for nothing: products of such numbers are
+/// subnormal, with which processors calculate a hundred times more slowly. A dark scene would be full of them.
+const NEGLIGIBLE: f32 = 1e-19;
 
 vectorised! {
     /// Negative log-likelihoods of pixels, nats, and their gradients.
@@ -51,8 +54,10 @@ vectorised! {
             let out = weights.as_chunks_mut::<LANES>().0.iter_mut().zip(posteriors.as_chunks_mut::<LANES>().0);
             for ((logits, shares), (weights, posteriors)) in lanes.zip(out) {
                 for k in 0..LANES {
-                    weights[k] = exponential(logits[k] - most);
-                    posteriors[k] = weights[k] * shares[k];
+                    let weight = exponential(logits[k] - most);
+                    weights[k] = if weight > NEGLIGIBLE { weight } else { 0.0 };
+                    let share = if shares[k] > NEGLIGIBLE { shares[k] } else { 0.0 };
+                    posteriors[k] = weights[k] * share;
                     total[k] += weights[k];
                     mixture[k] += posteriors[k];
                 }

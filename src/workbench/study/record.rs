@@ -90,8 +90,7 @@ impl StudyCell {
         self.estimate.as_ref().map(|estimate| estimate.bits_per_pixel)
     }
 
-    /// What the density model alone gives, bits per pixel: the estimate, or the density bound of a bracket. This is what
-    /// compares with published values, which are those of a density model, too.
+    /// What the density model alone gives, bits per pixel: the estimate, or one bound of several.
     pub fn model_bits(&self) -> Option<f64> {
         match &self.estimate.as_ref()?.bracket {
             Some(_) => self.upper_from("density"),

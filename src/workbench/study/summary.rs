@@ -20,7 +20,7 @@ pub struct StudySummary {
     pub failed: usize,
     /// Estimates above the ceiling: loose ones, by which designs must not be ranked.
     pub above_ceiling: usize,
-    /// How many estimates by the density model are as low as the published ones, by margin.
+    /// How many estimates are as low as the published ones, by margin.
     pub within_published: Vec<WithinPublished>,
     /// Whether the density model puts designs in the published order, by objects.
     pub rank_correlations: Vec<RankCorrelation>,
@@ -28,7 +28,7 @@ pub struct StudySummary {
     pub over_sensor: Vec<OverSensor>,
 }
 
-/// Estimates by the density model at or below the published value and a margin.
+/// Estimates at or below the published value and a margin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WithinPublished {
     /// The margin, bits per pixel.
@@ -37,6 +37,8 @@ pub struct WithinPublished {
     pub compared: usize,
     /// Those at or below it and the margin.
     pub within: usize,
+    /// The same, where the density model alone counts.
+    pub within_by_density: usize,
     /// Their share, 0 to 1.
     pub share: f64,
 }
@@ -93,11 +95,12 @@ impl StudySummary {
         }
         lines.extend(self.within_published.iter().map(|row| {
             format!(
-                "{} of {} estimates by the density model ({:.0} %) are at most the published value + {} bits per pixel",
+                "{} of {} estimates ({:.0} %) are at most the published value + {} bits per pixel, {} by the density model alone",
                 row.within,
                 row.compared,
                 100.0 * row.share,
-                row.margin
+                row.margin,
+                row.within_by_density
             )
         }));
         lines.extend(self.rank_correlations.iter().map(|row| {
@@ -108,19 +111,28 @@ impl StudySummary {
     }
 }
 
-/// What the density model gives in a cell, and the published value.
-fn compared(cell: &StudyCell) -> Option<(f64, f64)> {
-    cell.model_bits().zip(cell.published.map(|published| published.bits_per_pixel))
+/// What a number of a cell is compared with: the number itself and the published value.
+fn beside_published(cell: &StudyCell, bits: Option<f64>) -> Option<(f64, f64)> {
+    bits.zip(cell.published.map(|published| published.bits_per_pixel))
+}
+
+/// What the density model gives in a cell, and the published value, which is that of one, too.
+fn densities(cell: &StudyCell) -> Option<(f64, f64)> {
+    beside_published(cell, cell.model_bits())
 }
 
 fn within_published(cells: &[StudyCell]) -> Vec<WithinPublished> {
-    let pairs: Vec<(f64, f64)> = cells.iter().filter_map(compared).collect();
-    if pairs.is_empty() {
+    let best: Vec<_> = cells.iter().filter_map(|cell| beside_published(cell, cell.bits_per_pixel())).collect();
+    if best.is_empty() {
         return Vec::new();
     }
+    let alone: Vec<_> = cells.iter().filter_map(densities).collect();
     let count = |margin: f64| {
-        let within = pairs.iter().filter(|(ours, published)| *ours <= published + margin).count();
-        WithinPublished { margin, compared: pairs.len(), within, share: within as f64 / pairs.len() as f64 }
+        let within =
+            |pairs: &[(f64, f64)]| pairs.iter().filter(|(ours, published)| *ours <= published + margin).count();
+        let (within, within_by_density) = (within(&best), within(&alone));
+        let (compared, share) = (best.len(), within as f64 / best.len() as f64);
+        WithinPublished { margin, compared, within, within_by_density, share }
     };
     MARGINS.map(count).to_vec()
 }
@@ -130,7 +142,7 @@ fn rank_correlations(settings: &StudySettings, cells: &[StudyCell]) -> Vec<RankC
     sources
         .filter_map(|objects| {
             let of_objects = cells.iter().filter(|cell| cell.objects == objects);
-            let pairs: Vec<(f64, f64)> = of_objects.filter_map(compared).collect();
+            let pairs: Vec<(f64, f64)> = of_objects.filter_map(densities).collect();
             spearman(&pairs).map(|spearman| RankCorrelation { objects, designs: pairs.len(), spearman })
         })
         .collect()

@@ -134,26 +134,30 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
     lines.join("\n")
 }
 
-const GRID: [&str; 9] = [
+const GRID: [&str; 11] = [
     "objects",
     "design",
     "patch",
     "estimate",
+    "from",
     "lower bound",
+    "density bound",
     "ceiling",
     "published",
-    "density model - published",
+    "estimate - published",
     "seconds",
 ];
 
 fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
-    let difference = cell.model_bits().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
+    let difference = cell.bits_per_pixel().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
     vec![
         cell.objects.clone(),
         cell.design.clone(),
         patch_name(cell.patch),
         estimate(cell),
+        upper_from(cell),
         lower(cell),
+        bits(cell.model_bits()),
         bits(cell.ceiling()),
         published(cell),
         difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
@@ -193,14 +197,13 @@ const BRACKET: [&str; 11] = [
 ];
 
 fn bracket_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
-    let bracket = cell.estimate.as_ref().and_then(|estimate| estimate.bracket.as_ref());
     vec![
         cell.objects.clone(),
         cell.design.clone(),
         patch_name(cell.patch),
         lower(cell),
         estimate(cell),
-        bracket.map_or(NOTHING.into(), |bracket| bracket.upper_from.clone()),
+        upper_from(cell),
         bits(cell.upper_from("density")),
         bits(cell.upper_from("gaussian")),
         bits(cell.ceiling()),
@@ -214,6 +217,12 @@ fn estimate(cell: &StudyCell) -> String {
         Some(estimate) => with_interval(estimate.bits_per_pixel, Some(estimate.interval_95)),
         None => "failed".into(),
     }
+}
+
+/// Which of several bounds the estimate is.
+fn upper_from(cell: &StudyCell) -> String {
+    let bracket = cell.estimate.as_ref().and_then(|estimate| estimate.bracket.as_ref());
+    bracket.map_or(NOTHING.into(), |bracket| bracket.upper_from.clone())
 }
 
 fn lower(cell: &StudyCell) -> String {
