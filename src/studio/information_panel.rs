@@ -76,7 +76,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
         json!({
             "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
-            "settled": live.remaining.is_none(), "test_patches": live.test_patches, "warm": live.start.is_some(),
+            "settled": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
         })
     });
     let (upper, upper_from) = known.upper();

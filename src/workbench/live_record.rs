@@ -83,7 +83,7 @@ impl LiveNumbers {
             interval_95: live.interval_95,
             entropy_y: live.entropy_y,
             entropy_y_given_x: live.entropy_y_given_x,
-            test_patches: live.test_patches,
+            test_patches: live.recipe.test_patches,
             patch: live.patch.into(),
             lower: live.lower.clone(),
             upper: live.upper.clone(),

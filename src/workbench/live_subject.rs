@@ -18,9 +18,10 @@ use crate::sensor::Convolver;
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design.
 const WARM_RATE: f64 = 0.5;
-/// Held-out patches of the scores in between, and of the last.
-const SCORED: usize = 96;
-const SCORED_LAST: usize = 384;
+/// Held-out patches of the first score, which is to come soon, of those in between, and of the last.
+pub(super) const SCORED_FIRST: usize = 32;
+pub(super) const SCORED: usize = 96;
+pub(super) const SCORED_LAST: usize = 384;
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
 
@@ -48,15 +49,14 @@ impl<'a> Subject<'a> {
         self.imaging.stream(self.convolver.clone(), split, self.patch)
     }
 
-    /// Held-out patches of the scores in between.
-    pub fn test(&self) -> Result<PatchBatch, InformationError> {
-        self.stream(Split::Test).draw(SCORED, derived_seed(self.design.seed, 2))
-    }
-
-    /// Those of the last score. The first of them are those of the scores before, so that it differs from them by little.
-    pub fn last_test(&self, test: &PatchBatch) -> Result<PatchBatch, InformationError> {
+    /// So many held-out patches. Fewer are the first of more, so that one score differs from the next by little.
+    pub fn test(&self, count: usize) -> Result<PatchBatch, InformationError> {
+        let some = self.stream(Split::Test).draw(SCORED, derived_seed(self.design.seed, 2))?;
+        if count <= SCORED {
+            return Ok(some.first(count));
+        }
         let more = self.stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(self.design.seed, 5))?;
-        joined(test, &more)
+        Ok(joined(&some, &more)?.first(count))
     }
 
     /// The model before its fit.
@@ -93,7 +93,8 @@ impl<'a> Subject<'a> {
         &self,
         model: &CausalModel,
         test: &PatchBatch,
-        (recipe, start): (LiveRecipe, Option<Arc<CausalStart>>),
+        (planned, steps): (usize, usize),
+        start: Option<Arc<CausalStart>>,
     ) -> Result<LiveEstimate, InformationError> {
         let maps = information_map(model, &self.entropy, test)?;
         let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
@@ -107,10 +108,9 @@ impl<'a> Subject<'a> {
             entropy_y: bits_per_pixel + entropy_y_given_x,
             entropy_y_given_x,
             patch: model.patch(),
-            test_patches: information.len(),
             seconds: 0.0,
             remaining: None,
-            recipe,
+            recipe: LiveRecipe { planned, steps, test_patches: information.len(), lower: None, upper: None },
             start,
             model: Arc::new(model.clone()),
             gradient: None,

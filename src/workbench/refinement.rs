@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::live_bounds::{ABOVE, BELOW, Beads, Draws};
-use super::live_subject::Subject;
+use super::live_subject::{SCORED, SCORED_FIRST, SCORED_LAST, Subject};
 use super::simulation::imaging;
 use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
@@ -58,8 +58,6 @@ pub struct LiveEstimate {
     pub entropy_y_given_x: f64,
     /// Rows and columns of a patch.
     pub patch: (usize, usize),
-    /// Held-out patches behind it.
-    pub test_patches: usize,
     /// Seconds of the fit so far.
     pub seconds: f64,
     /// Time left until it settles; none once it has.
@@ -92,6 +90,8 @@ pub struct LiveRecipe {
     pub planned: usize,
     /// Steps after which it was scored.
     pub steps: usize,
+    /// Held-out patches that it was scored on.
+    pub test_patches: usize,
     /// What the bound from below was drawn from.
     pub lower: Option<Draws>,
     /// What the bound by posterior sampling was drawn from.
@@ -103,6 +103,7 @@ impl LiveRecipe {
     pub(super) fn is_sound(&self) -> bool {
         let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
         (1..=self.planned).contains(&self.steps)
+            && (1..=SCORED_LAST).contains(&self.test_patches)
             && self.planned as f64 <= PLANNED.1
             && sound(self.lower)
             && sound(self.upper)
@@ -135,19 +136,19 @@ impl Refiner {
         let imaging = imaging(design, &scene.set)?;
         let subject = Subject::new(design, scene, &imaging)?;
         let start = self.last.take().filter(|(of, _)| Arc::ptr_eq(of, scene)).map(|(_, start)| start);
-        let test = subject.test()?;
+        let test = subject.test(SCORED)?;
         let train = subject.stream(Split::Train);
         let mut model = subject.model(&train, &test, start.as_deref())?;
         let planned = self.planned(&model, &train, start.is_some(), stop)?;
         let fit = subject.fit(planned, start.is_some());
         let started = Instant::now();
         let score = |model: &CausalModel, test: &PatchBatch, steps: usize, remaining: Option<Duration>| {
-            let recipe = LiveRecipe { planned, steps, lower: None, upper: None };
-            let estimate = subject.score(model, test, (recipe, start.clone()))?;
+            let estimate = subject.score(model, test, (planned, steps), start.clone())?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
         let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
         let (mut next, mut next_followed) = (FIRST_SCORE, FIRST_FOLLOWED);
+        let mut few = Some(test.first(SCORED_FIRST));
         // Time beside the steps.
         let mut aside = Duration::ZERO;
         let mut failure = None;
@@ -160,8 +161,9 @@ impl Refiner {
             if progress.elapsed >= next && progress.step < planned {
                 let remaining = Duration::from_secs_f64(pace * (planned - progress.step) as f64);
                 let before = Instant::now();
-                match score(&snapshot(), &test, progress.step, Some(remaining)) {
+                match score(&snapshot(), few.as_ref().unwrap_or(&test), progress.step, Some(remaining)) {
                     Ok(mut estimate) => {
+                        few = None;
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             beads.decode(LOWER_SAMPLES, stop);
                         }
@@ -192,7 +194,7 @@ impl Refiner {
             return Err(failure.into());
         }
         if let Ok(steps) = fitted {
-            let mut estimate = score(&model, &subject.last_test(&test)?, steps, None)?;
+            let mut estimate = score(&model, &subject.test(SCORED_LAST)?, steps, None)?;
             estimate.gradient = pull(design, &imaging, &model);
             publish(with_bounds(&beads, estimate.clone()));
             beads.decode(LOWER_SAMPLES_LAST, stop);
@@ -240,7 +242,7 @@ pub(super) fn repeated(
 ) -> Result<LiveEstimate, EvaluationError> {
     let imaging = imaging(design, &scene.set)?;
     let subject = Subject::new(design, scene, &imaging)?;
-    let test = subject.test()?;
+    let test = subject.test(recipe.test_patches)?;
     let train = subject.stream(Split::Train);
     let mut model = subject.model(&train, &test, start)?;
     let settled = recipe.steps >= recipe.planned;
@@ -256,14 +258,14 @@ pub(super) fn repeated(
             if scored.is_some() || !go_on(progress.step) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         },
     );
-    let (model, test) = if let Some(scored) = scored {
-        (scored, test)
+    let model = if let Some(scored) = scored {
+        scored
     } else {
         fitted?;
-        (model, subject.last_test(&test)?)
+        model
     };
-    let whole = LiveRecipe { lower: None, upper: None, ..*recipe };
-    let estimate = subject.score(&model, &test, (whole, start.cloned().map(Arc::new)))?;
+    let of_steps = (recipe.planned, recipe.steps);
+    let estimate = subject.score(&model, &test, of_steps, start.cloned().map(Arc::new))?;
     let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
     let stop = || !go_on(recipe.steps);
     match recipe.lower {

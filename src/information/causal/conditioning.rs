@@ -17,6 +17,9 @@ pub(super) const WINDOW_CHANNELS: usize = 4;
 pub(super) const PRESENT_CHANNELS: usize = 3 + BORDER_CHANNELS;
 /// Those of them that tell where the pixel lies.
 const BORDER_CHANNELS: usize = 6;
+/// Noisy values that a fit predicts at every pixel where the clean one is known. All are as likely given the past, so the
+/// loss has the same mean for any number of them, but its gradient is the steadier the more there are.
+const TARGETS: usize = 8;
 /// Far places that are looked at.
 pub(super) const FAR_PLACES: usize = 16;
 /// A place outside of every patch.
@@ -74,6 +77,9 @@ pub(super) struct Conditioning {
 pub(super) struct Inputs {
     /// Photons, (pixels).
     pub values: Vec<f32>,
+    /// Photons that might have been measured as well, (pixels, targets): what the losses are of. None where they are of
+    /// [`Inputs::values`].
+    pub targets: Vec<f32>,
     /// (pixels, [`WINDOW_CHANNELS`]).
     pub window: Vec<f32>,
     /// (pixels, [`PRESENT_CHANNELS`]).
@@ -205,7 +211,19 @@ impl Conditioning {
                 }
             },
         );
-        Inputs { values, window, present, guess, predicted: predictions }
+        Inputs { values, targets: Vec::new(), window, present, guess, predicted: predictions }
+    }
+
+    /// What might be measured of `clean` patches (photons), drawn several times: (pixels, [`TARGETS`]).
+    pub fn targets(&self, clean: ArrayView3<'_, f32>, seed: u64) -> Vec<f32> {
+        let mut targets = vec![0.0; clean.len() * TARGETS];
+        for target in 0..TARGETS {
+            let noisy = self.noise.draw(clean, seed.wrapping_add(target as u64));
+            for (out, &y) in targets.iter_mut().skip(target).step_by(TARGETS).zip(&noisy) {
+                *out = y;
+            }
+        }
+        targets
     }
 
     /// Gradients by the photons of one patch, apart from those through the prediction, and by the predictions, from those

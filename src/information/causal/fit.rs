@@ -12,6 +12,8 @@ use crate::network::{Optimizer, rate_schedule};
 
 /// Patches that are drawn at a time.
 const DRAWN: usize = 64;
+/// Tells the seed of the noise that is predicted from that of the noise that is seen.
+const REDRAWN: u64 = 0x7a67 << 32;
 /// Steps that the reported training value looks back over.
 const REMEMBERED: f64 = 100.0;
 /// Steps without finite numbers after which a fit is given up.
@@ -103,7 +105,10 @@ impl CausalFit {
             let seed = self.seed.wrapping_add(course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
             let pool = stream.draw(DRAWN, seed)?;
             super::model::check(pool.noisy.view())?;
-            let inputs = model.conditioning.inputs(pool.noisy.view());
+            let mut inputs = model.conditioning.inputs(pool.noisy.view());
+            if let Some(clean) = &pool.clean {
+                inputs.targets = model.conditioning.targets(clean.view(), seed ^ REDRAWN);
+            }
             course.draws += 1;
             for first in (0..=DRAWN - batch).step_by(batch) {
                 let done = self.done(course.steps, course.before + started.elapsed());

@@ -112,7 +112,7 @@ struct Mixture {
     slopes: Vec<f32>,
     /// The outputs before their gradients took their place.
     before: Vec<f32>,
-    /// Pulls of the prediction, weights and posteriors as [`level_losses`] leaves them.
+    /// Pulls of the prediction, weights and posteriors as [`level_losses`] leaves them, and room.
     scratch: Vec<f32>,
 }
 
@@ -124,7 +124,7 @@ impl Mixture {
             shares: numbers(),
             slopes: numbers(),
             before: vec![0.0; levels + 1],
-            scratch: vec![0.0; 3 * levels],
+            scratch: vec![0.0; 4 * levels],
         }
     }
 
@@ -136,9 +136,9 @@ impl Mixture {
         self.before.copy_from_slice(outputs);
         let mut nats = [0.0];
         let (guesses, shares) = ([guess], &self.shares);
-        level_losses(&levels.photons, &guesses, shares, &[0.0], 1.0, outputs, &mut nats, &mut self.scratch);
+        level_losses(&levels.photons, &guesses, 1, shares, &[0.0], 1.0, outputs, &mut nats, &mut self.scratch);
         let mut nats = f64::from(nats[0]) - largest;
-        let (pulls, posteriors) = (&self.scratch[..count], &self.scratch[2 * count..]);
+        let (pulls, posteriors) = (&self.scratch[..count], &self.scratch[2 * count..3 * count]);
         let mut by_y = 0.0;
         if nats.is_finite() {
             let (mut sum, mut slope) = (0.0_f32, 0.0_f32);

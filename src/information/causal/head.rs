@@ -11,17 +11,19 @@ const SMALLEST: f32 = 1e-15;
 const NEGLIGIBLE: f32 = 1e-19;
 
 vectorised! {
-    /// Negative log-likelihoods of pixels, nats, and their gradients.
+    /// Negative log-likelihoods of pixels, nats, each the mean over what might have been measured there, and their gradients.
     ///
     /// `outputs` (pixels, levels + 1) holds the outputs of the network, the last of them the weight that the linear
     /// prediction gets beyond 1; it is overwritten with `weight` times the gradient of the loss by them. `guess` holds
-    /// the predicted mean (photons) and -1/2 over its variance, `shares` (pixels, levels) and `log_largest` the
-    /// likelihoods of the levels. `losses` (pixels) receives the negative logarithms; infinity where the likelihood
-    /// relative to the best level is below [`SMALLEST`]. `scratch` is (3, levels).
+    /// the predicted mean (photons) and -1/2 over its variance, `shares` (pixels, targets, levels) and `log_largest`
+    /// (pixels, targets) the likelihoods of the levels. `losses` (pixels) receives the negative logarithms; infinity where a
+    /// likelihood relative to the best level is below [`SMALLEST`]. `scratch` is (4, levels): pulls of the prediction,
+    /// weights and posteriors of the levels of the last pixel and target, and room.
     #[allow(clippy::too_many_arguments, reason = "slices of one batch, all needed in the same loop")]
     pub(super) fn level_losses<'a>(
         photons: &'a [f32],
         guess: &'a [(f32, f32)],
+        targets: usize,
         shares: &'a [f32],
         log_largest: &'a [f32],
         weight: f32,
@@ -31,10 +33,12 @@ vectorised! {
     ) {
         let levels = photons.len();
         let (pulls, rest) = scratch.split_at_mut(levels);
-        let (weights, posteriors) = rest.split_at_mut(levels);
-        let posteriors = &mut posteriors[..levels];
-        let pixels = outputs.chunks_exact_mut(levels + 1).zip(shares.chunks_exact(levels)).zip(losses);
-        for ((((outputs, shares), loss), &(mean, half)), &largest_log) in pixels.zip(guess).zip(log_largest) {
+        let (weights, rest) = rest.split_at_mut(levels);
+        let (posteriors, sums) = rest.split_at_mut(levels);
+        let sums = &mut sums[..levels];
+        let pixels = outputs.chunks_exact_mut(levels + 1).zip(shares.chunks_exact(targets * levels)).zip(losses);
+        let pixels = pixels.zip(guess).zip(log_largest.chunks_exact(targets));
+        for ((((outputs, shares), loss), &(mean, half)), log_largest) in pixels {
             let (logits, scale) = outputs.split_at_mut(levels);
             let scale_now = 1.0 + scale[0];
             let mut most = [f32::NEG_INFINITY; LANES];
@@ -49,31 +53,47 @@ vectorised! {
                 }
             }
             let most = most.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            let (mut total, mut mixture) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-            let lanes = logits.as_chunks::<LANES>().0.iter().zip(shares.as_chunks::<LANES>().0);
-            let out = weights.as_chunks_mut::<LANES>().0.iter_mut().zip(posteriors.as_chunks_mut::<LANES>().0);
-            for ((logits, shares), (weights, posteriors)) in lanes.zip(out) {
+            let mut total = [0.0_f32; LANES];
+            let lanes = logits.as_chunks::<LANES>().0.iter().zip(weights.as_chunks_mut::<LANES>().0);
+            for (logits, weights) in lanes {
                 for k in 0..LANES {
                     let weight = exponential(logits[k] - most);
                     weights[k] = if weight > NEGLIGIBLE { weight } else { 0.0 };
-                    let share = if shares[k] > NEGLIGIBLE { shares[k] } else { 0.0 };
-                    posteriors[k] = weights[k] * share;
                     total[k] += weights[k];
-                    mixture[k] += posteriors[k];
                 }
             }
-            let (total, mixture) = (total.iter().sum::<f32>(), mixture.iter().sum::<f32>());
-            // A share of the mixture that single precision cannot hold is summed elsewhere; it has no gradient here.
-            let trusted = mixture > SMALLEST * total;
-            *loss = if trusted { logarithm(total) - logarithm(mixture) - largest_log } else { f32::INFINITY };
-            let (to_weight, to_posterior) = (weight / total, if trusted { weight / mixture } else { 0.0 });
+            let total = total.iter().sum::<f32>();
+            let to_weight = weight / total;
+            for (sum, weight) in sums.iter_mut().zip(&*weights) {
+                *sum = weight * to_weight;
+            }
+            let mut nats = 0.0;
+            for (shares, largest_log) in shares.chunks_exact(levels).zip(log_largest) {
+                let mut mixture = [0.0_f32; LANES];
+                let lanes = weights.as_chunks::<LANES>().0.iter().zip(shares.as_chunks::<LANES>().0);
+                for ((weights, shares), posteriors) in lanes.zip(posteriors.as_chunks_mut::<LANES>().0) {
+                    for k in 0..LANES {
+                        let share = if shares[k] > NEGLIGIBLE { shares[k] } else { 0.0 };
+                        posteriors[k] = weights[k] * share;
+                        mixture[k] += posteriors[k];
+                    }
+                }
+                let mixture = mixture.iter().sum::<f32>();
+                // A share of the mixture that single precision cannot hold is summed elsewhere; it has no gradient here.
+                let trusted = mixture > SMALLEST * total;
+                nats += if trusted { logarithm(total) - logarithm(mixture) - largest_log } else { f32::INFINITY };
+                let to_posterior = if trusted { weight / (mixture * targets as f32) } else { 0.0 };
+                for (sum, posterior) in sums.iter_mut().zip(&*posteriors) {
+                    *sum -= posterior * to_posterior;
+                }
+            }
+            *loss = nats / targets as f32;
             let mut by_scale = [0.0_f32; LANES];
-            let lanes = weights.as_chunks::<LANES>().0.iter().zip(posteriors.as_chunks::<LANES>().0);
-            let out = logits.as_chunks_mut::<LANES>().0.iter_mut().zip(pulls.as_chunks::<LANES>().0);
-            for ((weights, posteriors), (logits, pulls)) in lanes.zip(out) {
+            let lanes = sums.as_chunks::<LANES>().0.iter().zip(pulls.as_chunks::<LANES>().0);
+            for ((sums, pulls), logits) in lanes.zip(logits.as_chunks_mut::<LANES>().0) {
                 for k in 0..LANES {
-                    logits[k] = weights[k] * to_weight - posteriors[k] * to_posterior;
-                    by_scale[k] += logits[k] * pulls[k];
+                    logits[k] = sums[k];
+                    by_scale[k] += sums[k] * pulls[k];
                 }
             }
             scale[0] = by_scale.iter().sum();
@@ -130,21 +150,25 @@ mod tests {
 
     #[test]
     fn losses_and_gradients_are_those_of_the_mixture() {
-        let (levels, pixels) = (32, 3);
+        let (levels, pixels, targets) = (32, 3, 2);
         let number = |i: usize| ((i * 37) % 101) as f32 / 101.0;
         let photons: Vec<f32> = (0..levels).map(|l| 10.0 + 3.0 * l as f32).collect();
         let guess = [(20.0, -0.01), (55.0, -0.5), (90.0, -0.002)];
-        let shares: Vec<f32> = (0..pixels * levels).map(|i| number(i * 3 + 1)).collect();
-        let log_largest = [-2.0, -1.0, -7.5];
+        let shares: Vec<f32> = (0..pixels * targets * levels).map(|i| number(i * 3 + 1)).collect();
+        let log_largest = [-2.0, -1.0, -7.5, -3.0, -0.5, -4.0];
         let outputs: Vec<f32> = (0..pixels * (levels + 1)).map(|i| 2.0 * number(i * 5) - 1.0).collect();
         let plainly = |pixel: usize, outputs: &[f32]| -> f64 {
-            let shares = &shares[pixel * levels..(pixel + 1) * levels];
-            let logs: Vec<f64> = shares.iter().map(|share| f64::from(*share).ln()).collect();
-            exact_loss(&photons, guess[pixel], &logs, 1.0, &mut outputs.to_vec()).0 - f64::from(log_largest[pixel])
+            let of = |target: usize| {
+                let at = pixel * targets + target;
+                let shares = &shares[at * levels..(at + 1) * levels];
+                let logs: Vec<f64> = shares.iter().map(|share| f64::from(*share).ln()).collect();
+                exact_loss(&photons, guess[pixel], &logs, 1.0, &mut outputs.to_vec()).0 - f64::from(log_largest[at])
+            };
+            f64::midpoint(of(0), of(1))
         };
         let mut found = outputs.clone();
-        let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 3 * levels]);
-        level_losses(&photons, &guess, &shares, &log_largest, 2.0, &mut found, &mut losses, &mut scratch);
+        let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 4 * levels]);
+        level_losses(&photons, &guess, targets, &shares, &log_largest, 2.0, &mut found, &mut losses, &mut scratch);
         for (pixel, loss) in losses.iter().enumerate() {
             let range = pixel * (levels + 1)..(pixel + 1) * (levels + 1);
             let outputs = &outputs[range.clone()];
@@ -190,8 +214,8 @@ mod tests {
         let photons: Vec<f32> = (0..16).map(|l| l as f32).collect();
         let mut shares = vec![0.0; 16];
         shares[15] = 1e-30;
-        let (mut outputs, mut losses, mut scratch) = (vec![0.0; 17], vec![0.0], vec![0.0; 48]);
-        level_losses(&photons, &[(0.0, -1.0)], &shares, &[0.0], 1.0, &mut outputs, &mut losses, &mut scratch);
+        let (mut outputs, mut losses, mut scratch) = (vec![0.0; 17], vec![0.0], vec![0.0; 64]);
+        level_losses(&photons, &[(0.0, -1.0)], 1, &shares, &[0.0], 1.0, &mut outputs, &mut losses, &mut scratch);
         assert!(losses[0] == f32::INFINITY && outputs.iter().all(|x| x.is_finite()));
     }
 }

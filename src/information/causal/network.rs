@@ -7,6 +7,9 @@ use super::head::{exact_loss, level_losses};
 use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
 use crate::network::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
 
+/// Pixels whose likelihoods are looked up at a time: few enough to stay near the processor.
+const STRETCH: usize = 32;
+
 /// What the backward pass needs of one residual block.
 #[derive(Clone, Debug, Default)]
 struct Kept {
@@ -58,6 +61,8 @@ pub(super) struct Workspace {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PatchInputs<'a> {
     pub values: &'a [f32],
+    /// Photons that the losses are of, (pixels, targets).
+    targets: &'a [f32],
     window: &'a [f32],
     present: &'a [f32],
     pub guess: &'a [(f32, f32)],
@@ -68,8 +73,10 @@ impl Inputs {
     /// Patch `index` of patches of so many pixels.
     pub fn patch(&self, index: usize, pixels: usize) -> PatchInputs<'_> {
         let of = |count: usize| -> Range<usize> { index * pixels * count..(index + 1) * pixels * count };
+        let targets = self.targets.len() / self.values.len().max(1);
         PatchInputs {
             values: &self.values[of(1)],
+            targets: if targets == 0 { &self.values[of(1)] } else { &self.targets[of(targets)] },
             window: &self.window[of(WINDOW_CHANNELS)],
             present: &self.present[of(PRESENT_CHANNELS)],
             guess: &self.guess[of(1)],
@@ -110,13 +117,13 @@ impl Workspace {
             last: per_pixel(channels),
             outputs: per_pixel(levels + 1),
             before_losses: per_pixel(levels + 1),
-            shares: per_pixel(levels),
-            log_largest: per_pixel(1),
+            shares: Vec::new(),
+            log_largest: Vec::new(),
             losses: per_pixel(1),
             by_stream: per_pixel(channels),
             by_gated: per_pixel(channels),
             by_gain: vec![0.0; channels],
-            scratch: vec![0.0; 3 * levels],
+            scratch: vec![0.0; 4 * levels],
         }
     }
 
@@ -167,28 +174,35 @@ impl Workspace {
     /// first.
     pub fn score(&mut self, conditioning: &Conditioning, inputs: PatchInputs<'_>, weight: f32) {
         let levels = &conditioning.levels;
-        levels.likelihoods(inputs.values, &mut self.shares, &mut self.log_largest);
+        let (count, targets) = (levels.count(), inputs.targets.len() / inputs.values.len());
+        self.shares.resize(STRETCH * targets * count, 0.0);
+        self.log_largest.resize(STRETCH * targets, 0.0);
         // Where single precision fails, the outputs are needed as they were.
         self.before_losses.copy_from_slice(&self.outputs);
-        level_losses(
-            &levels.photons,
-            inputs.guess,
-            &self.shares,
-            &self.log_largest,
-            weight,
-            &mut self.outputs,
-            &mut self.losses,
-            &mut self.scratch,
-        );
-        let count = levels.count() + 1;
-        let pixels = self.outputs.chunks_exact_mut(count).zip(self.before_losses.chunks_exact(count));
-        for ((loss, (by, outputs)), (&guess, &y)) in
-            self.losses.iter_mut().zip(pixels).zip(inputs.guess.iter().zip(inputs.values))
-        {
+        let stretches = self.outputs.chunks_mut(STRETCH * (count + 1)).zip(self.losses.chunks_mut(STRETCH));
+        let given = inputs.guess.chunks(STRETCH).zip(inputs.targets.chunks(STRETCH * targets));
+        for ((outputs, losses), (guess, values)) in stretches.zip(given) {
+            let shares = &mut self.shares[..values.len() * count];
+            let log_largest = &mut self.log_largest[..values.len()];
+            levels.likelihoods(values, shares, log_largest);
+            let scratch = &mut self.scratch;
+            level_losses(&levels.photons, guess, targets, shares, log_largest, weight, outputs, losses, scratch);
+        }
+        let pixels = self.outputs.chunks_exact_mut(count + 1).zip(self.before_losses.chunks_exact(count + 1));
+        let given = inputs.guess.iter().zip(inputs.targets.chunks_exact(targets));
+        for ((loss, (by, outputs)), (&guess, values)) in self.losses.iter_mut().zip(pixels).zip(given) {
             if !loss.is_finite() {
-                let logs: Vec<f64> = (0..levels.count()).map(|level| levels.log_likelihood(y, level)).collect();
-                by.copy_from_slice(outputs);
-                *loss = exact_loss(&levels.photons, guess, &logs, weight, by).0 as f32;
+                let share = 1.0 / targets as f32;
+                *loss = 0.0;
+                by.fill(0.0);
+                for &y in values {
+                    let logs: Vec<f64> = (0..count).map(|level| levels.log_likelihood(y, level)).collect();
+                    let mut exact = outputs.to_vec();
+                    *loss += share * exact_loss(&levels.photons, guess, &logs, share * weight, &mut exact).0 as f32;
+                    for (by, exact) in by.iter_mut().zip(exact) {
+                        *by += exact;
+                    }
+                }
             }
         }
     }
