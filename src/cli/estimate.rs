@@ -181,22 +181,23 @@ impl Arguments {
     }
 }
 
-/// Both bounds and where they come from.
-fn bracket_line(bracket: &Bracket) -> String {
+/// The bounds that are known and where they come from.
+fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     let others = bracket.upper_bounds.iter().skip(1);
     let others: Vec<String> = others.map(|bound| format!("{} {:.4}", bound.from, bound.bits_per_pixel)).collect();
     let upper = format!("{} (others: {})", bracket.upper_from, others.join(", "));
-    match (bracket.lower, &bracket.lower_from, bracket.lower_interval_95) {
-        (Some(lower), Some(from), Some([low, high])) => format!(
+    if let (Some(lower), Some(from), Some([low, high])) =
+        (bracket.lower, &bracket.lower_from, bracket.lower_interval_95)
+    {
+        return format!(
             "between {lower:.4} and {:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
              the {upper}",
             bracket.upper
-        ),
-        _ => {
-            let [low, high] = bracket.upper_interval_95;
-            format!("at most {:.4} bits per pixel  [{low:.4}, {high:.4}], from the {upper}", bracket.upper)
-        }
+        );
     }
+    let [low, high] = bracket.upper_interval_95;
+    let below = if knows_prior { "" } else { "; no lower bound is known" };
+    format!("at most {:.4} bits per pixel  [{low:.4}, {high:.4}], from the {upper}{below}", bracket.upper)
 }
 
 /// The estimate for people, line by line.
@@ -207,7 +208,7 @@ fn lines_of(result: &Estimate) -> Vec<String> {
     let mut lines = vec![
         format!("{} before {}, {} noise", result.encoder, result.objects, result.noise),
         match &result.bracket {
-            Some(bracket) => bracket_line(bracket),
+            Some(bracket) => bracket_line(bracket, result.ceiling.is_some()),
             None => format!(
                 "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
                 result.bits_per_pixel, result.estimator, result.protocol

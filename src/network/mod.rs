@@ -26,7 +26,7 @@ mod window_product;
 pub use activation::{elu, elu_backward, gate, gate_backward, glu, glu_backward, silu, silu_backward};
 pub use adam::{Adam, moving_average};
 pub(crate) use arithmetic::vectorised;
-pub use arithmetic::{exponential, logarithm};
+pub use arithmetic::{exponential, if_not_negligible, logarithm};
 pub use bias::{add_bias, column_sums, fill_bias};
 pub use bordered::Bordered;
 pub use error::NetworkError;

@@ -27,8 +27,8 @@ const WARM: Duration = Duration::from_secs(20);
 /// Steps from which their pace is told before the first fit, and the fewest and most steps of a fit.
 const PACED: usize = 8;
 const PLANNED: (f64, f64) = (200.0, 100_000.0);
-/// Time from the beginning of a fit to its first score; later ones follow at times that grow by [`GROWTH`].
-const FIRST_SCORE: Duration = Duration::from_millis(300);
+/// Times from the beginning of a fit to its first scores; later ones follow at times that grow by [`GROWTH`].
+const SCORES: [Duration; 3] = [Duration::from_millis(150), Duration::from_millis(1200), Duration::from_millis(3600)];
 const GROWTH: f64 = 1.7;
 /// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
 const FIRST_GRADIENT: Duration = Duration::from_secs(2);
@@ -147,7 +147,8 @@ impl Refiner {
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
         let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
-        let (mut next, mut next_followed) = (FIRST_SCORE, FIRST_FOLLOWED);
+        let mut scores = SCORES.into_iter();
+        let (mut next, mut next_followed) = (scores.next().unwrap_or_default(), FIRST_FOLLOWED);
         let mut few = Some(test.first(SCORED_FIRST));
         // Time beside the steps.
         let mut aside = Duration::ZERO;
@@ -164,13 +165,15 @@ impl Refiner {
                 match score(&snapshot(), few.as_ref().unwrap_or(&test), progress.step, Some(remaining)) {
                     Ok(mut estimate) => {
                         few = None;
+                        publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             beads.decode(LOWER_SAMPLES, stop);
+                            publish(with_bounds(&beads, estimate.clone()));
                         }
                         if progress.elapsed >= FIRST_GRADIENT {
                             estimate.gradient = pull(design, &imaging, &snapshot());
+                            publish(with_bounds(&beads, estimate.clone()));
                         }
-                        publish(with_bounds(&beads, estimate.clone()));
                         if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
                             beads.follow(FOLLOWED, stop);
@@ -183,7 +186,7 @@ impl Refiner {
                     }
                 }
                 aside += before.elapsed();
-                next = started.elapsed().mul_f64(GROWTH);
+                next = scores.next().unwrap_or_else(|| started.elapsed().mul_f64(GROWTH));
             }
             if progress.step >= PACED {
                 self.pace = Some((pace, subject.patch));

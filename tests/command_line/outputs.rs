@@ -201,6 +201,16 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
     assert!(names.contains(&"posterior sampling"), "{names:?}");
     assert_eq!((&found["seed"], &found["estimator"]), (&Value::from(3), &Value::from("bracket")));
 
+    // Who asks for an upper bound alone gets the smallest one, too.
+    let live = line.replace("bracket", "live");
+    let found = bench.json(&format!("{live} --objects beads:0.02"));
+    let names: Vec<&str> =
+        found["upper_bounds"].as_array().unwrap().iter().map(|bound| bound["from"].as_str().unwrap()).collect();
+    assert!(names.len() == 3 && names.contains(&"density") && names.contains(&"posterior sampling"), "{names:?}");
+    assert_eq!((&found["upper"], &found["lower"]), (&found["bits_per_pixel"], &Value::Null));
+    let told = bench.done(&format!("{live} --objects beads:0.02"));
+    assert!(told.contains("at most 0.") && told.contains("others: ") && !told.contains("no lower bound"), "{told}");
+
     // Objects whose entropy is not known have no lower bound.
     bench.write("digits", idx(12, 28, |pixel| (pixel * 37 % 256) as u8));
     let told = bench.done(&format!("{line} --objects idx:digits"));

@@ -10,6 +10,9 @@ use crate::information::{
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, LensletGradient, Limits, render_psf};
 
+/// Rate of fits as short as these, relative to that of a live estimate: far from the end larger steps learn more.
+const SHORT_RATE: f64 = 1.5;
+
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
     imaging: &'a Imaging<'a>,
@@ -74,6 +77,7 @@ impl Guide for DensityGuide<'_> {
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
         let &GuideFit { steps, seed, warm } = fit;
         let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
+        fit.rate *= SHORT_RATE;
         if warm {
             fit.rate *= WARM_RATE;
         }

@@ -19,7 +19,7 @@ pub(super) const PRESENT_CHANNELS: usize = 3 + BORDER_CHANNELS;
 const BORDER_CHANNELS: usize = 6;
 /// Noisy values that a fit predicts at every pixel where the clean one is known. All are as likely given the past, so the
 /// loss has the same mean for any number of them, but its gradient is the steadier the more there are.
-const TARGETS: usize = 8;
+pub(super) const TARGETS: usize = 8;
 /// Far places that are looked at.
 pub(super) const FAR_PLACES: usize = 16;
 /// A place outside of every patch.

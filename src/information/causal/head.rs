@@ -1,14 +1,11 @@
 //! The density of a pixel: a mixture of the likelihoods of clean levels, weighted by the network.
 
-use crate::network::{exponential, logarithm, vectorised};
+use crate::network::{exponential, if_not_negligible, logarithm, vectorised};
 
 /// A level is never further from the linear prediction than this says, nats.
 pub(super) const FARTHEST: f32 = -30.0;
 /// Mixtures of less than this, relative to the best level, are not trusted to single precision.
 const SMALLEST: f32 = 1e-15;
-/// Weights and likelihoods of levels below this, relative to the best one, count for nothing: products of such numbers are
-/// subnormal, with which processors calculate a hundred times more slowly. A dark scene would be full of them.
-const NEGLIGIBLE: f32 = 1e-19;
 
 vectorised! {
     /// Negative log-likelihoods of pixels, nats, each the mean over what might have been measured there, and their gradients.
@@ -57,8 +54,7 @@ vectorised! {
             let lanes = logits.as_chunks::<LANES>().0.iter().zip(weights.as_chunks_mut::<LANES>().0);
             for (logits, weights) in lanes {
                 for k in 0..LANES {
-                    let weight = exponential(logits[k] - most);
-                    weights[k] = if weight > NEGLIGIBLE { weight } else { 0.0 };
+                    weights[k] = if_not_negligible(exponential(logits[k] - most));
                     total[k] += weights[k];
                 }
             }
@@ -73,8 +69,7 @@ vectorised! {
                 let lanes = weights.as_chunks::<LANES>().0.iter().zip(shares.as_chunks::<LANES>().0);
                 for ((weights, shares), posteriors) in lanes.zip(posteriors.as_chunks_mut::<LANES>().0) {
                     for k in 0..LANES {
-                        let share = if shares[k] > NEGLIGIBLE { shares[k] } else { 0.0 };
-                        posteriors[k] = weights[k] * share;
+                        posteriors[k] = weights[k] * if_not_negligible(shares[k]);
                         mixture[k] += posteriors[k];
                     }
                 }
@@ -91,8 +86,8 @@ vectorised! {
             let mut by_scale = [0.0_f32; LANES];
             let lanes = sums.as_chunks::<LANES>().0.iter().zip(pulls.as_chunks::<LANES>().0);
             for ((sums, pulls), logits) in lanes.zip(logits.as_chunks_mut::<LANES>().0) {
+                *logits = *sums;
                 for k in 0..LANES {
-                    logits[k] = sums[k];
                     by_scale[k] += sums[k] * pulls[k];
                 }
             }

@@ -1,7 +1,7 @@
 //! The density of a pixel: a mixture of Gaussians whose means, widths and weights are the outputs of the network.
 
 use super::scale::DataScale;
-use crate::network::{exponential, logarithm, vectorised};
+use crate::network::{exponential, if_not_negligible, logarithm, vectorised};
 
 /// ln(2 pi) / 2.
 pub(super) const HALF_LN_TWO_PI: f32 = 0.918_938_5;
@@ -99,8 +99,8 @@ fn pixels<const COMPONENTS: usize>(
         }
         let (largest_log, largest_logit) = (largest(logs), largest(logits));
         for k in 0..components {
-            logs[k] = exponential(logs[k] - largest_log);
-            shares[k] = exponential(logits[k] - largest_logit);
+            logs[k] = if_not_negligible(exponential(logs[k] - largest_log));
+            shares[k] = if_not_negligible(exponential(logits[k] - largest_logit));
         }
         let (density, total) = (sum(logs), sum(shares));
         *loss = (largest_logit + total.ln()) - (largest_log + density.ln());
