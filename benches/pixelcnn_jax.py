@@ -1,6 +1,6 @@
 """Times one training step of the published PixelCNN in JAX and in this crate, and prints both side by side.
 
-    python benches/pixelcnn_jax.py [rounds]
+    python benches/pixelcnn_jax.py [rounds [cargo profile]]
 
 Needs jax, flax and optax, and cargo. A step is forward, backward and Adam for a batch of 64 patches of 16x16 or 32x32 px,
 64 channels, 40 components. The two take turns on the same processor; the least time of all rounds is printed, since other
@@ -118,9 +118,9 @@ def target_folder():
     return pathlib.Path(json.loads(told.stdout)["target_directory"])
 
 
-def crate_seconds(target, side):
+def crate_seconds(target, side, profile):
     """Least time per step and per run of the products alone, from criterion's samples."""
-    command = ["cargo", "bench", "--no-default-features", "--bench", "pixelcnn", "--", f"/{side}$"]
+    command = ["cargo", "bench", "--profile", profile, "--bench", "pixelcnn", "--", f"/{side}$"]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     least = []
     for name in ("step", "products alone"):
@@ -131,8 +131,9 @@ def crate_seconds(target, side):
 
 def main():
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 2
+    profile = sys.argv[2] if len(sys.argv) > 2 else "bench"
     target = target_folder()
-    print(f"{os.cpu_count()} threads, jax {jax.__version__}, {rounds} rounds, least time per step")
+    print(f"{os.cpu_count()} threads, jax {jax.__version__}, {rounds} rounds, profile {profile}, least time per step")
     for side in SIDES:
         step, *state = jax_step(side)
         *state, loss = step(*state)
@@ -142,7 +143,7 @@ def main():
         for _ in range(rounds):
             seconds, state = jax_seconds(step, state)
             times["jax"].append(seconds)
-            ours, products = crate_seconds(target, side)
+            ours, products = crate_seconds(target, side, profile)
             times["step"].append(ours)
             times["products"].append(products)
         theirs, ours, products = (min(times[name]) for name in ("jax", "step", "products"))
