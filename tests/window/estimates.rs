@@ -4,7 +4,7 @@ use super::*;
 
 /// Steps frames until `done`, for at most so many seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
-    for _ in 0..12_000 {
+    for _ in 0..36_000 {
         window.step();
         if done(window) {
             window.run_steps(3);
