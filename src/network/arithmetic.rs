@@ -53,7 +53,7 @@ pub fn exponential(x: f32) -> f32 {
 const NEGLIGIBLE: f32 = 1e-19;
 
 /// A share of a whole, or 0 where it is too small to count: products of such shares and of gradients are subnormal, with
-/// which processors calculate a hundred times more slowly. Measurements of dark scenes would be full of them.
+/// which processors may calculate many times more slowly. Measurements of dark scenes would be full of them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
 pub fn if_not_negligible(share: f32) -> f32 {

@@ -8,6 +8,7 @@ use ndarray::{Array3, Axis};
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
 use super::kept_fit::kept_estimate;
+use super::live_bounds::{ABOVE, BELOW};
 use super::progress::{Watch, tell};
 use super::simulation::{imaging, open_set};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
@@ -287,10 +288,8 @@ const LEVELS: (usize, usize) = (64, 400);
 /// that of the density model.
 const PART: f64 = 0.25;
 
-/// Streams of random numbers for the decoder, and for the posterior from below and from above.
+/// Stream of random numbers for the decoder, beside those of the posterior.
 const DECODER: u64 = 4;
-const BELOW: u64 = 8;
-const ABOVE: u64 = 9;
 
 /// A share of a time; steps are not shared.
 fn share_of(length: FitLength, share: f64) -> FitLength {
