@@ -75,6 +75,6 @@ fn lines_of(repeated: &Repeated) -> Vec<String> {
 /// The bounds of a live estimate, and the side that they are on.
 fn bounds(numbers: &LiveNumbers) -> [(&'static str, Option<NamedBound>); 3] {
     let LiveNumbers { bits_per_pixel, interval_95, .. } = *numbers;
-    let live = NamedBound { from: "live estimate".into(), bits_per_pixel, interval_95 };
+    let live = NamedBound { from: "density model".into(), bits_per_pixel, interval_95 };
     [("at least", numbers.lower.clone()), ("at most", numbers.upper.clone()), ("at most", Some(live))]
 }

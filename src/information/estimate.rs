@@ -233,10 +233,18 @@ impl Estimate {
     /// The number for people, with all that belongs to it in a line.
     pub fn in_words(&self) -> String {
         let [low, high] = self.interval_95;
-        let (bits, from) = (self.bits_per_pixel, self.estimator);
+        let (bits, from) = (self.bits_per_pixel, self.upper_from());
         match self.lower() {
             Some(lower) => format!("between {lower:.4} and {bits:.4} bits per pixel"),
             None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),
+        }
+    }
+
+    /// The estimator, and which of its bounds the number is where it has several.
+    pub fn upper_from(&self) -> String {
+        match &self.bracket {
+            Some(bracket) => format!("{}: {}", self.estimator, bracket.upper_from),
+            None => self.estimator.to_string(),
         }
     }
 

@@ -215,7 +215,7 @@ fn bounds(snapshot: &Snapshot) -> String {
     }
     if let Some((live, settled)) = snapshot.live {
         let state = if settled { "" } else { ", not settled" };
-        lines.push(line("Live estimate", live) + state);
+        lines.push(line("Density model", live) + state);
     }
     lines.extend(snapshot.gaussian.map(|bound| line("Gaussian bound", bound)));
     lines.extend(snapshot.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
@@ -362,7 +362,7 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
         .show(ui, |plot| {
             plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
             plot.points(Points::new("Gaussian bound", points(&|s| Some(s.gaussian?.bits))).color(GAUSSIAN).radius(2.5));
-            plot.points(Points::new("live estimate", points(&|s| Some(s.live?.0.bits))).color(DENSITY).radius(3.5));
+            plot.points(Points::new("density model", points(&|s| Some(s.live?.0.bits))).color(DENSITY).radius(3.5));
             for snapshot in snapshots {
                 let Some(tamura) = snapshot.tamura else { continue };
                 if let (Some(lower), Some(upper)) = (snapshot.lower, snapshot.upper()) {

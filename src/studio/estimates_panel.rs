@@ -218,9 +218,8 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 
 /// The number of an estimate in one line.
 fn summary(estimate: &Estimate) -> String {
-    let lower = estimate.lower();
-    let (bits, from) = (rounded(estimate.bits_per_pixel), estimate.estimator);
-    match lower {
+    let (bits, from) = (rounded(estimate.bits_per_pixel), estimate.upper_from());
+    match estimate.lower() {
         Some(lower) => format!("{} to {bits} bits per pixel", rounded(lower)),
         None => format!("\u{2264} {bits} {} bits per pixel ({from})", interval(estimate.interval_95)),
     }

@@ -40,7 +40,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 for (name, colour, value) in [
                     ("Gaussian bound", GAUSSIAN, &(|point: &TrailPoint| Some(point.bound)) as &dyn Fn(&_) -> _),
                     ("ceiling", CEILING, &|point: &TrailPoint| point.ceiling),
-                    ("live estimate", DENSITY, &|point: &TrailPoint| point.live),
+                    ("density model", DENSITY, &|point: &TrailPoint| point.live),
                 ] {
                     plot.line(Line::new(name, line(value)).color(colour).width(2.0));
                     plot.points(Points::new(name, line(value)).color(colour).radius(2.5));

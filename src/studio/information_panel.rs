@@ -167,7 +167,7 @@ impl<'a> Known<'a> {
         let mut bounds = vec![(self.gaussian(), "Gaussian bound".to_owned())];
         bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "object-entropy ceiling".to_owned())));
         if let Some((live, true)) = &self.live {
-            bounds.push((live.bits_per_pixel, "live estimate".into()));
+            bounds.push((live.bits_per_pixel, "density model".into()));
         }
         if let Some(upper) = self.sampling().and_then(|live| live.upper.as_ref()) {
             bounds.push((upper.bits_per_pixel, upper.from.clone()));
@@ -248,7 +248,7 @@ fn both(below: &str, above: &str) -> String {
 fn warning(ui: &mut Ui, known: &Known<'_>) {
     let ceiling = known.bounds.ceiling_bits().unwrap_or(f64::INFINITY);
     if known.live.as_ref().is_some_and(|(live, current)| *current && live.interval_95[0] > ceiling) {
-        let warning = "The live estimate lies above what the objects hold at all: do not rank masks by it.";
+        let warning = "The density model lies above what the objects hold at all: do not rank masks by it.";
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     } else if ceiling < known.gaussian() && known.live.is_none() {
         let warning = "The Gaussian bound lies above what the objects hold at all: it overstates this design.";
@@ -263,7 +263,7 @@ fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let mut marks = vec![("Gaussian bound", known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
     if let Some((live, _)) = &known.live {
-        marks.push(("live estimate", live.bits_per_pixel, DENSITY));
+        marks.push(("density model", live.bits_per_pixel, DENSITY));
     }
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
     let sampled = known.sampling().and_then(|live| live.upper.as_ref());
@@ -329,10 +329,10 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
         }
         let (value, entropies) = live_line(state, known);
         line(
-            "Live estimate",
+            "Density model",
             value,
             Some(DENSITY),
-            "Cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % interval. An upper \
+            "The live estimate: cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % interval. An upper \
              bound from the first number on, that falls while the model is fitted.",
         );
         line(
@@ -389,7 +389,7 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
                 (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
             };
             let text = format!("{} {} {stage}", rounded(live.bits_per_pixel), interval(live.interval_95));
-            let entropies = if *current { ("live model", live.entropy_y, live.entropy_y_given_x) } else { gaussian };
+            let entropies = if *current { ("density model", live.entropy_y, live.entropy_y_given_x) } else { gaussian };
             (text, entropies)
         }
     }
