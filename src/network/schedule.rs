@@ -1,15 +1,13 @@
 //! How the learning rate rises and falls.
 
-/// Share of the schedule in which the rate rises, and the share of the rate that is left at its end.
+/// Share of the schedule in which the rate rises, and the least share of the rate.
 const WARM_UP: f64 = 0.03;
-const FINAL_RATE: f64 = 0.02;
+const LEAST: f64 = 0.005;
 
-/// Factor of the rate when a share `done` (0 to 1) of the schedule is over: a linear rise, then a cosine (Loshchilov and
-/// Hutter 2017).
+/// Factor of the rate when a share `done` (0 to 1) of the schedule is over: a linear rise, and a linear fall to nearly
+/// nothing (Defazio et al. 2023).
 pub fn rate_schedule(done: f64) -> f64 {
-    let rise = (done / WARM_UP).min(1.0);
-    let fall = FINAL_RATE + (1.0 - FINAL_RATE) * 0.5 * (1.0 + (std::f64::consts::PI * done).cos());
-    rise.max(FINAL_RATE) * fall
+    (done / WARM_UP).min(1.0 - done).clamp(LEAST, 1.0)
 }
 
 #[cfg(test)]
@@ -19,8 +17,8 @@ mod tests {
     #[test]
     fn the_rate_rises_quickly_and_ends_low() {
         assert!(rate_schedule(0.0) < 0.03);
-        assert!(rate_schedule(0.03) > 0.99);
-        assert!((rate_schedule(0.5) - 0.51).abs() < 1e-6);
-        assert!((rate_schedule(1.0) - 0.02).abs() < 1e-9);
+        assert!(rate_schedule(0.03) > 0.96);
+        assert!((rate_schedule(0.5) - 0.5).abs() < 1e-6);
+        assert!((rate_schedule(1.0) - 0.005).abs() < 1e-9);
     }
 }

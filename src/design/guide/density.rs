@@ -10,9 +10,6 @@ use crate::information::{
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, LensletGradient, Limits, render_psf};
 
-/// Rate of fits as short as these, relative to that of a live estimate. Results of runs were measured with it.
-const SHORT_RATE: f64 = 1.5;
-
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
     imaging: &'a Imaging<'a>,
@@ -77,7 +74,6 @@ impl Guide for DensityGuide<'_> {
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
         let &GuideFit { steps, seed, warm } = fit;
         let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
-        fit.rate *= SHORT_RATE;
         if warm {
             fit.rate *= WARM_RATE;
         }

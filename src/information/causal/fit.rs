@@ -49,7 +49,7 @@ pub struct CausalFit {
 impl CausalFit {
     /// The default procedure.
     pub fn new(length: FitLength, seed: u64) -> Self {
-        Self { batch: 2, rate: 8e-3, max_norm: 1.0, length, seed }
+        Self { batch: 2, rate: 1.2e-2, max_norm: 1.0, length, seed }
     }
 
     /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the
