@@ -332,8 +332,8 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             "Density model",
             value,
             Some(DENSITY),
-            "The live estimate: cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % interval. An upper \
-             bound from the first number on, that falls while the model is fitted.",
+            "The live estimate: cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % \
+             interval. An upper bound from the first number on, that falls while the model is fitted.",
         );
         line(
             "Gaussian bound",
