@@ -44,8 +44,7 @@ fn training_step(criterion: &mut Criterion) {
     let moments = Moments::of_patches(batch.noisy.view()).expect("patches that vary");
     let mut model = CausalModel::new(CausalShape::default(), Noise::Shot, &batch, &moments, None, 1).expect("a model");
     let (stream, shapes) = (Same(batch), causal_shapes());
-    // A step as most are: what a density does not expect is summed in double precision, many times more slowly, and unfitted ones
-    // expect little.
+    // A step as most of a fit are: unfitted densities expect little, and what they do not expect is summed in double precision.
     let first = CausalFit::new(FitLength::Steps(400), 1);
     first.fit(&mut model, &stream, &mut |_| ControlFlow::Continue(())).expect("a fitted model");
     let mut group = criterion.benchmark_group("causal");

@@ -352,6 +352,14 @@ mod tests {
     }
 
     #[test]
+    fn the_smallest_of_several_bounds_is_named() {
+        let trials = [trial(0.5, 1, Protocol::Default)];
+        let estimate = Estimate::with_bounds(&trials, Vec::new(), Vec::new(), provenance()).unwrap();
+        assert_eq!(estimate.in_words(), "at most 0.4500 bits per pixel [0.4500, 0.4500] (gaussian-full: ceiling)");
+        assert_eq!(Estimate::new(&trials, provenance()).unwrap().upper_from(), "gaussian-full");
+    }
+
+    #[test]
     fn different_trials_are_not_mixed() {
         let mixed = [trial(0.5, 1, Protocol::Default), trial(0.4, 2, Protocol::Paper)];
         assert_eq!(Estimate::new(&mixed, provenance()), Err(InformationError::TrialsDiffer { what: "protocol" }));

@@ -60,6 +60,7 @@ impl Muon {
 fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
     let square: f64 = matrix.iter().map(|x| f64::from(*x).powi(2)).sum();
     let norm = square.sqrt() as f32 + 1e-7;
+    // Keeps what follows far from the largest and the smallest numbers.
     for x in &mut matrix {
         *x /= norm;
     }
@@ -77,11 +78,12 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
         if iteration == 0 {
             // No singular value is above the root of this norm, which is nearer to the largest than that of the matrix is.
             let norm = gram.iter().map(|g| g * g).sum::<f32>().sqrt().max(1e-12);
+            let root = norm.sqrt();
             for g in &mut gram {
                 *g /= norm;
             }
             for x in &mut matrix {
-                *x /= norm.sqrt();
+                *x /= root;
             }
         }
         product(&gram, &gram, (side, side, side), &mut polynomial, Write::Replace);

@@ -45,7 +45,7 @@ pub struct PixelCnnFit {
     pub patience: Option<usize>,
     /// Largest learning rate.
     pub rate: f64,
-    /// Whether the rate rises at first and falls by a cosine to the end; with a budget, to the end of the budget.
+    /// Whether the rate rises at first and falls along a line to the end; with a budget, to the end of the budget.
     pub schedule: bool,
     /// Whether hidden matrices move by Muon instead of Adam.
     pub muon: bool,
