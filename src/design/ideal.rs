@@ -1,8 +1,6 @@
 //! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
-use std::cell::RefCell;
 use std::ops::ControlFlow;
-use std::time::Instant;
 
 use ndarray::Array4;
 
@@ -14,6 +12,7 @@ use super::merge::{closest, joined, merged};
 use super::movement::project;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
+use super::watched::Watched;
 use crate::information::{CausalModel, InformationError, QuickLowerBound};
 use crate::network::read_detail;
 use crate::objects::Split;
@@ -173,9 +172,7 @@ impl<'a> Ideal<'a> {
     /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
     /// the steps so far have brought it.
     pub fn advance(&mut self, watch: OnIdeal<'_>) -> Result<(), IdealError> {
-        let started = Instant::now();
-        let before = self.state.seconds;
-        let seconds = || before + started.elapsed().as_secs_f64();
+        let watch = Watched::new(watch, self.state.seconds);
         self.prune();
         self.guide.follow(&self.state.array, self.settings.warm)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
@@ -184,15 +181,15 @@ impl<'a> Ideal<'a> {
             (false, true) => self.settings.first_fit,
             (false, false) => self.settings.refit,
         };
-        self.fit((steps, 0), &seconds, watch)?;
-        let mut frame = self.frame(is_last, &seconds, watch)?;
+        self.fit((steps, 0), &watch)?;
+        let mut frame = self.frame(is_last, &watch)?;
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
         if self.can_lag_behind() && (self.has_lost_track(&frame) || self.is_due_for_audit(is_last)) {
             let before = self.guide.to_bytes(Vec::new())?;
             self.guide.follow(&self.state.array, false)?;
-            self.fit((self.settings.first_fit, 1), &seconds, watch)?;
-            let afresh = self.frame(is_last, &seconds, watch)?;
+            self.fit((self.settings.first_fit, 1), &watch)?;
+            let afresh = self.frame(is_last, &watch)?;
             // Both are bounds from above: the lower one knows more.
             if afresh.bits_per_pixel < frame.bits_per_pixel {
                 frame = afresh;
@@ -210,28 +207,22 @@ impl<'a> Ideal<'a> {
         self.state.finished = is_last;
         for _ in 0..self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step)) {
             self.climb()?;
-            self.state.seconds = seconds();
-            let progress = IdealProgress { state: &self.state, fitting: None, seconds: seconds() };
-            if watch(&progress).is_break() {
+            self.state.seconds = watch.seconds();
+            if watch.tell(&self.state, None).is_break() {
                 return Err(InformationError::Cancelled.into());
             }
         }
-        self.state.seconds = seconds();
+        self.state.seconds = watch.seconds();
         Ok(())
     }
 
     /// Fits the guide to the mask as it is: so many steps, each part of a round with draws of its own.
-    fn fit(
-        &mut self,
-        (steps, part): (usize, u64),
-        seconds: &dyn Fn() -> f64,
-        watch: OnIdeal<'_>,
-    ) -> Result<(), IdealError> {
+    fn fit(&mut self, (steps, part): (usize, u64), watch: &Watched<'_>) -> Result<(), IdealError> {
         let round = self.state.frames.len() as u64;
         let seed = derived_seed(self.settings.seed, FIT_SEEDS | part << 28 | round);
         let fit = GuideFit { steps, seed, warm: part == 0 && self.settings.warm && round > 0 };
         let state = &self.state;
-        self.guide.fit(&fit, &mut |share| watch(&IdealProgress { state, fitting: Some(share), seconds: seconds() }))
+        self.guide.fit(&fit, &mut |share| watch.tell(state, Some(share)))
     }
 
     /// Whether the guide is one that can give the mask too much because it was fitted to other masks.
@@ -281,12 +272,9 @@ impl<'a> Ideal<'a> {
     }
 
     /// What the mask is worth on objects that neither guide nor mask has seen; the same ones every time.
-    fn frame(&self, last: bool, seconds: &dyn Fn() -> f64, watch: OnIdeal<'_>) -> Result<Frame, IdealError> {
-        let (array, watch) = (&self.state.array, RefCell::new(watch));
-        let go_on = || {
-            let progress = IdealProgress { state: &self.state, fitting: Some(1.0), seconds: seconds() };
-            watch.borrow_mut()(&progress).is_continue()
-        };
+    fn frame(&self, last: bool, watch: &Watched<'_>) -> Result<Frame, IdealError> {
+        let array = &self.state.array;
+        let go_on = || watch.tell(&self.state, Some(1.0)).is_continue();
         let (bits_per_pixel, interval_95) = self.guide.value(array, last, &go_on)?;
         let psf = render_psf(array, self.imaging.set.planes())?;
         let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
@@ -301,7 +289,7 @@ impl<'a> Ideal<'a> {
             tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
             distinct_lenslets: distinct.lenslets.len(),
             effective_lenslets: distinct.effective_count(),
-            seconds: seconds(),
+            seconds: watch.seconds(),
         })
     }
 

@@ -9,6 +9,7 @@ mod merge;
 mod movement;
 mod settings;
 mod state;
+mod watched;
 
 pub use error::IdealError;
 pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_gradient};

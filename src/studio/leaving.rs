@@ -33,9 +33,8 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
             ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
         } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
             ui.heading("Give up the last run?");
-            let (step, steps) = (run.step, run.settings.steps);
             let end = if run.can_go_on() {
-                format!("It was stopped at step {step} of {steps} and could still go on.")
+                format!("It was stopped at {} and could still go on.", run.place())
             } else {
                 "What it found was not accepted.".into()
             };
@@ -78,9 +77,7 @@ pub fn going_on(state: &State) -> Option<String> {
     let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
     let run = match (is_open(ActivityKind::Run), state.bench.keeps_run()) {
         (true, true) => Some("A run goes on. It is kept, and the next window can go on with it."),
-        (true, false) => {
-            Some("A run goes on. Only the start that it is at can be kept; what others have found would be lost.")
-        }
+        (true, false) => Some("A run goes on. What it has found so far would be lost."),
         (false, false) if state.bench.has_untaken_result() => {
             Some("What the run has found was not accepted, and would be lost.")
         }

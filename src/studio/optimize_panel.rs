@@ -273,8 +273,6 @@ pub fn start(state: &mut State) {
 fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let steps = run.settings.steps;
     ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
-    let (number, all) = run.start_number;
-    let of_starts = if all > 1 { format!("Start {number} of {all}, ") } else { String::new() };
     let left = run.left.map_or(String::new(), |left| format!(", {} left", spoken(left)));
     let doing = match (&run.status, &run.doing) {
         (RunStatus::Paused, _) => "paused".to_owned(),
@@ -282,7 +280,7 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         _ => "moving lenslets".to_owned(),
     };
     ui.horizontal_wrapped(|ui| {
-        ui.label(format!("{of_starts}step {} of {steps}{left}", run.step));
+        ui.label(format!("{}{left}", run.place()));
         ui.weak(doing);
     });
     ui.horizontal_wrapped(|ui| {
@@ -478,7 +476,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 ui.small_button("Copy command").on_hover_text("The command line that computes these numbers again");
             name_widget(&copy, &format!("Copy command of result {}", place + 1));
             if copy.clicked() {
-                state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request));
+                state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request()));
             }
         });
     }

@@ -65,6 +65,8 @@ pub struct Activity {
     began: Instant,
     /// When it came to what it is at, and the share that was done then.
     step_began: Option<(Instant, f64)>,
+    /// Since when it waits to go on.
+    paused: Option<Instant>,
     /// How long it took, once it is over.
     took: Option<Duration>,
 }
@@ -145,6 +147,7 @@ impl Activities {
             log: Vec::new(),
             began: Instant::now(),
             step_began: None,
+            paused: None,
             took: None,
         }));
         Entry { list: self.clone(), number }
@@ -200,8 +203,15 @@ impl Entry {
     /// Waits to be told to go on, or goes on.
     pub fn pause(&self, pause: bool) {
         self.list.change(self.number, |activity| {
-            if activity.is_open() {
-                activity.state = if pause { ActivityState::Paused } else { ActivityState::Running };
+            if !activity.is_open() {
+                return;
+            }
+            activity.state = if pause { ActivityState::Paused } else { ActivityState::Running };
+            if pause {
+                activity.paused.get_or_insert_with(Instant::now);
+            } else if let (Some(since), Some((began, _))) = (activity.paused.take(), &mut activity.step_began) {
+                // The pause says nothing of the pace.
+                *began += since.elapsed();
             }
         });
     }
@@ -268,6 +278,27 @@ mod tests {
         let log: Vec<&str> = ended[0].log.iter().map(|(_, text)| text.as_str()).collect();
         assert_eq!(log, ["Reading objects", "Fitting, 1 s left", "too bright"]);
         assert!(list.take_ended().is_empty(), "told once");
+    }
+
+    #[test]
+    fn a_pause_says_nothing_of_the_pace() {
+        let list = Activities::default();
+        let entry = list.add(ActivityKind::Run, "Run");
+        entry.begin();
+        entry.tell("Step 0", Some(0.0), None);
+        let began = || list.all()[0].step_began.unwrap().0;
+        let before = began();
+        for _ in 0..2 {
+            entry.pause(true);
+        }
+        let pause = Duration::from_millis(20);
+        std::thread::sleep(pause);
+        entry.pause(false);
+        assert!(began() >= before + pause);
+        entry.pause(false);
+        let after = began();
+        entry.pause(false);
+        assert_eq!(began(), after, "it was over");
     }
 
     #[test]

@@ -6,7 +6,9 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::record::IdealRecord;
-use super::run::{KeptRun, KeptStart, run_ideal, start_of};
+use serde::{Deserialize, Serialize};
+
+use super::run::{KeptOrder, KeptRun, run_ideal, start_of};
 use super::score::judge_of;
 use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
@@ -68,7 +70,7 @@ pub struct DesignRun {
 }
 
 /// The result of one start.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RankedStart {
     /// What it started from.
     pub name: String,
@@ -76,8 +78,6 @@ pub struct RankedStart {
     pub design: Arc<Design>,
     /// What it is worth, by an estimate with a model of its own on held-out objects.
     pub estimate: Estimate,
-    /// What was asked of that.
-    pub request: EstimateRequest,
 }
 
 /// Steps of the fits by which a result is scored, which can be repeated: about as many as a minute has on two cores.
@@ -102,6 +102,11 @@ fn score_request(design: &Design) -> EstimateRequest {
 }
 
 impl RankedStart {
+    /// What was asked of the estimate.
+    pub fn request(&self) -> EstimateRequest {
+        score_request(&self.design)
+    }
+
     /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being
     /// looked at loosely, and the estimate otherwise.
     pub fn worth(&self) -> f64 {
@@ -137,12 +142,19 @@ impl DesignRun {
 
     /// Whether it was stopped on its way.
     pub fn can_go_on(&self) -> bool {
-        self.status == RunStatus::Stopped && self.step > 0
+        self.status == RunStatus::Stopped && (self.step > 0 || self.start_number.0 > 1)
+    }
+
+    /// How far it is: which step, and of which start where there are several.
+    pub fn place(&self) -> String {
+        let (number, all) = self.start_number;
+        let of_starts = if all > 1 { format!("start {number} of {all}, ") } else { String::new() };
+        format!("{of_starts}step {} of {}", self.step, self.settings.steps)
     }
 }
 
 /// A mask to start from.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Start {
     /// What it is called.
     pub name: String,
@@ -194,23 +206,28 @@ impl Designer {
 
     /// Keeps the states of runs in a folder, and takes up the one that is there.
     pub fn keep_in(&self, folder: KeptRun) {
-        if let Some((KeptStart { start, settings }, bytes, state)) = folder.last() {
-            let design = Arc::new(start);
-            let mut run = DesignRun::new(&design, settings, 1);
-            *lock(&self.shared.starts) = vec![Start { name: design.encoder.describe(), design }];
-            run.status = if state.finished { RunStatus::Finished } else { RunStatus::Stopped };
-            run.doing = None;
-            (run.array, run.step, run.seconds) = (Arc::new(state.array.clone()), state.step, state.seconds());
-            (run.frames, run.events) = (Arc::new(state.frames), state.events);
-            *lock(&self.shared.kept) = Some(bytes);
+        if let Some((KeptOrder { starts, settings, at, ranked }, state)) = folder.last() {
+            let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
+            let scored = ranked.len() > at;
+            (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
+            run.status = RunStatus::Stopped;
+            if let Some((bytes, state)) = state {
+                if state.finished && scored {
+                    run.status = RunStatus::Finished;
+                }
+                (run.array, run.step, run.seconds) = (Arc::new(state.array.clone()), state.step, state.seconds());
+                (run.frames, run.events) = (Arc::new(state.frames), state.events);
+                *lock(&self.shared.kept) = Some(bytes);
+            }
+            *lock(&self.shared.starts) = starts;
             *lock(&self.shared.run) = Some(run);
         }
         *lock(&self.shared.folder) = Some(folder);
     }
 
-    /// Whether the next program can take up the run as it is: the results of earlier starts are not kept.
+    /// Whether the next program can take up the run.
     pub fn keeps(&self) -> bool {
-        lock(&self.shared.folder).is_some() && self.run().is_none_or(|run| run.start_number.1 == 1)
+        lock(&self.shared.folder).is_some()
     }
 
     /// The next program need not take up the run.
@@ -248,8 +265,8 @@ impl Designer {
     /// One sentence where there is none, or it still goes on.
     pub fn extend(&self, steps: usize) -> Result<(), String> {
         let Some(mut run) = self.run() else { return Err("there is no run to go on with".into()) };
-        // One that was stopped first takes the steps that it was to take.
-        if run.step >= run.settings.steps {
+        // One that was stopped first takes the steps that it was to take, and is scored.
+        if run.status == RunStatus::Finished {
             run.settings.steps += steps;
         }
         run.status = RunStatus::Running;
@@ -387,14 +404,12 @@ impl Shared {
             self.go_on()
         };
         let folder = lock(&self.folder).clone();
-        if let Some(folder) = &folder {
-            if from.is_none() {
-                folder.end();
-            }
-            let (start, settings) = (Design::clone(&start.design), settings.clone());
-            // A run is worth more than its copy: it goes on where nothing can be written.
-            let _ = folder.begin(&KeptStart { start, settings });
+        if let Some(folder) = &folder
+            && from.is_none()
+        {
+            folder.forget_state();
         }
+        self.keep_order();
         let mut keep = |ideal: &Ideal<'_>| {
             *lock(&self.kept) = Some(ideal.to_bytes()?);
             let record = Arc::new(IdealRecord::new(&start.design, ideal));
@@ -415,10 +430,21 @@ impl Shared {
         let estimate = self.score(&design, &request)?;
         self.change(|run| {
             let name = start.name.clone();
-            run.ranked.push(RankedStart { name, design, estimate, request });
+            run.ranked.push(RankedStart { name, design, estimate });
             run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
         });
+        self.keep_order();
         Ok(())
+    }
+
+    /// Writes what was ordered and what came of it so far, but for the state of the start that the run is at.
+    fn keep_order(&self) {
+        let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
+        if let (Some(folder), Some(DesignRun { settings, start_number, ranked, .. })) = (folder, run) {
+            let starts = lock(&self.starts).clone();
+            // A run is worth more than its copy: it goes on where nothing can be written.
+            let _ = folder.note(&KeptOrder { starts, settings, at: start_number.0 - 1, ranked });
+        }
     }
 
     /// What a design is worth, by models of its own.
@@ -475,8 +501,10 @@ impl Shared {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::{Objective, Preset};
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
+    use crate::optics::{Encoder, random_layout};
     use crate::workbench::estimate_command;
 
     #[test]
@@ -489,5 +517,63 @@ mod tests {
             let command = estimate_command(&design, &request).unwrap();
             assert!(command.contains(&format!("--estimator {estimator} --patch 32x32 --steps {steps} ")), "{command}");
         }
+    }
+
+    fn designer(kept: &KeptRun) -> Designer {
+        let designer = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
+        designer.keep_in(kept.clone());
+        designer
+    }
+
+    #[test]
+    fn what_several_starts_have_found_outlives_the_program() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = KeptRun::in_folder(folder.path()).unwrap();
+        let start = |seed| {
+            let encoder = Encoder::Lenslets(random_layout(3, seed));
+            Start { name: format!("random {seed}"), design: Arc::new(Design { encoder, ..Design::default() }) }
+        };
+        let starts: Vec<Start> = (1..=3).map(start).collect();
+        let design = Arc::clone(&starts[0].design);
+        let request = EstimateRequest {
+            model: DensityModel::Stationary,
+            patches_train: 80,
+            patches_test: 20,
+            ..score_request(&design)
+        };
+        let found = estimate(&design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let ranked = vec![RankedStart { name: starts[0].name.clone(), design, estimate: found }];
+        let settings =
+            IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
+
+        // It ended when the first had been scored and the second had not begun.
+        kept.note(&KeptOrder { starts, settings, at: 0, ranked: ranked.clone() }).unwrap();
+        let designer = self::designer(&kept);
+        let run = designer.run().unwrap();
+        assert_eq!((run.start_number, run.step, &run.status), ((2, 3), 0, &RunStatus::Stopped));
+        assert!(run.can_go_on());
+        assert_eq!(run.start.encoder, Encoder::Lenslets(random_layout(3, 2)));
+
+        // It goes on with the second, and ends in the midst of it.
+        designer.extend(1).unwrap();
+        let deadline = Instant::now() + Duration::from_mins(5);
+        while kept.load().unwrap().is_none() && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        designer.stop();
+        while designer.is_active() && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let (left, before) = (self::designer(&kept).run().unwrap(), designer.run().unwrap());
+        assert_eq!((left.start_number, &left.status), ((2, 3), &RunStatus::Stopped));
+        assert!((1..=before.step).contains(&left.step), "{} {}", left.step, before.step);
+        assert_eq!(left.settings, run.settings, "what was stopped takes no more steps than it was to take");
+        for found in [&run.ranked, &left.ranked] {
+            assert_eq!((found.len(), &found[0].name), (1, &ranked[0].name));
+            assert_eq!((&found[0].design, &found[0].estimate), (&ranked[0].design, &ranked[0].estimate));
+        }
+        // Given up, it does not come back.
+        designer.forget();
+        assert!(self::designer(&kept).run().is_none());
     }
 }

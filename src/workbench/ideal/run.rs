@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::designer::{RankedStart, Start};
 use super::record::IdealRecord;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
 use crate::formats::{create_folder, read_if_there, read_json, write_json, write_safely};
@@ -51,13 +52,17 @@ pub struct KeptRun {
     folder: PathBuf,
 }
 
-/// What a run was started from: beside its state this is all that is needed to go on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct KeptStart {
-    /// The design.
-    pub start: Design,
+/// An order of one run or several: beside the state of the one that it is at this is all that is needed to go on.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct KeptOrder {
+    /// What is started from, one after the other.
+    pub starts: Vec<Start>,
     /// What is done.
     pub settings: IdealSettings,
+    /// Index of the start whose state is kept.
+    pub at: usize,
+    /// Results of the starts that came to their end, the best first.
+    pub ranked: Vec<RankedStart>,
 }
 
 impl KeptRun {
@@ -74,8 +79,8 @@ impl KeptRun {
         self.folder.join("run.safetensors")
     }
 
-    fn start(&self) -> PathBuf {
-        self.folder.join("start.json")
+    fn order(&self) -> PathBuf {
+        self.folder.join("order.json")
     }
 
     /// The state that was kept last, if any.
@@ -95,26 +100,43 @@ impl KeptRun {
         Ok(write_safely(&self.state(), |out| out.write_all(&bytes))?)
     }
 
-    /// Notes what the run of this folder does from here on.
+    /// Notes what was ordered, and how far it is.
     ///
     /// # Errors
-    /// Where the file cannot be written.
-    pub fn begin(&self, start: &KeptStart) -> Result<(), EvaluationError> {
-        Ok(write_json(&self.start(), start)?)
+    /// Where the file cannot be written; the last note is then still there.
+    pub fn note(&self, order: &KeptOrder) -> Result<(), EvaluationError> {
+        Ok(write_json(&self.order(), order)?)
+    }
+
+    /// Forgets the state, which is that of a start that came to its end or was given up.
+    pub fn forget_state(&self) {
+        // A file that stays behind is replaced by the next state.
+        let _ = std::fs::remove_file(self.state());
     }
 
     /// Forgets the run.
     pub fn end(&self) {
-        // A file that stays behind is replaced by the next run.
-        let _ = std::fs::remove_file(self.state());
-        let _ = std::fs::remove_file(self.start());
+        self.forget_state();
+        let _ = std::fs::remove_file(self.order());
     }
 
-    /// The run that was begun here and neither accepted nor given up; none where its files are missing or broken.
-    pub fn last(&self) -> Option<(KeptStart, Vec<u8>, IdealState)> {
-        let start: KeptStart = read_json(&self.start()).ok()?;
-        let bytes = self.load().ok()??;
-        let state = Ideal::state_in(&bytes).ok()?;
-        start.start.check().is_ok().then_some((start, bytes, state))
+    /// What was ordered here and neither accepted nor given up, and the state of the start that it is at; none where files
+    /// are missing or broken.
+    pub fn last(&self) -> Option<(KeptOrder, Option<(Vec<u8>, IdealState)>)> {
+        let mut order: KeptOrder = read_json(&self.order()).ok()?;
+        let read = || {
+            let bytes = self.load().ok()??;
+            let state = Ideal::state_in(&bytes).ok()?;
+            Some((bytes, state))
+        };
+        let mut state = read();
+        if order.ranked.len() > order.at && order.at + 1 < order.starts.len() {
+            // It ended between two starts.
+            (order.at, state) = (order.at + 1, None);
+        }
+        let sound = order.at < order.starts.len()
+            && order.starts.iter().all(|start| start.design.check().is_ok())
+            && order.ranked.iter().all(|result| result.design.check().is_ok());
+        (sound && (state.is_some() || order.at > 0)).then_some((order, state))
     }
 }
