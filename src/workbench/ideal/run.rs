@@ -52,6 +52,9 @@ pub struct KeptRun {
     folder: PathBuf,
 }
 
+/// The state of a run: its bytes, and what they say.
+pub type KeptState = (Vec<u8>, IdealState);
+
 /// An order of one run or several: beside the state of the one that it is at this is all that is needed to go on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct KeptOrder {
@@ -122,9 +125,9 @@ impl KeptRun {
 
     /// What was ordered here and neither accepted nor given up, and the state of the start that it is at; none where files
     /// are missing or broken.
-    pub fn last(&self) -> Option<(KeptOrder, Option<(Vec<u8>, IdealState)>)> {
+    pub fn last(&self) -> Option<(KeptOrder, Option<KeptState>)> {
         let mut order: KeptOrder = read_json(&self.order()).ok()?;
-        let read = || {
+        let read = || -> Option<KeptState> {
             let bytes = self.load().ok()??;
             let state = Ideal::state_in(&bytes).ok()?;
             Some((bytes, state))
