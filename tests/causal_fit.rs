@@ -5,7 +5,8 @@ mod study_stream;
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch, PatchStream, causal_estimate,
+    Beginning, CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch, PatchStream,
+    causal_estimate,
 };
 use lenslet_studio::studies::{GaussianField, KnownTruth, TwoRates};
 use ndarray::Axis;
@@ -35,7 +36,7 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
             moments: None,
             noise: study.noise(),
             length: FitLength::Steps(1000),
-            start: None,
+            beginning: Beginning::Drawn,
             estimator: Estimator::Full,
             seed: 4,
         };
@@ -87,7 +88,7 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
             moments: None,
             noise: study.noise(),
             length: FitLength::Steps(150),
-            start: None,
+            beginning: Beginning::Drawn,
             estimator: Estimator::Full,
             seed: 4,
         };

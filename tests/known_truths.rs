@@ -5,8 +5,8 @@ mod study_stream;
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, NoiseEntropy, PatchBatch, PixelCnnFit,
-    PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches, bootstrap_interval, causal_estimate,
+    Beginning, CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, NoiseEntropy, PatchBatch,
+    PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches, bootstrap_interval, causal_estimate,
     gaussian_estimate, paired_interval,
 };
 use lenslet_studio::sensor::Noise;
@@ -82,7 +82,7 @@ fn live(sample: &Sample) -> Found {
         moments: None,
         noise: sample.noise,
         length: FitLength::Steps(400),
-        start: None,
+        beginning: Beginning::Shipped,
         estimator: Model::Live,
         seed: 8,
     };

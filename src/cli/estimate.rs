@@ -62,7 +62,7 @@ pub struct Arguments {
     #[arg(long)]
     engine: Option<EngineChoice>,
 
-    /// Begin the fit of the bracket's decoder with nothing, instead of the weights that come with the program.
+    /// Begin the fits of live, full and bracket with nothing, instead of the weights that come with the program.
     #[arg(long)]
     fresh: bool,
 

@@ -8,7 +8,7 @@ mod design;
 mod design_args;
 mod estimate;
 mod export;
-mod first_decoder;
+mod first_weights;
 mod headless;
 mod look;
 mod measure;
@@ -64,8 +64,8 @@ enum Command {
     Design(design::Arguments),
     /// Estimate a whole table of objects, designs and patches, resumable, into files.
     Study(study::Arguments),
-    /// Fit the decoder that bounds from below start from to many designs and scenes; the program comes with one.
-    FirstDecoder(first_decoder::Arguments),
+    /// Fit what bounds begin with, a decoder or a density model, to many designs and scenes; the program comes with both.
+    FirstWeights(first_weights::Arguments),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -134,7 +134,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Repeat(arguments)) => arguments.run(),
         Some(Command::Design(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
-        Some(Command::FirstDecoder(arguments)) => arguments.run(),
+        Some(Command::FirstWeights(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "lenslet-studio", &mut script);

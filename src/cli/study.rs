@@ -51,7 +51,7 @@ struct Common {
     #[arg(long, default_value_t = 1_500)]
     patches_test: usize,
 
-    /// Begin the fit of the bracket's decoder with nothing, instead of the weights that come with the program.
+    /// Begin the fits of live, full and bracket with nothing, instead of the weights that come with the program.
     #[arg(long)]
     fresh: bool,
 

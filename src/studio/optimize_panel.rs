@@ -100,7 +100,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         ranking(ui, state, &run);
         if run.frames.is_empty() {
-            ui.weak("The first fit takes some seconds.");
+            if run.is_active() {
+                ui.weak("The first fit takes some seconds.");
+            }
             return;
         }
         rewind(ui, state, &run);

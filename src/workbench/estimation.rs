@@ -13,9 +13,9 @@ use super::progress::{Watch, tell};
 use super::simulation::{imaging, open_set};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
-    BeadBounds, BeadChannel, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice, Estimate,
-    Estimator, FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnnRequest,
-    PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
+    BeadBounds, BeadChannel, Beginning, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice,
+    Estimate, Estimator, FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch,
+    PixelCnnRequest, PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
     pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
 };
 use crate::objects::{ObjectSet, Split};
@@ -115,13 +115,20 @@ pub struct EstimateRequest {
     pub patches_train: usize,
     /// Held-out patches to score.
     pub patches_test: usize,
-    /// Whether the decoder of a bracket begins with nothing, instead of the weights that come with the program.
+    /// Whether fits of live, full and bracket begin with nothing, instead of the weights that come with the program.
     pub fresh: bool,
     /// Repetitions; trial t uses seed + t.
     pub trials: usize,
     /// A file for the state of the fit of a causal model, so that the same request goes on where it was stopped; it is
     /// removed in the end.
     pub keep: Option<PathBuf>,
+}
+
+impl EstimateRequest {
+    /// What a causal density model begins with.
+    pub(super) fn beginning(&self) -> Beginning<'static> {
+        if self.fresh { Beginning::Drawn } else { Beginning::Shipped }
+    }
 }
 
 /// Objects that are drawn and measured at a time: enough to keep threads busy, few enough to stay small.
@@ -271,11 +278,11 @@ fn causal(
         moments: Some(&moments(design, source.imaging, patch)?),
         noise: design.noise,
         length,
-        start: None,
+        beginning: request.beginning(),
         estimator,
         seed,
     };
-    let what = || (design, set.fingerprint(), patch, estimator, length, request.patches_test, seed);
+    let what = || (design, set.fingerprint(), patch, estimator, length, request.patches_test, request.fresh, seed);
     Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
 }
 

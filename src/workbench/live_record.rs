@@ -51,7 +51,7 @@ pub struct LiveRecord {
     pub numbers: LiveNumbers,
     /// How they came about.
     recipe: LiveRecipe,
-    /// What the fit started from; none where it began from nothing.
+    /// What the fit started from; none where it began with the weights of the program.
     start: Option<CausalStart>,
 }
 

@@ -10,7 +10,7 @@ use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
 use super::refinement::{LiveEstimate, LiveRecipe};
 use crate::design::{Imaging, derived_seed};
 use crate::information::{
-    BeadChannel, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
+    BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
     NoiseEntropy, PatchBatch, PatchStream, Protocol, causal_model, information_map, paired_interval,
 };
 use crate::objects::Split;
@@ -74,7 +74,7 @@ impl<'a> Subject<'a> {
             moments: Some(&moments(self.design, self.imaging, self.patch)?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
-            start,
+            beginning: start.map_or(Beginning::Shipped, Beginning::Similar),
             estimator: Estimator::Live,
             seed: self.seed(),
         })?)

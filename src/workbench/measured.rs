@@ -322,11 +322,12 @@ impl MeasuredImages {
                 moments: None,
                 noise,
                 length,
-                start: None,
+                beginning: request.beginning(),
                 estimator,
                 seed,
             };
-            let what = || (self.fingerprint(), patch, noise, estimator, length, request.patches_test, seed);
+            let what =
+                || (self.fingerprint(), patch, noise, estimator, length, request.patches_test, request.fresh, seed);
             return Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?);
         }
         let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;

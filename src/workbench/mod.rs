@@ -11,7 +11,7 @@ mod estimation;
 mod estimator;
 mod evaluation;
 mod export;
-mod first_decoder;
+mod first;
 mod history;
 mod ideal;
 mod jobs;
@@ -45,7 +45,7 @@ pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
 pub use export::{Curve, ExportError, export_design};
-pub use first_decoder::first_channel;
+pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, patches_of, run_ideal, score_settings,
     verdict,

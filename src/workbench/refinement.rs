@@ -64,7 +64,7 @@ pub struct LiveEstimate {
     pub remaining: Option<Duration>,
     /// How it came about.
     pub recipe: LiveRecipe,
-    /// The model of a similar design that the fit began with; none where it began from nothing.
+    /// The model of a similar design that the fit began with; none where it began with the weights of the program.
     pub start: Option<Arc<CausalStart>>,
     /// The model.
     pub model: Arc<CausalModel>,
@@ -135,7 +135,8 @@ impl Refiner {
     ) -> Result<(), EvaluationError> {
         let imaging = imaging(design, &scene.set)?;
         let subject = Subject::new(design, scene, &imaging)?;
-        let start = self.last.take().filter(|(of, _)| Arc::ptr_eq(of, scene)).map(|(_, start)| start);
+        let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(design.noise);
+        let start = self.last.take().filter(serves).map(|(_, start)| start);
         let test = subject.test(SCORED)?;
         let train = subject.stream(Split::Train);
         let mut model = subject.model(&train, &test, start.as_deref())?;

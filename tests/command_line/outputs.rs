@@ -229,6 +229,33 @@ fn the_state_of_a_fit_is_removed_in_the_end_and_foreign_files_are_refused() {
 }
 
 #[test]
+fn fits_begin_with_the_weights_of_the_program_unless_fresh_ones_are_wished() {
+    let bench = Bench::new();
+    // Of measured images nothing but a density model tells.
+    bench.done("measure --lenslets heuristic:2 --count 12 --out seen");
+    let line = "estimate --measurements seen/measurements.npy --estimator live --patch 16 --patches-test 40 --steps 20";
+    let bits = |estimate: &Value| estimate["bits_per_pixel"].as_f64().unwrap();
+    let (shipped, fresh) = (bench.json(line), bench.json(&format!("{line} --fresh")));
+    assert!(bits(&shipped) < bits(&fresh) - 0.05, "{} {}", bits(&shipped), bits(&fresh));
+    let notes = |estimate: &Value| estimate["notes"].to_string();
+    assert!(notes(&shipped).contains("from the weights that come with the program"), "{}", notes(&shipped));
+    assert!(!notes(&fresh).contains("that come with the program"), "{}", notes(&fresh));
+}
+
+#[test]
+fn weights_to_begin_with_are_fitted_and_gone_on_with() {
+    let bench = Bench::new();
+    for of in ["decoder", "density"] {
+        let told = bench.done(&format!("first-weights {of} --budget 1s --out {of}"));
+        assert!(told.starts_with("Wrote "), "{told}");
+        bench.done(&format!("first-weights {of} --budget 1s --start {of} --out more"));
+        assert!(bytes(&bench, of) != bytes(&bench, "more"), "{of}");
+    }
+    let sentence = bench.refused("first-weights density --budget 1s --start decoder --out other");
+    assert!(sentence.contains("lenslet-studio/first-density-model"), "{sentence}");
+}
+
+#[test]
 fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     let bench = Bench::new();
     let output = bench.run::<&str>([]);

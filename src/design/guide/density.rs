@@ -18,7 +18,7 @@ pub(in crate::design) struct DensityGuide<'a> {
     seed: u64,
     entropy: NoiseEntropy,
     held_out: HeldOut,
-    /// Unfitted, before the mask of the start.
+    /// Before any fit, for the mask of the start.
     first: CausalModel,
     model: CausalModel,
     /// Measurements through the mask that it follows.
@@ -26,7 +26,7 @@ pub(in crate::design) struct DensityGuide<'a> {
 }
 
 impl<'a> DensityGuide<'a> {
-    /// An unfitted model, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet.
+    /// A model before its fit, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet.
     ///
     /// # Errors
     /// Where objects, noise and patch allow none.
@@ -66,8 +66,8 @@ impl Guide for DensityGuide<'_> {
         self.stream = self.imaging.stream(convolver, Split::Train, self.patch);
         let sample = self.stream.draw(SAMPLE, derived_seed(self.seed, 2))?;
         let moments = self.moments.of(psf.view())?;
-        let from = if warm { &self.model } else { &self.first };
-        self.model = from.following(&sample, &moments)?;
+        self.model =
+            if warm { self.model.following(&sample, &moments)? } else { self.first.anew(&sample, &moments)? };
         Ok(())
     }
 

@@ -23,7 +23,7 @@ pub(super) const TARGETS: usize = 8;
 /// Far places that are looked at.
 pub(super) const FAR_PLACES: usize = 16;
 /// A place outside of every patch.
-const NOWHERE: (isize, isize) = (-1_000_000, 0);
+pub(super) const NOWHERE: (isize, isize) = (-1_000_000, 0);
 /// Largest distance in rows or columns that the first window and its neighbours see well, px.
 const NEAR: isize = 3;
 /// Least peak of the autocovariance that makes a place worth looking at, as a share of that next to lag 0.
@@ -154,13 +154,13 @@ impl Conditioning {
     }
 
     /// What belongs to this design alone, with the units that `start` gave to the inputs and, where they serve, its
-    /// `levels`: weights that were fitted to those keep their meaning.
+    /// `levels`: weights that were fitted to those keep their meaning. The noise is the same.
     pub fn in_units_of(mut self, start: &CausalStart, levels: &Levels) -> Self {
         self.roots = start.roots;
         self.photons = start.photons;
         self.far = in_order_of(&start.far, self.far);
         let ((low, high), (start_low, start_high)) = (self.levels.range(), levels.range());
-        let serves = self.noise == start.noise && (low - start_low).abs() <= 1e-3 * start_low.abs().max(1.0);
+        let serves = (low - start_low).abs() <= 1e-3 * start_low.abs().max(1.0);
         if serves && high <= start_high && high >= 0.6 * start_high {
             self.levels = levels.clone();
         }
@@ -270,6 +270,11 @@ impl Conditioning {
 
     fn root_slope(&self, photons: f32) -> f64 {
         self.scale.slope(f64::from(photons)) * f64::from(self.roots.1)
+    }
+
+    /// The levels on the square-root scale, in units of the inputs.
+    pub fn roots_of(&self, levels: &Levels) -> impl Iterator<Item = f32> {
+        levels.photons.iter().map(|&photons| self.root(photons))
     }
 
     fn root(&self, photons: f32) -> f32 {

@@ -5,11 +5,12 @@ use std::time::Instant;
 use ndarray::{Array3, Axis, Zip, s};
 
 use super::conditioning::Moments;
+use super::first::FirstWeights;
 use super::fit::{CausalFit, FitLength};
 use super::keep::FitKeeper;
 use super::model::CausalModel;
 use super::shape::CausalShape;
-use super::start::CausalStart;
+use super::start::Beginning;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::likelihood::log_likelihood;
 use crate::information::{
@@ -42,8 +43,8 @@ pub struct CausalRequest<'a> {
     pub noise: Noise,
     /// Length of the fit.
     pub length: FitLength,
-    /// A model of a similar design to start from.
-    pub start: Option<&'a CausalStart>,
+    /// What the model begins with.
+    pub beginning: Beginning<'a>,
     /// The name the estimate goes by.
     pub estimator: Estimator,
     /// Seed of first weights, patches, noise and bootstraps.
@@ -63,7 +64,7 @@ pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, Informat
         own = Moments::of_patches(request.stream.draw(MOMENT_PATCHES, request.seed ^ 0x5eee)?.noisy.view())?;
         &own
     };
-    CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.start, request.seed)
+    CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.beginning, request.seed)
 }
 
 /// Fits the causal density model to a stream and bounds the information from above by its cross-entropy on held-out
@@ -86,7 +87,12 @@ pub fn causal_estimate(
         best.look(progress, snapshot);
         on_progress(progress)
     })?;
-    let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches", fit.batch)];
+    let from = match request.beginning {
+        Beginning::Shipped if FirstWeights::shipped().is_some() => ", from the weights that come with the program",
+        Beginning::Similar(_) => ", from the model of a similar design",
+        Beginning::Shipped | Beginning::Drawn => "",
+    };
+    let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches{from}", fit.batch)];
     if let Some(step) = best.put_into(&mut model)? {
         notes.push(format!("the weights of step {step} are kept: later ones know the training patches too well"));
     }

@@ -10,6 +10,12 @@ use super::stream::PatchStream;
 use crate::information::{FitProgress, InformationError, OnProgress};
 use crate::network::{Optimizer, rate_schedule};
 
+/// Patches of one step.
+pub(super) const BATCH: usize = 2;
+/// Largest learning rate.
+pub(super) const RATE: f64 = 1.2e-2;
+/// Largest norm of a gradient.
+pub(super) const MAX_NORM: f64 = 1.0;
 /// Patches that are drawn at a time.
 const DRAWN: usize = 64;
 /// Tells the seed of the noise that is predicted from that of the noise that is seen.
@@ -49,7 +55,7 @@ pub struct CausalFit {
 impl CausalFit {
     /// The default procedure.
     pub fn new(length: FitLength, seed: u64) -> Self {
-        Self { batch: 2, rate: 1.2e-2, max_norm: 1.0, length, seed }
+        Self { batch: BATCH, rate: RATE, max_norm: MAX_NORM, length, seed }
     }
 
     /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the

@@ -18,7 +18,7 @@ const MARGIN: usize = 4;
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/causal-model", version: 1 };
 
 impl CausalModel {
-    /// An unfitted model for patches like those of `sample` whose levels cover the photons of `extremes` as well, so that it
+    /// A model before its fit, for patches like those of `sample`, whose levels cover the photons of `extremes` as well, so that it
     /// can [follow](CausalModel::following) a mask until its measurements look like those.
     ///
     /// # Errors
@@ -39,7 +39,9 @@ impl CausalModel {
         let counts = sample.noisy.iter().all(|y| y.fract() == 0.0);
         let levels = Levels::new(noise, both.view(), counts);
         let conditioning = Conditioning::with_levels(noise, sample, moments, levels)?;
-        Ok(Self::unfitted(shape, conditioning, sample, seed))
+        let mut model = Self::unfitted(shape, conditioning, sample, seed);
+        model.begin_as_shipped();
+        Ok(model)
     }
 
     /// This model for the measurements of a mask that differs little: levels and weights stay; units, linear prediction
@@ -67,6 +69,19 @@ impl CausalModel {
         for level in now.0..before.0 {
             model.start_level(level, before.0, &frequencies);
         }
+        Ok(model)
+    }
+
+    /// A model of the same levels that begins anew, with the weights of the program, for the measurements of another mask.
+    ///
+    /// # Errors
+    /// As [`CausalModel::new`].
+    pub fn anew(&self, sample: &PatchBatch, moments: &Moments) -> Result<Self, InformationError> {
+        check(sample.noisy.view())?;
+        let known = &self.conditioning;
+        let conditioning = Conditioning::with_levels(known.noise, sample, moments, known.levels.clone())?;
+        let mut model = Self::unfitted(self.shape.clone(), conditioning, sample, 0);
+        model.begin_as_shipped();
         Ok(model)
     }
 

@@ -169,6 +169,7 @@ impl Mixture {
 mod tests {
     use super::super::conditioning::Moments;
     use super::super::shape::CausalShape;
+    use super::super::start::Beginning;
     use super::super::stream::PatchBatch;
     use super::*;
     use crate::sensor::Noise;
@@ -183,7 +184,7 @@ mod tests {
             let sample = PatchBatch { noisy: noise.draw(clean.view(), 5), clean: Some(clean.clone()) };
             let moments = Moments::of_patches(sample.noisy.view()).unwrap();
             let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-            let mut model = CausalModel::new(shape, noise, &sample, &moments, None, 3).unwrap();
+            let mut model = CausalModel::new(shape, noise, &sample, &moments, Beginning::Drawn, 3).unwrap();
             for (i, weight) in model.weights.iter_mut().enumerate() {
                 *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
             }

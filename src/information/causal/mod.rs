@@ -3,11 +3,13 @@
 
 mod conditioning;
 mod estimate;
+mod first;
 mod fit;
 mod follow;
 mod gradient;
 mod head;
 mod keep;
+mod knots;
 mod levels;
 mod model;
 mod network;
@@ -19,10 +21,11 @@ mod stream;
 
 pub use conditioning::Moments;
 pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score};
+pub use first::{FirstFitProgress, FirstScene, FirstWeights, OnFirstFit};
 pub use fit::{CausalFit, FitLength};
 pub use keep::FitKeeper;
 pub use model::CausalModel;
 pub use over::information_over;
 pub use shape::CausalShape;
-pub use start::CausalStart;
+pub use start::{Beginning, CausalStart};
 pub use stream::{PatchBatch, PatchStream};

@@ -6,10 +6,12 @@ use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
 use super::conditioning::{Conditioning, Inputs, Moments};
+use super::first::FirstWeights;
+use super::knots::{among, carry};
 use super::levels::Levels;
 use super::network::Workspace;
 use super::shape::{CausalShape, Layers};
-use super::start::CausalStart;
+use super::start::Beginning;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, MAX_PATCH_PIXELS};
 use crate::network::{ParameterLayout, Pool, sum_in_order};
@@ -33,8 +35,8 @@ pub struct CausalModel {
 }
 
 impl CausalModel {
-    /// An unfitted model for patches like those of `sample`; from `start`, where it is given, the weights are taken as
-    /// far as they fit, so that a similar design needs few steps.
+    /// A model for patches like those of `sample` before its fit; from that of a similar design the weights are taken as far
+    /// as they fit, so that it needs few steps.
     ///
     /// # Errors
     /// For no noise, patches that are empty, too large, constant or not finite, and moments that are no covariance.
@@ -43,32 +45,52 @@ impl CausalModel {
         noise: Noise,
         sample: &PatchBatch,
         moments: &Moments,
-        start: Option<&CausalStart>,
+        beginning: Beginning<'_>,
         seed: u64,
     ) -> Result<Self, InformationError> {
         crate::information::NoiseEntropy::new(noise, crate::information::Protocol::Default)?;
         check(sample.noisy.view())?;
-        let start = start.filter(|start| start.shape == shape).and_then(|start| {
-            let levels = Levels::spanning(start.noise, start.span);
-            Some((start, start.layout(levels.count())?, levels))
-        });
+        let start = match beginning {
+            Beginning::Similar(start) if start.shape == shape && start.is_of(noise) => {
+                let levels = Levels::spanning(start.noise, start.span);
+                start.layout(levels.count()).map(|layout| (start, layout, levels))
+            }
+            _ => None,
+        };
         let mut conditioning = Conditioning::new(noise, sample, moments)?;
         if let Some((start, _, levels)) = &start {
             conditioning = conditioning.in_units_of(start, levels);
         }
         let mut model = Self::unfitted(shape, conditioning, sample, seed);
+        if !matches!(beginning, Beginning::Drawn) {
+            model.begin_as_shipped();
+        }
         if let Some((start, layout, levels)) = &start {
-            let same_levels = levels.photons == model.conditioning.levels.photons;
+            let conditioning = Arc::clone(&model.conditioning);
+            let nodes: Vec<f32> = conditioning.roots_of(levels).collect();
+            let places = among(&nodes, conditioning.roots_of(&conditioning.levels));
+            let same_levels = levels.photons == conditioning.levels.photons;
             for (tensor, from) in model.layout.tensors().iter().zip(layout.tensors()) {
-                if tensor.shape == from.shape && (same_levels || !tensor.name.starts_with("head")) {
-                    model.weights[tensor.range.clone()].copy_from_slice(&start.weights[from.range.clone()]);
+                let (own, start) = (&mut model.weights[tensor.range.clone()], &start.weights[from.range.clone()]);
+                match tensor.name.as_str() {
+                    "head.kernel" if !same_levels => carry(start, nodes.len(), &places, own),
+                    // How frequent levels are is known of each design.
+                    "head.bias" if !same_levels => own[places.len()] = start[nodes.len()],
+                    _ => own.copy_from_slice(start),
                 }
             }
         }
         Ok(model)
     }
 
-    /// First weights; the levels are as frequent as in the sample.
+    /// Takes the weights that come with the program, where they are of its shape.
+    pub(super) fn begin_as_shipped(&mut self) {
+        if let Some(first) = FirstWeights::shipped() {
+            first.put_into(self);
+        }
+    }
+
+    /// Weights drawn by chance; the levels are as frequent as in the sample.
     pub(super) fn unfitted(shape: CausalShape, conditioning: Conditioning, sample: &PatchBatch, seed: u64) -> Self {
         let (layers, layout) = shape.layers(conditioning.levels.count(), &conditioning.far);
         let mut weights = layout.draw(seed);
@@ -216,7 +238,7 @@ impl Workspaces {
 mod tests {
     use super::*;
     use crate::information::causal::conditioning::TARGETS;
-    use crate::information::causal::stream::PatchBatch;
+    use crate::information::causal::start::CausalStart;
 
     /// Blobs of light on a dark ground.
     fn sample(noise: Noise, patch: (usize, usize)) -> PatchBatch {
@@ -231,7 +253,7 @@ mod tests {
         let sample = sample(noise, patch);
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-        let mut model = CausalModel::new(shape, noise, &sample, &moments, None, 3).unwrap();
+        let mut model = CausalModel::new(shape, noise, &sample, &moments, Beginning::Drawn, 3).unwrap();
         // Away from the first weights, where some gradients are 0.
         for (i, weight) in model.weights.iter_mut().enumerate() {
             *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
@@ -348,10 +370,12 @@ mod tests {
         let sample = sample(Noise::Shot, (6, 6));
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let start = CausalStart::from(&first);
-        let again = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Some(&start), 9).unwrap();
+        let again =
+            CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Beginning::Similar(&start), 9)
+                .unwrap();
         assert_eq!(again.weights, first.weights);
         assert_eq!(again.conditioning.levels.photons, first.conditioning.levels.photons);
-        let fresh = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, None, 9).unwrap();
+        let fresh = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Beginning::Drawn, 9).unwrap();
         assert_ne!(fresh.weights, first.weights);
     }
 }

@@ -69,7 +69,7 @@ fn first_over(starts: &[usize], side: usize, place: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CausalShape, Moments};
+    use super::super::{Beginning, CausalShape, Moments};
     use super::*;
     use crate::sensor::Noise;
 
@@ -97,7 +97,7 @@ mod tests {
         let model = |sample: &PatchBatch| {
             let moments = Moments::of_patches(sample.noisy.view()).unwrap();
             let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-            CausalModel::new(shape, Noise::Shot, sample, &moments, None, 3).unwrap()
+            CausalModel::new(shape, Noise::Shot, sample, &moments, Beginning::Drawn, 3).unwrap()
         };
         let over = |model: &CausalModel| {
             information_over(model, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| true).unwrap()

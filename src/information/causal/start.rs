@@ -12,6 +12,17 @@ use crate::sensor::Noise;
 /// Largest distance of a far place in rows or columns, px; that which stands for none is as far.
 const FARTHEST: usize = 1_000_000;
 
+/// The weights that a model begins with.
+#[derive(Clone, Copy, Debug)]
+pub enum Beginning<'a> {
+    /// Those that come with the program ([`FirstWeights`](super::FirstWeights)).
+    Shipped,
+    /// Drawn by chance.
+    Drawn,
+    /// Those of the model of a similar design, or of the program where it was before another noise.
+    Similar(&'a CausalStart),
+}
+
 /// Everything that a fit takes from the model of a similar design, in numbers that go through a file unchanged: a fit that
 /// starts from them is the same whenever it is repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,6 +42,11 @@ impl CausalStart {
     /// The weights.
     pub fn weights(&self) -> &[f32] {
         &self.weights
+    }
+
+    /// Whether it is of measurements with this noise.
+    pub fn is_of(&self, noise: Noise) -> bool {
+        self.noise == noise
     }
 
     /// Whether a model can have given it, and not a damaged file.

@@ -5,14 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::record::IdealRecord;
 use serde::{Deserialize, Serialize};
 
+use super::record::IdealRecord;
 use super::run::{KeptOrder, KeptRun, run_ideal, start_of};
 use super::score::judge_of;
-use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, time_left};
+use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, merged, time_left};
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
-use crate::optics::LensletArray;
+use crate::optics::{Encoder, LensletArray};
 use crate::workbench::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::threads::{SpareCores, Threads, Wake, lock};
 use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
@@ -208,11 +208,12 @@ impl Designer {
     pub fn keep_in(&self, folder: KeptRun) {
         if let Some((KeptOrder { starts, settings, at, ranked }, state)) = folder.last() {
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
-            let scored = ranked.len() > at;
             (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
             run.status = RunStatus::Stopped;
             if let Some((bytes, state)) = state {
-                if state.finished && scored {
+                // One that was to go on after its score has another mask by now.
+                let found = Encoder::Lenslets(merged(&state.array));
+                if state.finished && run.ranked.iter().any(|result| result.design.encoder == found) {
                     run.status = RunStatus::Finished;
                 }
                 (run.array, run.step, run.seconds) = (Arc::new(state.array.clone()), state.step, state.seconds());
@@ -254,6 +255,7 @@ impl Designer {
         if self.is_active() {
             return Err(BUSY.into());
         }
+        self.forget();
         *lock(&self.shared.kept) = None;
         *lock(&self.shared.starts) = starts;
         self.spawn(run)
@@ -297,7 +299,9 @@ impl Designer {
         spawned.map(|_| ()).map_err(|error| {
             let sentence = format!("no thread for the run: {error}");
             self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
-            self.shared.end_entry(Err(sentence.clone()));
+            if let Some(entry) = lock(&self.shared.entry).take() {
+                entry.end(Err(sentence.clone()));
+            }
             sentence
         })
     }
@@ -347,22 +351,20 @@ impl Shared {
             Ok(Err(error)) => RunStatus::Failed(error.to_string()),
             Err(panic) => RunStatus::Failed(panic),
         };
+        // Whoever sees the end may begin another run at once.
+        let (entry, words) = (lock(&self.entry).take(), self.result_in_words());
         self.change(|run| {
             run.status = status.clone();
             run.doing = None;
             run.left = None;
         });
-        match (&status, self.result_in_words()) {
-            (RunStatus::Finished, Some(text)) => self.end_entry(Ok(text)),
-            (RunStatus::Failed(sentence), _) => self.end_entry(Err(sentence.clone())),
-            // Dropped without an end, it was stopped.
-            _ => *lock(&self.entry) = None,
-        }
-    }
-
-    fn end_entry(&self, outcome: Result<String, String>) {
-        if let Some(entry) = lock(&self.entry).take() {
-            entry.end(outcome);
+        if let Some(entry) = entry {
+            match (status, words) {
+                (RunStatus::Finished, Some(text)) => entry.end(Ok(text)),
+                (RunStatus::Failed(sentence), _) => entry.end(Err(sentence)),
+                // Without an end, it was stopped.
+                _ => drop(entry),
+            }
         }
         (self.wake)();
     }
@@ -504,7 +506,7 @@ mod tests {
     use crate::design::{Objective, Preset};
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
-    use crate::optics::{Encoder, random_layout};
+    use crate::optics::random_layout;
     use crate::workbench::estimate_command;
 
     #[test]

@@ -117,7 +117,7 @@ pub struct StudySettings {
     pub patches_train: usize,
     /// Held-out patches that it is scored on.
     pub patches_test: usize,
-    /// Whether the decoder of a bracket begins with nothing, instead of the weights that come with the program.
+    /// Whether fits of live, full and bracket begin with nothing, instead of the weights that come with the program.
     #[serde(default)]
     pub fresh: bool,
     /// Noise of the sensor.

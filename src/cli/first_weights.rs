@@ -1,23 +1,28 @@
-//! `first-decoder`: the decoder that bounds from below start from, fitted to many designs and scenes.
+//! `first-weights`: what bounds from both sides start from, fitted to many designs and scenes.
 
+use std::fmt;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::choices::BudgetChoice;
 use super::{Failure, output};
 use crate::formats::{read_if_there, write_safely};
-use crate::information::{Decoder, DecoderFit, DecoderKind, FirstProgress, InformationError};
-use crate::workbench::{first_channel, spoken};
+use crate::information::{Decoder, DecoderFit, DecoderKind, FirstWeights, InformationError};
+use crate::workbench::{first_channel, first_scene, spoken};
 
 /// Time between two files.
 const WRITTEN_EVERY: Duration = Duration::from_mins(1);
 
-/// Arguments of `first-decoder`.
+/// Arguments of `first-weights`.
 #[derive(Args, Debug)]
 pub struct Arguments {
+    /// What is fitted.
+    #[arg(value_enum)]
+    of: Of,
+
     /// Time to fit, such as 30m or 2h.
     #[arg(long, default_value = "1h", value_name = "TIME")]
     budget: BudgetChoice,
@@ -35,6 +40,15 @@ pub struct Arguments {
     out: PathBuf,
 }
 
+/// What has first weights.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Of {
+    /// The decoder that bounds from below start from.
+    Decoder,
+    /// The density model of live and full estimates.
+    Density,
+}
+
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
@@ -47,18 +61,38 @@ impl Arguments {
             };
         let (seed, length) = (self.seed, (self.budget.0, self.seed));
         let mut writer = Writer::new(&self.out);
-        let mut decoder = match &start {
-            Some(bytes) => Decoder::from_bytes(bytes)?,
-            None => Decoder::new(DecoderFit::of_steps(0, DecoderKind::Autoregressive, 0).unrolled, seed)?,
+        let (fitted, bytes) = match self.of {
+            Of::Decoder => {
+                let mut decoder = match &start {
+                    Some(bytes) => Decoder::from_bytes(bytes)?,
+                    None => Decoder::new(DecoderFit::of_steps(0, DecoderKind::Autoregressive, 0).unrolled, seed)?,
+                };
+                let fitted =
+                    decoder.fit_generally(&|number| first_channel(seed, number), length, &mut |now, snapshot| {
+                        let (steps, channels, bits) = (now.steps, now.channels, now.saved_bits);
+                        let told = format_args!("{steps} steps, {channels} channels, {bits:.4} bits/px saved of late");
+                        writer.hear(now.elapsed, told, &mut || snapshot().to_bytes())
+                    });
+                (fitted, decoder.to_bytes())
+            }
+            Of::Density => {
+                let mut weights = match &start {
+                    Some(bytes) => FirstWeights::from_bytes(bytes)?,
+                    None => FirstWeights::new(seed),
+                };
+                let fitted = weights.fit(&|number| first_scene(seed, number), length, &mut |now, snapshot| {
+                    let (steps, scenes, bits) = (now.steps, now.scenes, now.bits);
+                    let told = format_args!("{steps} steps, {scenes} scenes, {bits:.4} bits/px of late");
+                    writer.hear(now.elapsed, told, &mut || snapshot().to_bytes())
+                });
+                (fitted, weights.to_bytes())
+            }
         };
-        let channel = |number| first_channel(seed, number);
-        let fitted = decoder
-            .fit_generally(&channel, length, &mut |now, snapshot| writer.hear(now, &mut || snapshot().to_bytes()));
         if let Some(failure) = writer.failure {
             return Err(failure);
         }
         fitted?;
-        writer.write(&decoder.to_bytes()?)?;
+        writer.write(&bytes?)?;
         output::print(&format!("Wrote {}", self.out.display()))
     }
 }
@@ -77,18 +111,15 @@ impl<'a> Writer<'a> {
 
     fn hear(
         &mut self,
-        now: &FirstProgress,
+        elapsed: Duration,
+        told: fmt::Arguments<'_>,
         bytes: &mut dyn FnMut() -> Result<Vec<u8>, InformationError>,
     ) -> ControlFlow<()> {
         if self.written.elapsed() < WRITTEN_EVERY {
             return ControlFlow::Continue(());
         }
         self.written = Instant::now();
-        let FirstProgress { steps, channels, saved_bits, elapsed } = *now;
-        output::tell(format_args!(
-            "{}: {steps} steps, {channels} channels, {saved_bits:.4} bits/px saved of late",
-            spoken(elapsed)
-        ));
+        output::tell(format_args!("{}: {told}", spoken(elapsed)));
         match bytes().map_err(Failure::from).and_then(|bytes| self.write(&bytes)) {
             Ok(()) => ControlFlow::Continue(()),
             Err(failure) => {
