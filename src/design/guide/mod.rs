@@ -42,7 +42,7 @@ pub(super) struct GuideFit {
 
 /// A model of measurements that is fitted to the mask again and again.
 pub(super) trait Guide {
-    /// Turns to a mask, with the weights as they are or, where it is not `warm`, with those of the start.
+    /// Turns to a mask, with the weights as they are or, where it is not `warm`, with those that any fit begins with.
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError>;
 
     /// Fits the weights to fresh training measurements of the mask that it follows.
