@@ -11,8 +11,6 @@ use pulp::{Arch, Simd, WithSimd};
 /// Pixels whose gradients are summed in registers before they are added to the total: as many as stay in the nearest
 /// cache.
 const STRETCH: usize = 192;
-/// Inputs whose gradients are summed in registers together.
-const GROUP: usize = 4;
 
 /// Which pixels a layer sees, and how many numbers it takes from each to how many.
 ///
@@ -36,7 +34,7 @@ pub struct Window {
 /// # Panics
 /// Where a window leaves the array.
 pub fn window_product(window: &Window, input: &[f32], kernel: &[f32], bias: Option<&[f32]>, out: &mut [f32]) {
-    Arch::new().dispatch(Sums { window, input, kernel, bias, out });
+    arch(window).dispatch(Sums { window, input, kernel, bias, out });
 }
 
 /// Adds the gradient of [`window_product`] by its kernel to `gradient` (taps, inputs, outputs), from the gradient by its
@@ -45,7 +43,18 @@ pub fn window_product(window: &Window, input: &[f32], kernel: &[f32], bias: Opti
 /// # Panics
 /// Where a window leaves the array.
 pub fn window_product_by_kernel(window: &Window, input: &[f32], by_output: &[f32], gradient: &mut [f32]) {
-    Arch::new().dispatch(ByKernel { window, input, by_output, gradient });
+    arch(window).dispatch(ByKernel { window, input, by_output, gradient });
+}
+
+/// The widest vector instructions of this processor whose vectors the outputs of a pixel fill.
+fn arch(window: &Window) -> Arch {
+    #[cfg(target_arch = "x86_64")]
+    if !window.outputs.is_multiple_of(16)
+        && let Some(avx2) = pulp::x86::V3::try_new()
+    {
+        return Arch::V3(avx2);
+    }
+    Arch::new()
 }
 
 /// The kernel whose [`window_product`] takes gradients by the output to gradients by the input: taps in reverse order,
@@ -74,6 +83,8 @@ impl WithSimd for Sums<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         match (self.window.inputs, self.window.outputs, S::F32_LANES) {
+            (16, 16, 16) => self.run::<S, 16, 1, 12>(simd),
+            (24, 16, 16) => self.run::<S, 24, 1, 12>(simd),
             (16, 16, 8) => self.run::<S, 16, 2, 6>(simd),
             (24, 16, 8) => self.run::<S, 24, 2, 6>(simd),
             (16, 24, 8) => self.run::<S, 16, 3, 4>(simd),
@@ -153,31 +164,32 @@ impl WithSimd for ByKernel<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         match (self.window.outputs, S::F32_LANES) {
-            (16, 8) => self.run::<S, 2>(simd),
-            (24, 8) => self.run::<S, 3>(simd),
-            (16, 4) => self.run::<S, 4>(simd),
-            (24, 4) => self.run::<S, 6>(simd),
-            (16, 1) => self.run::<S, 16>(simd),
-            (24, 1) => self.run::<S, 24>(simd),
+            (16, 16) => self.run::<S, 1, 8>(simd),
+            (16, 8) => self.run::<S, 2, 4>(simd),
+            (24, 8) => self.run::<S, 3, 4>(simd),
+            (16, 4) => self.run::<S, 4, 4>(simd),
+            (24, 4) => self.run::<S, 6, 4>(simd),
+            (16, 1) => self.run::<S, 16, 4>(simd),
+            (24, 1) => self.run::<S, 24, 4>(simd),
             shape => debug_assert!(false, "no window product for outputs and lanes {shape:?}"),
         }
     }
 }
 
 impl ByKernel<'_> {
-    /// `V` vectors of outputs.
+    /// `V` vectors of outputs, the gradients by `G` inputs summed in registers together.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
     #[allow(
         clippy::needless_range_loop,
         reason = "loops of constant length are unrolled before arrays become registers"
     )]
-    fn run<S: Simd, const V: usize>(self, simd: S) {
+    fn run<S: Simd, const V: usize, const G: usize>(self, simd: S) {
         let Self { window, input, by_output, gradient } = self;
-        let groups = window.inputs / GROUP;
-        let input = input.as_chunks::<GROUP>().0;
+        let groups = window.inputs / G;
+        let input = input.as_chunks::<G>().0;
         let by_output = S::as_simd_f32s(by_output).0.as_chunks::<V>().0;
-        let gradient = S::as_mut_simd_f32s(gradient).0.as_chunks_mut::<V>().0.as_chunks_mut::<GROUP>().0;
+        let gradient = S::as_mut_simd_f32s(gradient).0.as_chunks_mut::<V>().0.as_chunks_mut::<G>().0;
         for start in window.range.clone().step_by(STRETCH) {
             let stretch = start..window.range.end.min(start + STRETCH);
             let by_output = &by_output[stretch.clone()];
@@ -187,7 +199,7 @@ impl ByKernel<'_> {
                 for (group, gradient) in gradient.iter_mut().enumerate() {
                     let mut sums = *gradient;
                     for (pixel, by_output) in pixels[group..].iter().step_by(groups).zip(by_output) {
-                        for g in 0..GROUP {
+                        for g in 0..G {
                             let value = simd.splat_f32s(pixel[g]);
                             for v in 0..V {
                                 sums[g][v] = simd.mul_add_e_f32s(value, by_output[v], sums[g][v]);
