@@ -134,6 +134,7 @@ impl Arguments {
         let settings = self.settings(&design)?;
         check_folder(&self.out)?;
         let kept = KeptRun::in_folder(&self.out)?;
+        let _lock = kept.lock()?;
         let from = kept.load()?;
         let bar = output::step_bar(settings.steps);
         let mut going_on = from.is_some();

@@ -42,6 +42,8 @@ pub type OnIdeal<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
 /// A run that goes on as long as it is told to [`advance`](Ideal::advance).
 pub struct Ideal<'a> {
     imaging: &'a Imaging<'a>,
+    /// The mask before the first step, within the limits.
+    start: LensletArray,
     limits: Limits,
     settings: IdealSettings,
     patch: (usize, usize),
@@ -64,6 +66,9 @@ impl<'a> Ideal<'a> {
     ) -> Result<Self, IdealError> {
         start.check()?;
         settings.check(start)?;
+        let patch = imaging.patch(settings.patch);
+        // What is told of the run is the patch that it has: none is larger than the measurement.
+        let settings = IdealSettings { patch: settings.patch.map(|_| patch), ..settings };
         let mut array = start.clone().with_unit_weight();
         if settings.anisotropic {
             for lenslet in &mut array.lenslets {
@@ -72,16 +77,15 @@ impl<'a> Ideal<'a> {
             }
         }
         project(&mut array, &settings, &limits);
-        let patch = imaging.patch(settings.patch);
         let as_seen = (patch, settings.seed);
         let guide: Box<dyn Guide + 'a> = match settings.objective {
             Objective::Density => Box::new(DensityGuide::new(imaging, &array, &limits, as_seen)?),
             Objective::PixelCnn => Box::new(PixelCnnGuide::new(imaging, &array, as_seen)?),
             Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
         };
-        let state = IdealState::new(array);
+        let (start, state) = (array.clone(), IdealState::new(array));
         let held_out = imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(settings.seed, 1))?;
-        Ok(Self { imaging, limits, settings, patch, held_out, guide, state })
+        Ok(Self { imaging, start, limits, settings, patch, held_out, guide, state })
     }
 
     /// The same run where [`Ideal::to_bytes`] was called; it goes on bit for bit as it would have then.
@@ -124,7 +128,7 @@ impl<'a> Ideal<'a> {
     /// Tells runs apart that would go another way; their length may change.
     fn key(&self) -> String {
         let settings = IdealSettings { steps: 0, ..self.settings.clone() };
-        let start = self.state.frames.first().map_or(&self.state.array, |frame| &frame.array);
+        let start = &self.start;
         let imaging = (self.imaging.set.fingerprint(), self.imaging.bias, self.imaging.noise, self.patch);
         let version = env!("CARGO_PKG_VERSION");
         blake3::hash(format!("{version} {settings:?} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
@@ -201,12 +205,12 @@ impl<'a> Ideal<'a> {
             }
         }
         if self.guide.can_overrate() && (is_last || self.state.frames.len().is_multiple_of(LOWER_EVERY)) {
-            frame.lower = self.lower(&frame.array)?;
+            frame.lower = self.lower(&frame.array, &watch)?;
         }
         self.state.frames.push(frame);
         self.state.finished = is_last;
         for _ in 0..self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step)) {
-            self.climb()?;
+            self.climb(&watch)?;
             self.state.seconds = watch.seconds();
             if watch.tell(&self.state, None).is_break() {
                 return Err(InformationError::Cancelled.into());
@@ -246,14 +250,15 @@ impl<'a> Ideal<'a> {
     }
 
     /// One step of the mask on fresh training objects.
-    fn climb(&mut self) -> Result<(), IdealError> {
+    fn climb(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
         let draw = GradientDraw {
             split: Split::Train,
             objects: self.settings.objects,
             patches: self.settings.patches,
             seed: derived_seed(self.settings.seed, STEP_SEEDS | self.state.step as u64),
         };
-        let slopes = self.guide.slopes(&self.state.array, &draw)?;
+        let go_on = || watch.tell(&self.state, None).is_continue();
+        let slopes = self.guide.slopes(&self.state.array, &draw, &go_on)?;
         self.state.step += 1;
         let finite = slopes
             .iter()
@@ -294,11 +299,12 @@ impl<'a> Ideal<'a> {
     }
 
     /// What a decoder tells of fresh scenes through a mask, where the prior of the objects is known.
-    fn lower(&self, array: &LensletArray) -> Result<Option<QuickLowerBound>, IdealError> {
+    fn lower(&self, array: &LensletArray, watch: &Watched<'_>) -> Result<Option<QuickLowerBound>, IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let Some(channel) = self.imaging.bead_channel(psf.view(), self.patch) else { return Ok(None) };
         let seed = derived_seed(self.settings.seed, 6);
-        Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &|| true)?)
+        let go_on = || watch.tell(&self.state, Some(1.0)).is_continue();
+        Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
     }
 
     /// Takes out lenslets until no more are left than are wished for by now: the closer of two where they all but
@@ -392,6 +398,47 @@ mod tests {
         assert_eq!(ideal.state.step, 2);
     }
 
+    #[test]
+    fn a_run_with_a_limit_on_lenslets_knows_its_own_state() {
+        let set = beads();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let settings = IdealSettings {
+            patch: Some((500, 500)),
+            lenslets: Some(2),
+            steps: 3,
+            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
+        };
+        let lenslet =
+            |index: usize| Lenslet::round(2.0 + (index % 3) as f64 * 3.0, 2.0 + (index / 3) as f64 * 3.0, 1.0, 1.0);
+        let start = LensletArray { rows: 12, cols: 12, lenslets: (0..9).map(lenslet).collect() };
+        let begun = || Ideal::new(&imaging, &start, Limits::default(), settings.clone()).unwrap();
+        let mut ideal = begun();
+        ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(begun().resumed(&ideal.to_bytes().unwrap()).unwrap().state.array, ideal.state.array);
+        // What is told of its patch is what it has.
+        assert_eq!(ideal.settings().patch, Some((16, 16)));
+    }
+
+    #[test]
+    fn a_run_is_left_in_the_midst_of_a_step() {
+        let set = beads();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let settings = IdealSettings {
+            patch: Some((5, 5)),
+            first_fit: 1,
+            patches: 4096,
+            ..IdealSettings::new(Preset::Paper, Objective::PixelCnn, 1)
+        };
+        let mut ideal = small(&imaging, &settings);
+        let mut asked_in_step = 0;
+        let left = ideal.advance(&mut |progress| {
+            asked_in_step += usize::from(progress.fitting.is_none());
+            if asked_in_step < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        });
+        assert!(matches!(left, Err(IdealError::Information(InformationError::Cancelled))));
+        assert_eq!(ideal.state.step, 0);
+    }
+
     /// A guide that knows nothing after a fit from the beginning.
     struct Forgetful<'a>(Box<dyn Guide + 'a>);
 
@@ -414,8 +461,13 @@ mod tests {
             self.0.value(array, last, go_on)
         }
 
-        fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
-            self.0.slopes(array, draw)
+        fn slopes(
+            &self,
+            array: &LensletArray,
+            draw: &GradientDraw,
+            go_on: &dyn Fn() -> bool,
+        ) -> Result<Vec<LensletGradient>, IdealError> {
+            self.0.slopes(array, draw, go_on)
         }
 
         fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {

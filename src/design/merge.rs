@@ -4,15 +4,17 @@ use crate::optics::{Lenslet, LensletArray, Spot};
 
 /// Distance of centres below which two lenslets make one spot, px.
 const COINCIDENT_PX: f64 = 0.25;
-/// Share of the light below which a lenslet is dark.
+/// Share of the light below which a lenslet is dark, and the same as a share of what one lenslet of many has on average:
+/// where there are hundreds, all of them may have little.
 const DARK: f64 = 1e-3;
+const DARK_OF_MEAN: f64 = 0.1;
 
 /// The array with dark lenslets left out and coincident ones made one: the same light, its centre of mass and mean
 /// covariance.
 pub fn merged(array: &LensletArray) -> LensletArray {
     let total: f64 = array.lenslets.iter().map(|lenslet| lenslet.weight).sum();
-    let mut lenslets: Vec<Lenslet> =
-        array.lenslets.iter().filter(|lenslet| lenslet.weight >= DARK * total).copied().collect();
+    let dark = total * DARK.min(DARK_OF_MEAN / array.lenslets.len().max(1) as f64);
+    let mut lenslets: Vec<Lenslet> = array.lenslets.iter().filter(|lenslet| lenslet.weight >= dark).copied().collect();
     while let Some((one, other)) =
         closest(&lenslets).filter(|&(_, _, distance)| distance < COINCIDENT_PX).map(|p| (p.0, p.1))
     {
@@ -71,5 +73,16 @@ mod tests {
         assert!((merged.effective_count() - 4.0).abs() < 0.3);
         array.lenslets[5].plane = 1;
         assert_eq!(super::merged(&array).lenslets.len(), 5, "planes are kept apart");
+    }
+
+    #[test]
+    fn none_of_many_lenslets_is_dark_because_others_have_become_brighter() {
+        let lenslet = |index: usize| Lenslet::round((index % 40) as f64, (index / 40) as f64, 1.0, 1.0);
+        let mut array = LensletArray { rows: 50, cols: 40, lenslets: (0..2000).map(lenslet).collect() };
+        for lenslet in &mut array.lenslets[..10] {
+            lenslet.weight = 3.0;
+        }
+        array.lenslets[20].weight = 0.01;
+        assert_eq!(merged(&array).lenslets.len(), 1999);
     }
 }

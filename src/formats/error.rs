@@ -42,6 +42,12 @@ pub enum FormatError {
         /// What the user can do.
         advice: String,
     },
+    /// Another program writes into the folder.
+    #[error("{}: expected a folder of this run alone, found another run at work in it; wait for it or choose another folder", .path.display())]
+    Busy {
+        /// The folder.
+        path: PathBuf,
+    },
 }
 
 impl FormatError {
@@ -51,7 +57,8 @@ impl FormatError {
             Self::NotFound { path }
             | Self::Unreadable { path, .. }
             | Self::Malformed { path, .. }
-            | Self::NotWritten { path, .. } => path,
+            | Self::NotWritten { path, .. }
+            | Self::Busy { path } => path,
         }
     }
 

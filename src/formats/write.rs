@@ -1,6 +1,6 @@
 //! Writing a whole file or none.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,19 @@ pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result
 /// [`FormatError::NotWritten`] if it cannot be made, a file of that name being there for example.
 pub fn create_folder(path: &Path) -> Result<(), FormatError> {
     fs::create_dir_all(path).map_err(|error| FormatError::from_write(path, error))
+}
+
+/// Keeps other programs out of a folder until the file is dropped or the process ends, however it ends. Where the system
+/// knows no locks of folders, nobody is kept out.
+///
+/// # Errors
+/// [`FormatError::Busy`] where another one has it.
+pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
+    let Ok(folder) = File::open(path) else { return Ok(None) };
+    match folder.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(FormatError::Busy { path: path.to_path_buf() }),
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(Some(folder)),
+    }
 }
 
 /// A file on its way: a temporary one in the same folder, which takes its name when it is complete and is removed

@@ -16,8 +16,11 @@ use super::state::{Arrange, Leave, State};
 use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
 use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, sheets, welcome};
+use crate::formats::FormatError;
 use crate::objects::ObjectSource;
-use crate::workbench::{Activity, ActivityState, Design, Job, Outcome, Recovered, Snapshots, Workbench};
+use crate::workbench::{
+    Activity, ActivityState, Design, EvaluationError, Job, Outcome, Recovered, RunStatus, Snapshots, Workbench,
+};
 
 /// Least time between two frames that the worker asks for.
 const REPAINT_EVERY: Duration = Duration::from_millis(33);
@@ -111,7 +114,7 @@ impl Studio {
         self.left_behind = self.state.keep_unsaved();
         match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(()) => match self.state.bench.run() {
-                Some(run) if run.can_go_on() => {
+                Some(run) if run.status == RunStatus::Stopped => {
                     self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
                 }
                 Some(_) => {
@@ -119,6 +122,9 @@ impl Studio {
                 }
                 None => {}
             },
+            Err(EvaluationError::File(FormatError::Busy { .. })) => {
+                self.tell("Another window keeps its runs; what a run of this one finds ends with it.".into());
+            }
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
     }

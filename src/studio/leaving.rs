@@ -83,8 +83,9 @@ pub fn going_on(state: &State) -> Option<String> {
         }
         (false, _) => None,
     };
+    let why = state.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be kept: {why}."));
     let estimate = is_open(ActivityKind::Estimate)
         .then_some("An estimate is being computed. What it has computed so far would be lost.");
-    let sentences: Vec<&str> = run.into_iter().chain(estimate).collect();
+    let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();
     (!sentences.is_empty()).then(|| sentences.join(" "))
 }

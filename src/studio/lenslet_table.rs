@@ -107,7 +107,8 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
         });
     }
     let mut locked = state.locks.indices().contains(&index);
-    let lock = ui.checkbox(&mut locked, "");
+    // Locks are of the open design, whatever is shown.
+    let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::without_text(&mut locked));
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
         state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });

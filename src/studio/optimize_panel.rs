@@ -156,7 +156,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         if ui.button("Start run").clicked() {
             state.guard(&ui.ctx().clone(), Leave::Run);
         }
-        let resumable = last.is_some_and(|run| run.status == RunStatus::Stopped || run.status == RunStatus::Finished);
+        let resumable = last.is_some_and(|run| !run.is_active());
         if resumable && ui.button("Go on").on_hover_text("Takes the run further, from where it was left").clicked() {
             let form = &state.optimize_form.settings;
             // Steps for another objective say nothing of this run.
@@ -334,7 +334,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             );
         }
     });
-    let patch = patches_of(run.settings.patch);
+    let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
     ui.weak(format!(
         "{patch}, {} lenslets ({:.1} effective), Tamura {:.3}",
         frame.distinct_lenslets, frame.effective_lenslets, frame.tamura

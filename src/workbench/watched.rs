@@ -31,10 +31,9 @@ impl Workbench {
     /// [`Workbench::run`] tells which.
     ///
     /// # Errors
-    /// Where the folder cannot be made.
+    /// Where the folder cannot be made, or another program keeps its runs there.
     pub fn keep_runs_in(&self, folder: &Path) -> Result<(), EvaluationError> {
-        self.designer.keep_in(KeptRun::in_folder(folder)?);
-        Ok(())
+        self.designer.keep_in(KeptRun::in_folder(folder)?)
     }
 
     /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored.
@@ -167,8 +166,13 @@ impl Workbench {
         (run.step > 0 || best.is_some()) && untaken(&run.array) && best.is_none_or(untaken)
     }
 
-    /// Whether the next program can take up the run as it is.
+    /// Whether the next program can take up the run as it is: it has a folder to be kept in, which can be written to.
     pub fn keeps_run(&self) -> bool {
         self.designer.keeps()
+    }
+
+    /// Why the run cannot be kept, where it was to be.
+    pub fn keep_failure(&self) -> Option<String> {
+        self.designer.keep_failure()
     }
 }

@@ -92,7 +92,12 @@ impl Guide for DensityGuide<'_> {
         self.held_out.value(&information)
     }
 
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
+    fn slopes(
+        &self,
+        array: &LensletArray,
+        draw: &GradientDraw,
+        _go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<LensletGradient>, IdealError> {
         Ok(self.imaging.gradient(array, draw, self.patch, &self.model)?.lenslets)
     }
 

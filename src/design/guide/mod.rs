@@ -52,8 +52,13 @@ pub(super) trait Guide {
     /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
     fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError>;
 
-    /// How the information changes with every lenslet.
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError>;
+    /// How the information changes with every lenslet. It ends early where `go_on` says so.
+    fn slopes(
+        &self,
+        array: &LensletArray,
+        draw: &GradientDraw,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<LensletGradient>, IdealError>;
 
     /// Weights and `details`, as the bytes of a safetensors file.
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError>;

@@ -88,8 +88,13 @@ impl Guide for PixelCnnGuide<'_> {
         self.held_out.value(&information)
     }
 
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
-        let held = HeldPixelCnn { network: &self.network, noise: self.imaging.noise };
+    fn slopes(
+        &self,
+        array: &LensletArray,
+        draw: &GradientDraw,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<LensletGradient>, IdealError> {
+        let held = HeldPixelCnn { network: &self.network, noise: self.imaging.noise, go_on };
         Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 

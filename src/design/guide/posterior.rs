@@ -74,7 +74,12 @@ impl Guide for PosteriorGuide<'_> {
         Ok((bound.bits_per_pixel, bound.interval_95))
     }
 
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw) -> Result<Vec<LensletGradient>, IdealError> {
+    fn slopes(
+        &self,
+        array: &LensletArray,
+        draw: &GradientDraw,
+        _go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<LensletGradient>, IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
         let by_spot = spot_slope(&channel, &self.decoder, (draw.seed, 0, draw.patches))?;
         let by_psf = by_psf(by_spot.view(), &self.bead);

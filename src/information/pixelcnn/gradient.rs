@@ -11,12 +11,14 @@ use crate::sensor::Noise;
 const DEQUANTISED: f64 = 0.5;
 
 /// A network that was fitted to measurements with this noise.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct HeldPixelCnn<'a> {
     /// Fitted to dequantised measurements.
     pub network: &'a PixelCnn,
     /// Their noise.
     pub noise: Noise,
+    /// Whether a gradient is still wanted, asked while it is computed; one of thousands of patches takes long.
+    pub go_on: &'a dyn Fn() -> bool,
 }
 
 impl HeldDensity for HeldPixelCnn<'_> {
@@ -30,7 +32,7 @@ impl HeldDensity for HeldPixelCnn<'_> {
         let noise = Reparameterised::new(self.noise);
         let mut noisy = clean.to_owned();
         noisy.zip_mut_with(&normals, |x, e| *x = (noise.measured(f64::from(*x), f64::from(*e)) + DEQUANTISED) as f32);
-        let losses = self.network.losses_and_slopes(noisy.view())?;
+        let losses = self.network.losses_and_slopes(noisy.view(), self.go_on)?;
         let mut gradient = Array3::zeros(clean.dim());
         let mut total = 0.0;
         for ((out, (&x, &e)), (nats, by_y)) in gradient.iter_mut().zip(clean.iter().zip(&normals)).zip(losses) {
@@ -63,7 +65,7 @@ mod tests {
             *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
         }
         for noise in [Noise::Shot, Noise::Read { sigma: 3.0 }, Noise::ShotRead { sigma: 2.0 }] {
-            let held = HeldPixelCnn { network: &network, noise };
+            let held = HeldPixelCnn { network: &network, noise, go_on: &|| true };
             let value = |clean: &Array3<f32>| held.information_gradient(clean.view(), normals.view()).unwrap();
             let (bits, gradient) = value(&clean);
             assert!(bits.is_finite(), "{noise}: {bits}");

@@ -1,6 +1,6 @@
 //! A `PixelCNN` with its weights: densities of patches and gradients of their loss.
 
-use ndarray::{Array3, Array4, ArrayView3};
+use ndarray::{Array3, Array4, ArrayView3, s};
 use rayon::prelude::*;
 
 use super::cpu_engine::CpuEngine;
@@ -135,13 +135,28 @@ impl PixelCnn {
     }
 
     /// Negative log density of every pixel, nats, and the gradient of their sum by that pixel, per photon; patches in
-    /// photons, pixel after pixel.
-    pub(super) fn losses_and_slopes(&self, patches: ArrayView3<'_, f32>) -> Result<Vec<(f32, f32)>, InformationError> {
-        self.over_chunks(patches, |workspace, values, out| {
-            workspace.score(&self.scale, values, 1.0);
-            workspace.backward(&self.layers, &self.scale, &self.weights, None);
-            out.extend(workspace.losses.iter().copied().zip(workspace.by_value.iter().copied()));
-        })
+    /// photons, pixel after pixel. It ends early where `go_on` says so.
+    pub(super) fn losses_and_slopes(
+        &self,
+        patches: ArrayView3<'_, f32>,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<(f32, f32)>, InformationError> {
+        let (samples, rows, cols) = patches.dim();
+        // One chunk for every thread between two questions.
+        let at_once = samples_per_chunk(rows * cols) * rayon::current_num_threads();
+        let mut all = Vec::with_capacity(patches.len());
+        for first in (0..samples).step_by(at_once) {
+            if !go_on() {
+                return Err(InformationError::Cancelled);
+            }
+            let some = patches.slice(s![first..samples.min(first + at_once), .., ..]);
+            all.extend(self.over_chunks(some, |workspace, values, out| {
+                workspace.score(&self.scale, values, 1.0);
+                workspace.backward(&self.layers, &self.scale, &self.weights, None);
+                out.extend(workspace.losses.iter().copied().zip(workspace.by_value.iter().copied()));
+            })?);
+        }
+        Ok(all)
     }
 
     /// Takes patches through the network, some at a time, and joins what `read` takes from each, in order.

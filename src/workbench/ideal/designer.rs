@@ -1,5 +1,6 @@
 //! Runs for the window: on a thread of their own, where they can be watched, paused and stopped.
 
+use std::fs::File;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -14,6 +15,7 @@ use crate::design::{Frame, Ideal, IdealEvent, IdealProgress, IdealSettings, merg
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
 use crate::optics::{Encoder, LensletArray};
 use crate::workbench::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::threads::{SpareCores, Threads, Wake, lock};
 use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
 
@@ -84,14 +86,17 @@ pub struct RankedStart {
 const BRACKET_STEPS: usize = 400;
 const LIVE_STEPS: usize = 2_000;
 
+/// Rows and columns of the patches that results are scored by, px, where a measurement has as many.
+const SCORED_PATCH: (usize, usize) = (32, 32);
+
 /// What the result of a run is scored by: a bracket where the prior of the objects is known.
-fn score_request(design: &Design) -> EstimateRequest {
+fn score_request(design: &Design, patch: (usize, usize)) -> EstimateRequest {
     let judge = judge_of(design);
     let steps = if judge == Estimator::Bracket { BRACKET_STEPS } else { LIVE_STEPS };
     EstimateRequest {
         model: DensityModel::new(judge, None, EngineChoice::default()).of_steps(steps),
         protocol: Protocol::Default,
-        patch: Some((32, 32)),
+        patch: Some(patch),
         // Fits draw fresh patches at every step.
         patches_train: 10_000,
         patches_test: 1_000,
@@ -104,7 +109,7 @@ fn score_request(design: &Design) -> EstimateRequest {
 impl RankedStart {
     /// What was asked of the estimate.
     pub fn request(&self) -> EstimateRequest {
-        score_request(&self.design)
+        score_request(&self.design, self.estimate.patch.into())
     }
 
     /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being
@@ -165,6 +170,8 @@ pub struct Start {
 /// The thread of runs; dropping it lets the run end at its next step.
 pub(in crate::workbench) struct Designer {
     shared: Arc<Shared>,
+    /// Held so that no other program keeps its runs in the same folder.
+    lock: Mutex<Option<File>>,
 }
 
 struct Shared {
@@ -178,6 +185,8 @@ struct Shared {
     stopped: AtomicBool,
     /// Where states survive the program.
     folder: Mutex<Option<KeptRun>>,
+    /// Why the last state or order was not written there.
+    keep_failure: Mutex<Option<String>>,
     threads: Threads,
     activities: Activities,
     /// The run's place among them.
@@ -196,16 +205,22 @@ impl Designer {
                 resumed: Condvar::new(),
                 stopped: AtomicBool::new(false),
                 folder: Mutex::default(),
+                keep_failure: Mutex::default(),
                 threads,
                 activities,
                 entry: Mutex::default(),
                 wake,
             }),
+            lock: Mutex::default(),
         }
     }
 
     /// Keeps the states of runs in a folder, and takes up the one that is there.
-    pub fn keep_in(&self, folder: KeptRun) {
+    ///
+    /// # Errors
+    /// Where another program keeps its runs there.
+    pub fn keep_in(&self, folder: KeptRun) -> Result<(), EvaluationError> {
+        *lock(&self.lock) = folder.lock()?;
         if let Some((KeptOrder { starts, settings, at, ranked }, state)) = folder.last() {
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
             (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
@@ -224,11 +239,17 @@ impl Designer {
             *lock(&self.shared.run) = Some(run);
         }
         *lock(&self.shared.folder) = Some(folder);
+        Ok(())
     }
 
     /// Whether the next program can take up the run.
     pub fn keeps(&self) -> bool {
-        lock(&self.shared.folder).is_some()
+        lock(&self.shared.folder).is_some() && self.keep_failure().is_none()
+    }
+
+    /// Why it cannot, where something was to be written and was not.
+    pub fn keep_failure(&self) -> Option<String> {
+        lock(&self.shared.keep_failure).clone()
     }
 
     /// The next program need not take up the run.
@@ -379,6 +400,7 @@ impl Shared {
     fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {
         let starts = lock(&self.starts).clone();
         let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
+        let mut failed = None;
         for (index, start) in starts.iter().enumerate().skip(at) {
             if index > at {
                 *lock(&self.kept) = None;
@@ -388,9 +410,21 @@ impl Shared {
                     *run = DesignRun { start_number, ranked, ..DesignRun::new(&start.design, settings, starts.len()) };
                 });
             }
-            self.run_one(start, settings)?;
+            match self.run_one(start, settings) {
+                Err(error) if !error.is_cancelled() => failed = Some((start.name.clone(), error)),
+                done => done?,
+            }
         }
-        Ok(())
+        // What the others have found is worth showing.
+        let has_results = lock(&self.run).as_ref().is_some_and(|run| !run.ranked.is_empty());
+        match failed {
+            Some((name, error)) if has_results => {
+                self.tell(&format!("{name} failed: {error}"), 1.0, None);
+                Ok(())
+            }
+            Some((_, error)) => Err(error),
+            None => Ok(()),
+        }
     }
 
     fn run_one(&self, start: &Start, settings: &IdealSettings) -> Result<(), EvaluationError> {
@@ -415,21 +449,26 @@ impl Shared {
         let mut keep = |ideal: &Ideal<'_>| {
             *lock(&self.kept) = Some(ideal.to_bytes()?);
             let record = Arc::new(IdealRecord::new(&start.design, ideal));
-            self.change(|run| run.record = Some(record));
+            let state = ideal.state();
+            self.change(|run| {
+                run.record = Some(record);
+                run.array = Arc::new(state.array.clone());
+                (run.step, run.seconds) = (state.step, state.seconds());
+                run.frames = Arc::new(state.frames.clone());
+                run.events.clone_from(&state.events);
+            });
             if let Some(folder) = &folder {
-                let _ = folder.store(ideal);
+                self.note_kept(folder.store(ideal));
             }
             Ok(())
         };
         let record = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
         let design = Arc::new(record.design());
         self.change(|run| {
-            run.frames = Arc::new(record.frames.clone());
             run.record = Some(Arc::new(record));
             run.left = None;
         });
-        let request = score_request(&design);
-        let estimate = self.score(&design, &request)?;
+        let estimate = self.score(&design)?;
         self.change(|run| {
             let name = start.name.clone();
             run.ranked.push(RankedStart { name, design, estimate });
@@ -444,14 +483,21 @@ impl Shared {
         let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
         if let (Some(folder), Some(DesignRun { settings, start_number, ranked, .. })) = (folder, run) {
             let starts = lock(&self.starts).clone();
-            // A run is worth more than its copy: it goes on where nothing can be written.
-            let _ = folder.note(&KeptOrder { starts, settings, at: start_number.0 - 1, ranked });
+            self.note_kept(folder.note(&KeptOrder { starts, settings, at: start_number.0 - 1, ranked }));
         }
     }
 
+    /// A run is worth more than its copy: it goes on where nothing can be written, and tells so.
+    fn note_kept(&self, written: Result<(), EvaluationError>) {
+        *lock(&self.keep_failure) = written.err().map(|error| error.to_string());
+    }
+
     /// What a design is worth, by models of its own.
-    fn score(&self, design: &Design, request: &EstimateRequest) -> Result<Estimate, EvaluationError> {
-        estimate(design, request, &mut |progress| {
+    fn score(&self, design: &Design) -> Result<Estimate, EvaluationError> {
+        let set = open_set(design)?;
+        let patch = imaging(design, &set)?.patch(Some(SCORED_PATCH));
+        drop(set);
+        estimate(design, &score_request(design, patch), &mut |progress| {
             let share = progress.done as f64 / progress.total.max(1) as f64;
             let step = format!("Scoring the result: {}", progress.step);
             self.tell(&step, share, None);
@@ -514,7 +560,7 @@ mod tests {
         let beads = Design::default();
         let pictures = Design { objects: ObjectSource::Idx("digits".into()), ..Design::default() };
         for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (pictures, "live", LIVE_STEPS)] {
-            let request = score_request(&design);
+            let request = score_request(&design, SCORED_PATCH);
             assert_eq!(request.model.length(), Some(FitLength::Steps(steps)));
             let command = estimate_command(&design, &request).unwrap();
             assert!(command.contains(&format!("--estimator {estimator} --patch 32x32 --steps {steps} ")), "{command}");
@@ -523,7 +569,7 @@ mod tests {
 
     fn designer(kept: &KeptRun) -> Designer {
         let designer = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
-        designer.keep_in(kept.clone());
+        designer.keep_in(kept.clone()).unwrap();
         designer
     }
 
@@ -541,7 +587,7 @@ mod tests {
             model: DensityModel::Stationary,
             patches_train: 80,
             patches_test: 20,
-            ..score_request(&design)
+            ..score_request(&design, SCORED_PATCH)
         };
         let found = estimate(&design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
         let ranked = vec![RankedStart { name: starts[0].name.clone(), design, estimate: found }];
@@ -566,7 +612,13 @@ mod tests {
         while designer.is_active() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(20));
         }
-        let (left, before) = (self::designer(&kept).run().unwrap(), designer.run().unwrap());
+        let before = designer.run().unwrap();
+        // Nobody else keeps runs in the folder meanwhile.
+        let other = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
+        assert!(other.keep_in(kept.clone()).is_err() && !other.keeps());
+        drop(designer);
+        let designer = self::designer(&kept);
+        let left = designer.run().unwrap();
         assert_eq!((left.start_number, &left.status), ((2, 3), &RunStatus::Stopped));
         assert!((1..=before.step).contains(&left.step), "{} {}", left.step, before.step);
         assert_eq!(left.settings, run.settings, "what was stopped takes no more steps than it was to take");
@@ -576,6 +628,7 @@ mod tests {
         }
         // Given up, it does not come back.
         designer.forget();
+        drop(designer);
         assert!(self::designer(&kept).run().is_none());
     }
 }

@@ -1,5 +1,6 @@
 //! A run from a design, in the hands of whoever keeps its states.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -7,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::designer::{RankedStart, Start};
 use super::record::IdealRecord;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
-use crate::formats::{create_folder, read_if_there, read_json, write_json, write_safely};
+use crate::formats::{create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
 use crate::optics::LensletArray;
 use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::{Design, EvaluationError};
@@ -78,6 +79,14 @@ impl KeptRun {
         Ok(Self { folder: folder.to_path_buf() })
     }
 
+    /// Keeps other programs out of it while the file is there, which would write their states over those of this one.
+    ///
+    /// # Errors
+    /// [`FormatError::Busy`](crate::formats::FormatError::Busy) where another program has it.
+    pub fn lock(&self) -> Result<Option<File>, EvaluationError> {
+        Ok(lock_folder(&self.folder)?)
+    }
+
     fn state(&self) -> PathBuf {
         self.folder.join("run.safetensors")
     }
@@ -140,6 +149,6 @@ impl KeptRun {
         let sound = order.at < order.starts.len()
             && order.starts.iter().all(|start| start.design.check().is_ok())
             && order.ranked.iter().all(|result| result.design.check().is_ok());
-        (sound && (state.is_some() || order.at > 0)).then_some((order, state))
+        sound.then_some((order, state))
     }
 }

@@ -76,7 +76,7 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
                 continue;
             };
             let name = &cell.design;
-            let highest = rivals().filter_map(|cell| cell.bits_per_pixel()).fold(0.0, f64::max);
+            let highest = rivals().filter_map(|cell| highest_of(cell)).fold(0.0, f64::max);
             let judged = if low > highest {
                 "proves the gain: no heuristic mask can tell as much"
             } else if low > high {
@@ -96,6 +96,12 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
 fn lower_of(cell: &StudyCell) -> Option<(f64, [f64; 2])> {
     let bracket = cell.estimate.as_ref()?.bracket.as_ref()?;
     Some((bracket.lower?, bracket.lower_interval_95?))
+}
+
+/// What a mask tells at the most, to the end of the interval.
+fn highest_of(cell: &StudyCell) -> Option<f64> {
+    let bracket = cell.estimate.as_ref()?.bracket.as_ref()?;
+    Some(bracket.upper_interval_95[1])
 }
 
 #[cfg(test)]

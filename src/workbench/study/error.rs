@@ -47,12 +47,6 @@ pub enum StudyError {
         /// What to do.
         advice: &'static str,
     },
-    /// Another run computes the same study.
-    #[error("{}: expected a folder of this run alone, found another run at work in it; wait for it or choose another folder", .folder.display())]
-    Busy {
-        /// The folder.
-        folder: PathBuf,
-    },
     /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] FormatError),

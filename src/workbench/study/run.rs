@@ -11,7 +11,7 @@ use super::plot::bracket_plot;
 use super::record::{StudyCell, StudyRecord};
 use super::settings::{PlannedCell, StudyKind, StudySettings};
 use super::tables::{CSV_HEADER, csv_row, markdown};
-use crate::formats::{FormatError, create_folder, write_csv_text, write_safely};
+use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, write_safely};
 use crate::information::Estimate;
 use crate::workbench::progress::Watch;
 use crate::workbench::simulation::open_set;
@@ -82,7 +82,7 @@ impl Study {
             settings.objects[index].fingerprint = open_set(&design).map_err(EvaluationError::from)?.fingerprint();
         }
         create_folder(folder)?;
-        let lock = lock(folder)?;
+        let lock = lock_folder(folder)?;
         let path = folder.join(RECORD);
         let mut record = StudyRecord::new(settings).as_read(&path)?;
         if path.exists() {
@@ -204,15 +204,5 @@ impl Study {
             write_safely(&self.folder.join("study.svg"), |writer| writer.write_all(plot.as_bytes()))?;
         }
         Ok(())
-    }
-}
-
-/// Keeps other runs out of a folder until the file is dropped or the process ends, however it ends. Where the system
-/// knows no locks of folders, nobody is kept out.
-fn lock(folder: &Path) -> Result<Option<File>, StudyError> {
-    let Ok(file) = File::open(folder) else { return Ok(None) };
-    match file.try_lock() {
-        Err(std::fs::TryLockError::WouldBlock) => Err(StudyError::Busy { folder: folder.into() }),
-        Ok(()) | Err(std::fs::TryLockError::Error(_)) => Ok(Some(file)),
     }
 }

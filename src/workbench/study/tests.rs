@@ -8,6 +8,7 @@ use super::error::StudyError;
 use super::record::StudyRecord;
 use super::run::{Study, StudyEvent};
 use super::settings::{StudyDesign, StudyObjects, StudySettings};
+use crate::formats::FormatError;
 use crate::information::{Bracket, Estimate, Estimator, NamedBound, Protocol, Provenance, Trial, TrialSettings};
 use crate::sensor::{Noise, SensorError};
 use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
@@ -210,7 +211,7 @@ fn files_that_are_no_study_are_refused_and_kept() {
 fn two_runs_do_not_share_a_folder() {
     let folder = tempfile::tempdir().unwrap();
     let study = Study::open(four_cells(), folder.path()).unwrap();
-    assert!(matches!(Study::open(four_cells(), folder.path()), Err(StudyError::Busy { .. })));
+    assert!(matches!(Study::open(four_cells(), folder.path()), Err(StudyError::File(FormatError::Busy { .. }))));
     drop(study);
     assert!(Study::open(four_cells(), folder.path()).is_ok());
 }
