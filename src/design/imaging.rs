@@ -137,15 +137,55 @@ pub struct MeasurementStream<'a> {
     patch: (usize, usize),
 }
 
-impl PatchStream for MeasurementStream<'_> {
-    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
+impl MeasurementStream<'_> {
+    /// Independent patches: each is cut from a measurement of its own. Fewer of a seed are the first of more.
+    ///
+    /// # Errors
+    /// As [`PatchStream::draw`].
+    pub fn draw_one_each(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
+        self.batch(count, seed, |measurements| Patches::one_each(measurements, self.patch, seed))
+    }
+
+    /// Patches of the measurements of so many objects.
+    fn batch(
+        &self,
+        objects: usize,
+        seed: u64,
+        places: impl FnOnce((usize, usize, usize)) -> Result<Patches, SensorError>,
+    ) -> Result<PatchBatch, InformationError> {
         let drawn = || -> Result<_, IdealError> {
-            let objects = self.set.objects(self.split, count.div_ceil(PATCHES_PER_OBJECT), seed)?;
+            let objects = self.set.objects(self.split, objects, seed)?;
             let encoded = self.convolver.measure(objects.view(), self.bias)?;
-            Ok(Patches::draw(encoded.dim(), self.patch, count, seed)?.cut(encoded.view()))
+            Ok(places(encoded.dim())?.cut(encoded.view()))
         };
         let clean = drawn().map_err(|error| InformationError::Stream { reason: error.to_string() })?;
         let noisy = self.noise.draw(clean.view(), derived_seed(seed, 1));
         Ok(PatchBatch { noisy, clean: Some(clean) })
+    }
+}
+
+impl PatchStream for MeasurementStream<'_> {
+    fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
+        let objects = count.div_ceil(PATCHES_PER_OBJECT);
+        self.batch(objects, seed, |measurements| Patches::draw(measurements, self.patch, count, seed))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::objects::ObjectOptions;
+    use crate::optics::{heuristic_layout, render_psf};
+
+    #[test]
+    fn independent_patches_of_a_seed_begin_alike() {
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+        let psf = render_psf(&heuristic_layout(2), 1).unwrap().slice_move(s![.., 8..20, 8..20]);
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::Test, (6, 6));
+        let (few, more) = (stream.draw_one_each(5, 3).unwrap(), stream.draw_one_each(9, 3).unwrap());
+        assert_eq!(few.noisy, more.noisy.slice(s![..5, .., ..]));
+        assert_eq!(few.clean.unwrap(), more.clean.unwrap().slice(s![..5, .., ..]));
     }
 }

@@ -104,7 +104,7 @@ impl AnalyticGaussian {
         noise: Noise,
         entropy_y_given_x: f64,
     ) -> Result<GaussianBound, InformationError> {
-        let variance = noise_variance(noise, mean_measurement)?;
+        let variance = noise_variance(noise, mean_measurement)? + variance_of_rounding(noise, mean_measurement);
         let mut workspace = self.fourier.workspace();
         let spectrum = self.signal_spectrum(psf, &mut workspace)?;
         // Lags that were cut off can leave a spectrum slightly negative; it is then no less than the noise.
@@ -206,6 +206,13 @@ fn noise_variance(noise: Noise, mean_measurement: f64) -> Result<f64, Informatio
         Noise::Read { sigma } => Ok(sigma * sigma),
         Noise::ShotRead { sigma } => Ok(mean_measurement + sigma * sigma),
     }
+}
+
+/// Variance that counts have besides, as numbers with a density: a count stands for all numbers up to the next, and of
+/// less than a photon the Gaussian of the counts alone would have less entropy than they (none at all in the dark). From one
+/// photon on the skewness of counts leaves more room than that.
+fn variance_of_rounding(noise: Noise, mean_measurement: f64) -> f64 {
+    if noise == Noise::Shot { (1.0 - mean_measurement).max(0.0) / 12.0 } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -4,6 +4,10 @@ use crate::sensor::{Noise, ln_factorial};
 
 /// Half width of sums over counts, in standard deviations of the read noise.
 const REACH: f64 = 9.0;
+/// Read noise so many times as wide as the shot noise hides all counts that are likely, and the half width of the sum over
+/// those: standard deviations of the shot noise, and counts beside.
+const WIDE: f64 = 3.0;
+const REACH_OF_COUNTS: (f64, f64) = (12.0, 30.0);
 
 /// ln p(y | x) for a pixel that measured `y` where the encoded image holds `x` photons, nats.
 ///
@@ -15,8 +19,13 @@ pub fn log_likelihood(noise: Noise, y: f64, x: f64) -> f64 {
         Noise::Shot => ln_poisson(y, x),
         Noise::Read { sigma } => ln_normal(y - x, sigma),
         Noise::ShotRead { sigma } => {
-            let first = (y - REACH * sigma).ceil().max(0.0);
-            let last = (y + REACH * sigma).floor();
+            let (middle, reach) = if sigma > WIDE * x.sqrt().max(1.0) {
+                (x, REACH_OF_COUNTS.0 * x.sqrt() + REACH_OF_COUNTS.1)
+            } else {
+                (y, REACH * sigma)
+            };
+            let first = (middle - reach).ceil().max(0.0);
+            let last = (middle + reach).floor();
             // Where no count lies near the value, the nearest one carries what density there is.
             let (first, last) = if last < first { (y.round().max(0.0), y.round().max(0.0)) } else { (first, last) };
             let terms = (last - first) as usize;
@@ -104,5 +113,17 @@ mod tests {
         let read = log_likelihood(Noise::Read { sigma: 2.0 }, 3.0, 3.0);
         assert!((read + 2.0_f64.ln() + 0.918_938_533).abs() < 1e-8);
         assert!(log_likelihood(Noise::ShotRead { sigma: 1.0 }, -30.0, 2.0).is_finite());
+        // However the sum is cut short, it is that over all counts.
+        for (x, sigma) in [(0.0_f64, 3.1_f64), (5.0, 6.6), (5.0, 6.8), (100.0, 31.0), (1e4, 1e3)] {
+            let deviation = (x + sigma * sigma).sqrt();
+            for y in [x - 4.0 * deviation, x, x + 4.0 * deviation] {
+                let terms = 0..=(x + 30.0 * x.sqrt() + 60.0) as u32;
+                let term =
+                    |count: u32| (ln_poisson(f64::from(count), x) + ln_normal(y - f64::from(count), sigma)).exp();
+                let (found, all) = (log_likelihood(Noise::ShotRead { sigma }, y, x), terms.map(term).sum::<f64>().ln());
+                assert!((found - all).abs() < 1e-9, "{x} {sigma} {y}: {found} {all}");
+            }
+        }
+        assert!(log_likelihood(Noise::ShotRead { sigma: 1e9 }, 3.0, 100.0).is_finite());
     }
 }

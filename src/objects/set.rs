@@ -155,6 +155,20 @@ impl ObjectSet {
         }
     }
 
+    /// Number of whole pictures in one part; `None` where objects are drawn, of which there is no end.
+    pub fn whole_pictures(&self, split: Split) -> Option<usize> {
+        match &self.content {
+            Content::Whole(_, parts) => Some(parts.members(split).len()),
+            Content::Beads(_) | Content::Mosaic(..) => None,
+        }
+    }
+
+    /// Whether mean and covariance are the same everywhere in the field, as those of beads and of mosaics at random places
+    /// are; whole pictures may be brighter in the middle.
+    pub fn is_stationary(&self) -> bool {
+        !matches!(self.content, Content::Whole(..))
+    }
+
     /// What the user should know about the files: those left out, pixels changed.
     pub fn notices(&self) -> &[String] {
         &self.notices

@@ -164,7 +164,7 @@ impl<'a> Known<'a> {
 
     /// The smallest upper bound for patches, and its name.
     fn upper(&self) -> (f64, String) {
-        let mut bounds = vec![(self.gaussian(), "Gaussian bound".to_owned())];
+        let mut bounds = vec![];
         bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "object-entropy ceiling".to_owned())));
         if let Some((live, true)) = &self.live {
             bounds.push((live.bits_per_pixel, "density model".into()));
@@ -175,7 +175,11 @@ impl<'a> Known<'a> {
         if let Some(bracket) = &self.bracket {
             bounds.push((bracket.upper, bracket.upper_from.clone()));
         }
-        bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or_default()
+        if self.bounds.gaussian_is_bound {
+            bounds.push((self.gaussian(), self.bounds.gaussian_name().to_owned()));
+        }
+        let gaussian = || (self.gaussian(), self.bounds.gaussian_name().to_owned());
+        bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or_else(gaussian)
     }
 }
 
@@ -260,7 +264,7 @@ fn warning(ui: &mut Ui, known: &Known<'_>) {
 fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let (upper, _) = known.upper();
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
-    let mut marks = vec![("Gaussian bound", known.gaussian(), GAUSSIAN)];
+    let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
     if let Some((live, _)) = &known.live {
         marks.push(("density model", live.bits_per_pixel, DENSITY));
@@ -336,11 +340,12 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
              interval. An upper bound from the first number on, that falls while the model is fitted.",
         );
         line(
-            "Gaussian bound",
+            known.bounds.gaussian_name(),
             format!("{} {}", rounded(bound.bits_per_pixel), interval(known.bounds.interval_95)),
             Some(GAUSSIAN),
             "Entropy of the Gaussian with the measurements' covariance, less the noise entropy; 95 % interval. \
-             It needs no samples but for the noise entropy, and is loose for sparse objects.",
+             It needs no samples but for the noise entropy, and is loose for sparse objects. For whole pictures, which may \
+             be brighter in the middle, it is no bound.",
         );
         match known.bounds.ceiling_bits() {
             Some(ceiling) => line(

@@ -165,7 +165,7 @@ impl Workbench {
     pub fn stop(&self, activity: &Activity) {
         match activity.kind {
             ActivityKind::File => {}
-            ActivityKind::Objects => self.cancel(),
+            ActivityKind::Objects => self.worker.cancel_numbered(activity.number),
             ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
             ActivityKind::Run => self.stop_run(),
         }

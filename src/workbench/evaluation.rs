@@ -171,6 +171,8 @@ pub struct Measurements {
 pub struct LiveInformation {
     /// The Gaussian bound.
     pub gaussian: GaussianBound,
+    /// Whether it is one: of objects that are not stationary the Gaussian of the mean covariance may have less entropy.
+    pub gaussian_is_bound: bool,
     /// 95 % interval of the bound: of the mean noise entropy over the live measurements.
     pub interval_95: [f64; 2],
     /// Object-entropy ceiling, where the objects' entropy is known.
@@ -180,6 +182,11 @@ pub struct LiveInformation {
 }
 
 impl LiveInformation {
+    /// What the Gaussian's number may be called.
+    pub fn gaussian_name(&self) -> &'static str {
+        if self.gaussian_is_bound { "Gaussian bound" } else { "Gaussian approximation" }
+    }
+
     /// The Gaussian bound of an infinitely large patch.
     pub fn infinite_patch_bits(&self) -> f64 {
         self.gaussian.spectral_entropy - self.gaussian.entropy_y_given_x
@@ -260,7 +267,8 @@ impl SceneOptics {
             }
             None => None,
         };
-        Ok(LiveInformation { gaussian, interval_95, ceiling, patch: self.patch })
+        let gaussian_is_bound = scene.set.is_stationary();
+        Ok(LiveInformation { gaussian, gaussian_is_bound, interval_95, ceiling, patch: self.patch })
     }
 }
 

@@ -8,7 +8,7 @@ use super::design::Design;
 use super::estimation::moments;
 use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
 use super::refinement::{LiveEstimate, LiveRecipe};
-use crate::design::{Imaging, derived_seed};
+use crate::design::{Imaging, MeasurementStream, derived_seed};
 use crate::information::{
     BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
     NoiseEntropy, PatchBatch, PatchStream, Protocol, causal_model, information_map, paired_interval,
@@ -45,18 +45,19 @@ impl<'a> Subject<'a> {
         Ok(Self { design, imaging, patch, convolver, channel, entropy })
     }
 
-    pub fn stream(&self, split: Split) -> impl PatchStream {
+    pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
         self.imaging.stream(self.convolver.clone(), split, self.patch)
     }
 
-    /// So many held-out patches. Fewer are the first of more, so that one score differs from the next by little.
+    /// So many held-out patches, each of an object of its own, so that they are independent. Fewer are the first of more, so
+    /// that one score differs from the next by little.
     pub fn test(&self, count: usize) -> Result<PatchBatch, InformationError> {
-        let some = self.stream(Split::Test).draw(SCORED, derived_seed(self.design.seed, 2))?;
+        let stream = self.stream(Split::Test);
+        let some = stream.draw_one_each(count.min(SCORED), derived_seed(self.design.seed, 2))?;
         if count <= SCORED {
-            return Ok(some.first(count));
+            return Ok(some);
         }
-        let more = self.stream(Split::Test).draw(SCORED_LAST - SCORED, derived_seed(self.design.seed, 5))?;
-        Ok(joined(&some, &more)?.first(count))
+        joined(&some, &stream.draw_one_each(count - SCORED, derived_seed(self.design.seed, 5))?)
     }
 
     /// The model before its fit.

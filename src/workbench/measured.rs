@@ -259,12 +259,13 @@ impl MeasuredImages {
         let (images, rows, cols) = self.photons.dim();
         let patch = request.patch.unwrap_or((rows, cols));
         let test_images = images.div_ceil(TEST_SHARE);
-        // All trials hold out the same images: the smallest of estimates on other scenes would be that of the dullest.
+        // All trials are tested on the same patches: the smallest of estimates on other scenes would be that of the dullest.
+        let test_seed = derived_seed(seed, 2);
         let mut order: Vec<usize> = (0..images).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
         let parts = order.split_at(test_images);
         let trials = (0..request.trials.max(1) as u64)
-            .map(|trial| self.trial(request, noise, patch, parts, seed.wrapping_add(trial), watch))
+            .map(|trial| self.trial(request, noise, patch, parts, (test_seed, seed.wrapping_add(trial)), watch))
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = self.notes.clone();
         notes.push(format!(
@@ -298,10 +299,10 @@ impl MeasuredImages {
         noise: Noise,
         patch: (usize, usize),
         (test, train): (&[usize], &[usize]),
-        seed: u64,
+        (test_seed, seed): (u64, u64),
         watch: Watch<'_>,
     ) -> Result<Trial, MeasuredError> {
-        let test = self.cut(test, patch, request.patches_test, derived_seed(seed, 2), "the test")?;
+        let test = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
         if let DensityModel::Causal { estimator, length } = request.model {
             // Images are few, so that long fits would learn them by heart.
             let (validation, train) =

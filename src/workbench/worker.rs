@@ -144,6 +144,21 @@ impl Worker {
         self.shared.cancelled.store(true, Ordering::Relaxed);
     }
 
+    /// Stops the reading of objects of this number, which goes on or waits.
+    pub fn cancel_numbered(&self, number: u64) {
+        let waiting = {
+            let jobs = &mut lock(&self.shared.mailbox).jobs;
+            jobs.iter().position(|(_, entry)| entry.number() == number).and_then(|index| jobs.remove(index))
+        };
+        match waiting {
+            Some((job, _)) => {
+                lock(&self.shared.results).outcomes.push(Err(format!("{} was stopped before it began", job.name())));
+                (self.shared.wake)();
+            }
+            None => self.cancel(),
+        }
+    }
+
     /// The thread of longer estimates.
     pub(super) fn estimator(&self) -> &Estimator {
         &self.shared.estimator

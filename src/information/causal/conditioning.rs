@@ -119,7 +119,7 @@ impl Conditioning {
     /// From sample patches and the moments of many.
     pub fn new(noise: Noise, sample: &PatchBatch, moments: &Moments) -> Result<Self, InformationError> {
         let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
-        let counts = sample.noisy.iter().all(|y| y.fract() == 0.0);
+        let counts = sample.noisy.iter().all(|y| *y >= 0.0 && y.fract() == 0.0);
         Self::with_levels(noise, sample, moments, Levels::new(noise, images.view(), counts))
     }
 

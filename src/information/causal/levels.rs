@@ -78,6 +78,10 @@ impl Scale {
     }
 }
 
+/// A Gaussian of this variance or more sums to no more than 1.00002 over whole numbers, so that it is a likelihood of
+/// counts too; narrower ones do not (Poisson summation).
+const LEAST_VARIANCE_OF_COUNTS: f64 = 0.6;
+
 /// How the likelihood of a level is found.
 #[derive(Clone, Debug)]
 enum Kernel {
@@ -177,8 +181,9 @@ impl Levels {
             }
             _ => {}
         }
+        let least = if noise == Noise::Shot && counts { LEAST_VARIANCE_OF_COUNTS } else { 0.0 };
         let deviations = photons.iter().map(|&x| {
-            let noise = scale.variance(x);
+            let noise = scale.variance(x).max(least);
             if step > WIDEN_FROM { (noise * (1.0 + 0.25 * step * step)).sqrt() } else { noise.sqrt() }
         });
         let (inverse, log_norm) = deviations.map(|s| ((1.0 / s) as f32, ln_normal(0.0, s) as f32)).unzip();
@@ -223,7 +228,8 @@ impl Levels {
         let pixels = values.iter().zip(shares.chunks_exact_mut(levels)).zip(log_largest);
         for ((&y, shares), log_largest) in pixels {
             match &self.kernel {
-                Kernel::Counts(table) if y >= 0.0 && (y as usize) < table.log_largest.len() => {
+                // A measured stack can have a pixel below its offset now and then, which then counts as dark.
+                Kernel::Counts(table) if (y as usize) < table.log_largest.len() => {
                     shares.copy_from_slice(table.row(y as usize, levels));
                     *log_largest = table.log_largest[y as usize];
                 }
@@ -250,7 +256,8 @@ impl Levels {
         let x = f64::from(self.photons[level]);
         match &self.kernel {
             Kernel::Gaussian { inverse, .. } => ln_normal(f64::from(y) - x, 1.0 / f64::from(inverse[level])),
-            _ => log_likelihood(self.noise, f64::from(y), x),
+            Kernel::Counts(_) => ln_poisson(f64::from(y.max(0.0)), x),
+            Kernel::Grid { .. } => log_likelihood(self.noise, f64::from(y), x),
         }
     }
 
@@ -368,6 +375,27 @@ fn largest(values: &[f32]) -> f32 {
 mod tests {
     use super::*;
     use ndarray::Array3;
+
+    #[test]
+    fn likelihoods_of_counts_sum_to_one_however_bright_the_scene() {
+        for brightest in [200.0, 50_000.0, 3e6] {
+            let levels = Levels::spanning(Noise::Shot, LevelSpan { low: 0.0, high: brightest, counts: true });
+            for level in 0..levels.count().min(12) {
+                let photons = f64::from(levels.photons[level]);
+                let last = (2.0 * photons + 400.0) as u32;
+                let total: f64 = (0..=last).map(|y| levels.log_likelihood(y as f32, level).exp()).sum();
+                assert!(total < 1.0001, "{brightest} {photons}: {total}");
+                assert!(total > 0.45, "{brightest} {photons}: {total}");
+            }
+        }
+        // A pixel below the dark is dark.
+        let levels = levels(Noise::Shot, 100.0, true);
+        let (mut below, mut dark) = (vec![0.0; levels.count()], vec![0.0; levels.count()]);
+        let mut logs = [0.0; 2];
+        levels.likelihoods(&[-3.0], &mut below, &mut logs[..1]);
+        levels.likelihoods(&[0.0], &mut dark, &mut logs[1..]);
+        assert_eq!((below, logs[0]), (dark, logs[1]));
+    }
 
     fn levels(noise: Noise, brightest: f32, counts: bool) -> Levels {
         let images = Array3::from_shape_fn((1, 2, 2), |(_, r, c)| if r + c == 0 { 10.0 } else { brightest });

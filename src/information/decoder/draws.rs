@@ -31,7 +31,9 @@ pub(super) enum Reveal {
 pub(super) struct Sample {
     /// 1 where there is a bead, else 0.
     pub beads: Vec<f32>,
-    /// Noisy photons, (rows, cols) of the patch.
+    /// Clean photons that the noise was drawn at, (rows, cols) of the patch.
+    pub clean: Vec<f32>,
+    /// Noisy photons, likewise.
     pub noisy: Vec<f32>,
     /// 1 for sites that are to be predicted, else 0.
     pub free: Vec<f32>,
@@ -61,12 +63,12 @@ impl Sample {
         self.beads.clear();
         self.beads.extend((0..sites).map(|_| f32::from(u8::from(random.random::<f64>() < scene.probability))));
 
-        self.noisy.resize(pixels, 0.0);
-        scene.light.blur(&self.beads, &mut self.noisy, blur);
-        for photons in &mut self.noisy {
+        self.clean.resize(pixels, 0.0);
+        scene.light.blur(&self.beads, &mut self.clean, blur);
+        for photons in &mut self.clean {
             *photons = photons.max(0.0) + scene.bias;
         }
-        if let Ok(clean) = ArrayView3::from_shape((1, scene.patch.0, scene.patch.1), &self.noisy[..]) {
+        if let Ok(clean) = ArrayView3::from_shape((1, scene.patch.0, scene.patch.1), &self.clean[..]) {
             let noisy = scene.noise.draw_from(clean, stream as usize, seed);
             self.noisy.clear();
             self.noisy.extend(noisy);

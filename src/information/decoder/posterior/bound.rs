@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::super::channel::BeadChannel;
-use super::super::draws::{Purpose, Reveal};
+use super::super::draws::{Purpose, Reveal, Sample};
 use super::super::layers::Decoder;
 use super::super::pass::Pass;
 use super::super::scene::Scene;
@@ -185,6 +185,9 @@ fn bound(
     loop {
         let first = nats.len();
         nats.extend(follower.block(first..first + REPORT.min(fit.samples - first), levels, side));
+        if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| watch.goes_on()) {
+            return Err(InformationError::NotFinite { what: "posteriors of the beads", patch });
+        }
         let (mean, half_width) = mean_and_half_width(&nats, scene.pixels());
         let elapsed = started.elapsed();
         if !watch.note(nats.len(), mean) {
@@ -225,8 +228,6 @@ struct Follower<'a> {
     watch: &'a Watch<'a>,
     free: Pool<Pass<'a>>,
     light: Light,
-    /// The whole spot: planes, rows, cols.
-    spot: ndarray::Array3<f64>,
     steps: Steps,
     /// How much a bead at each site is expected to tell, nats, less than all.
     told: Vec<f64>,
@@ -256,7 +257,7 @@ impl<'a> Follower<'a> {
                 }
             }
         }
-        Ok(Self { scene, fit, decoder, watch, free: Pool::default(), light, steps: Steps::new(&spot), spot, told })
+        Ok(Self { scene, fit, decoder, watch, free: Pool::default(), light, steps: Steps::new(&spot), told })
     }
 
     fn with_sample<T>(&self, index: usize, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
@@ -324,7 +325,7 @@ impl<'a> Follower<'a> {
             let measured = Measured::new(scene, &self.light, &pass.sample, |site| !asked[site]);
             let beads = &pass.sample.beads;
             let lit: Vec<usize> = (0..beads.len()).filter(|&site| beads[site] > 0.0 && asked[site]).collect();
-            let exact = self.exact(beads, &pass.sample.noisy);
+            let exact = self.exact(&pass.sample);
             (Guess::new(&log_odds, asked, limits), measured, lit, exact)
         });
         let sites = guess.free.iter().filter(|&&free| free).count() as f64;
@@ -342,24 +343,10 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Log of the probability (density) of a measurement given its beads, nats.
-    fn exact(&self, beads: &[f32], noisy: &[f32]) -> f64 {
-        let scene = self.scene;
-        let (rows, cols) = scene.patch;
-        let (_, spot_rows, spot_cols) = self.spot.dim();
-        let mut clean = vec![f64::from(scene.bias); scene.pixels()];
-        let (site_rows, site_cols) = (scene.sites.rows, scene.sites.cols);
-        for site in (0..beads.len()).filter(|&site| beads[site] > 0.0) {
-            let (line, right) = (site / site_cols, site % site_cols);
-            let (plane, bottom) = (line / site_rows, line % site_rows);
-            // The last pixel of the spot lies on pixel (bottom, right).
-            for row in bottom.saturating_sub(spot_rows - 1)..=bottom.min(rows - 1) {
-                for col in right.saturating_sub(spot_cols - 1)..=right.min(cols - 1) {
-                    let (r, c) = (row + spot_rows - 1 - bottom, col + spot_cols - 1 - right);
-                    clean[row * cols + col] += self.spot[[plane, r, c]];
-                }
-            }
-        }
-        noisy.iter().zip(&clean).map(|(&noisy, &clean)| log_likelihood(scene.noise, f64::from(noisy), clean)).sum()
+    /// Log of the probability (density) of a sample's measurement given its beads, nats. Light that arithmetic leaves where
+    /// there is none belongs to the channel: noise was drawn of it.
+    fn exact(&self, sample: &Sample) -> f64 {
+        let pixels = sample.noisy.iter().zip(&sample.clean);
+        pixels.map(|(&y, &x)| log_likelihood(self.scene.noise, f64::from(y), f64::from(x))).sum()
     }
 }

@@ -32,6 +32,23 @@ fn sample(scene: &Scene, index: usize) -> Sample {
     sample
 }
 
+#[test]
+fn light_that_arithmetic_leaves_in_the_dark_is_part_of_the_channel() {
+    // A clean image with photons where no bead sends any, as a transform may leave them, and a count there.
+    let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
+    let fit = PosteriorFit { samples: 64, ..PosteriorFit::of_levels(16, 1) };
+    let decoder = Decoder::shipped().unwrap();
+    let bound = posterior_upper_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(bound.bits_per_pixel > 0.2 && bound.interval_95[0] > 0.0, "{bound:?}");
+    let below = posterior_lower_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(below.interval_95[0] <= bound.interval_95[1], "{below:?}");
+    let scene = Scene::new(&channel).unwrap();
+    let sample = sample(&scene, 1);
+    assert_eq!(sample.clean.len(), sample.noisy.len());
+    let likely = |(&y, &x): (&f32, &f32)| y == 0.0 || x > 0.0;
+    assert!(sample.noisy.iter().zip(&sample.clean).all(likely), "no count comes from nothing");
+}
+
 fn sites_of(object: usize) -> impl Iterator<Item = usize> {
     (0..10).filter(move |site| object >> site & 1 == 1)
 }
