@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use lenslet_studio::design::{
-    Free, Ideal, IdealError, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
+    Free, Ideal, IdealError, IdealEvent, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
 };
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
@@ -164,6 +164,7 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
 
     // A run may be made longer, but a state of another one is refused.
     resumed.extend_to(16);
+    assert!(matches!(resumed.state().events.last(), Some(IdealEvent::Extended { .. })));
     resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
     assert_eq!(resumed.state().step, 16);
     let other = Ideal::new(&imaging, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();

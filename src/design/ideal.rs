@@ -161,11 +161,12 @@ impl<'a> Ideal<'a> {
         self.state.finished
     }
 
-    /// Lets the run go on to `steps` steps of the mask.
+    /// Lets the run go on to `steps` steps of the mask, or end where it is if it has as many.
     pub fn extend_to(&mut self, steps: usize) {
-        if steps > self.state.step {
-            self.settings.steps = steps.min(IdealSettings::MOST);
-            self.state.finished = false;
+        let step = self.state.step;
+        self.settings.steps = steps.clamp(step, IdealSettings::MOST.max(step));
+        if steps > step && std::mem::take(&mut self.state.finished) {
+            self.state.events.push(IdealEvent::Extended { step });
         }
     }
 

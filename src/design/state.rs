@@ -43,6 +43,11 @@ pub enum IdealEvent {
         /// Steps of the mask so far.
         step: usize,
     },
+    /// It had come to its end and was told to go on: rates that had fallen are at their full height again.
+    Extended {
+        /// Steps of the mask so far.
+        step: usize,
+    },
     /// The density model had lost track of the mask: one that began anew knew more and took its place; the rates were halved.
     Refitted {
         /// Steps of the mask so far.

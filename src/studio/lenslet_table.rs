@@ -108,7 +108,7 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
     }
     let mut locked = state.locks.indices().contains(&index);
     // Locks are of the open design, whatever is shown.
-    let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::without_text(&mut locked));
+    let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::new(&mut locked, ""));
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
         state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });

@@ -380,7 +380,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         let copy = ui.small_button("Copy command").on_hover_text("The command line that makes the same run again");
         name_widget(&copy, "Copy command of run");
         if copy.clicked() {
-            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings));
+            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings, &run.events));
         }
     });
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
-use crate::design::{Free, IdealSettings};
+use crate::design::{Free, IdealEvent, IdealSettings};
 use crate::information::{FitLength, Protocol};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
@@ -49,11 +49,22 @@ pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<St
     with_design("estimate", "--lenslets", design, &flags.join(" "))
 }
 
-/// The command for a run of IDEAL from a design; it writes into the folder `run`.
+/// The command for a run of IDEAL from a design; it writes into the folder `run`. One that went on beyond its end (`events`)
+/// takes as many commands, each of which goes on where the one before has ended.
 ///
 /// # Errors
 /// As [`look_command`].
-pub fn run_command(start: &Design, settings: &IdealSettings) -> Result<String, String> {
+pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
+    let ends = events.iter().filter_map(|event| match event {
+        IdealEvent::Extended { step } => Some(*step),
+        _ => None,
+    });
+    let parts =
+        ends.chain([settings.steps]).map(|steps| part_command(start, &IdealSettings { steps, ..settings.clone() }));
+    Ok(parts.collect::<Result<Vec<_>, _>>()?.join("\n"))
+}
+
+fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, String> {
     let mut flags =
         vec![format!("--preset {} --objective {} --steps {}", settings.preset, settings.objective, settings.steps)];
     flags.push(format!("--patch {}", patch_name(settings.patch)));
@@ -172,11 +183,17 @@ mod tests {
         let mut settings = IdealSettings::new(Preset::Default, Objective::Posterior, 11);
         settings.locked = vec![0, 4];
         settings.free.widths = false;
-        let text = run_command(&design, &settings).unwrap();
+        let text = run_command(&design, &settings, &[]).unwrap();
         let (head, rest) = text.split_once(" <<'END'\n").unwrap();
         assert!(head.starts_with("lenslet-studio design - --preset default --objective posterior --steps"), "{head}");
         assert!(head.contains("--free positions,weights --lock 1,5") && head.ends_with("--out run"), "{head}");
         let value = serde_json::from_str(rest.strip_suffix("\nEND").unwrap()).unwrap();
-        assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design });
+        assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design.clone() });
+        // One that went on beyond its end.
+        settings.steps = 90;
+        let published = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..design };
+        let text = run_command(&published, &settings, &[IdealEvent::Extended { step: 40 }]).unwrap();
+        let steps: Vec<&str> = text.lines().map(|line| line.split("--steps ").nth(1).unwrap()).collect();
+        assert!(steps.len() == 2 && steps[0].starts_with("40 ") && steps[1].starts_with("90 "), "{text}");
     }
 }
