@@ -123,7 +123,7 @@ impl Studio {
                 None => {}
             },
             Err(EvaluationError::File(FormatError::Busy { .. })) => {
-                self.tell("Another window keeps its runs; what a run of this one finds ends with it.".into());
+                self.tell("Another window is open and keeps its runs; a run of this one is lost with it unless it is accepted.".into());
             }
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
