@@ -63,8 +63,6 @@ struct Bounds {
     gaussian_bound: f64,
     /// Whether the Gaussian's number is a bound.
     gaussian_is_bound: bool,
-    #[serde(skip)]
-    gaussian_name: &'static str,
     gaussian_interval_95: [f64; 2],
     entropy_y: f64,
     entropy_y_given_x: f64,
@@ -78,7 +76,6 @@ impl Bounds {
             patch: information.patch.into(),
             gaussian_bound: gaussian.bits_per_pixel,
             gaussian_is_bound: information.gaussian_is_bound,
-            gaussian_name: information.gaussian_name(),
             gaussian_interval_95: information.interval_95,
             entropy_y: gaussian.entropy_y,
             entropy_y_given_x: gaussian.entropy_y_given_x,
@@ -90,11 +87,11 @@ impl Bounds {
         let ([rows, cols], [low, high], bound) = (self.patch, self.gaussian_interval_95, self.gaussian_bound);
         vec![
             format!("Information of a {rows} x {cols} px patch, bits per pixel:"),
-            format!(
-                "  {} {bound:.3} [{low:.3}, {high:.3}]  {}",
-                if self.gaussian_is_bound { "at most" } else { "  about" },
-                self.gaussian_name
-            ),
+            if self.gaussian_is_bound {
+                format!("  at most {bound:.3} [{low:.3}, {high:.3}]  Gaussian bound")
+            } else {
+                format!("    about {bound:.3} [{low:.3}, {high:.3}]  Gaussian approximation")
+            },
             match self.ceiling {
                 Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy ceiling"),
                 None => "  ceiling unknown: the entropy of these objects is not known".into(),

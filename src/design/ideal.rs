@@ -348,11 +348,10 @@ const STEP_SEEDS: u64 = 1 << 33;
 
 #[cfg(test)]
 mod tests {
-    use super::super::guide::OnFit;
+    use super::super::guide::{OnFit, Slopes};
     use super::super::settings::Preset;
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet};
-    use crate::optics::LensletGradient;
     use crate::sensor::Noise;
 
     fn beads() -> ObjectSet {
@@ -462,12 +461,7 @@ mod tests {
             self.0.value(array, last, go_on)
         }
 
-        fn slopes(
-            &self,
-            array: &LensletArray,
-            draw: &GradientDraw,
-            go_on: &dyn Fn() -> bool,
-        ) -> Result<Vec<LensletGradient>, IdealError> {
+        fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
             self.0.slopes(array, draw, go_on)
         }
 

@@ -209,18 +209,29 @@ fn noise_variance(noise: Noise, mean_measurement: f64) -> Result<f64, Informatio
 }
 
 /// Variance that counts have besides, as numbers with a density: a count stands for all numbers up to the next, and of
-/// less than a photon the Gaussian of the counts alone would have less entropy than they (none at all in the dark). From one
-/// photon on the skewness of counts leaves more room than that.
+/// a tenth of a photon the Gaussian of the counts alone would have less entropy than they. From one photon on their skewness
+/// leaves more room than that.
 fn variance_of_rounding(noise: Noise, mean_measurement: f64) -> f64 {
     if noise == Noise::Shot { (1.0 - mean_measurement).max(0.0) / 12.0 } else { 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::poisson::poisson_entropy;
     use super::super::test_beads::{bead_autocovariance, bead_spot, convolve, encoded_image, heuristic_psf};
     use super::super::{NoiseEntropy, Protocol};
     use super::*;
     use ndarray::{Array3, Axis};
+
+    #[test]
+    fn a_gaussian_has_no_less_entropy_than_counts_however_few() {
+        for step in 0..400 {
+            let mean = 1e-3 * 1.03_f64.powi(step);
+            let gaussian = gaussian_entropy(mean + variance_of_rounding(Noise::Shot, mean));
+            let counts = poisson_entropy(mean);
+            assert!(gaussian > counts, "{mean}: {gaussian} {counts}");
+        }
+    }
 
     #[test]
     fn heuristic_layouts_have_the_known_bounds() {

@@ -162,9 +162,19 @@ impl<'a> Known<'a> {
         self.bounds.gaussian.bits_per_pixel
     }
 
-    /// The smallest upper bound for patches, and its name.
+    /// The Gaussian's number, a bound or an approximation, and its name.
+    fn named_gaussian(&self) -> (f64, String) {
+        (self.gaussian(), self.bounds.gaussian_name().to_owned())
+    }
+
+    /// The smallest upper bound for patches and its name, or the approximation where there is no bound.
     fn upper(&self) -> (f64, String) {
-        let mut bounds = vec![];
+        self.upper_bound().unwrap_or_else(|| self.named_gaussian())
+    }
+
+    /// The smallest upper bound for patches, where there is one, and its name.
+    fn upper_bound(&self) -> Option<(f64, String)> {
+        let mut bounds = Vec::from_iter(self.bounds.gaussian_is_bound.then(|| self.named_gaussian()));
         bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "object-entropy ceiling".to_owned())));
         if let Some((live, true)) = &self.live {
             bounds.push((live.bits_per_pixel, "density model".into()));
@@ -175,11 +185,7 @@ impl<'a> Known<'a> {
         if let Some(bracket) = &self.bracket {
             bounds.push((bracket.upper, bracket.upper_from.clone()));
         }
-        if self.bounds.gaussian_is_bound {
-            bounds.push((self.gaussian(), self.bounds.gaussian_name().to_owned()));
-        }
-        let gaussian = || (self.gaussian(), self.bounds.gaussian_name().to_owned());
-        bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or_else(gaussian)
+        bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
     }
 }
 
@@ -207,6 +213,11 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
             format!("{:.3} \u{2013} {upper:.3}", lower.bits_per_pixel),
             both(&lower.from, &from),
             format!("The information of {rows} x {cols} px patches lies between these bounds."),
+        ),
+        _ if known.upper_bound().is_none() => (
+            format!("\u{2248} {upper:.3}"),
+            from,
+            format!("No bound for {rows} x {cols} px patches: whole pictures may be brighter in the middle."),
         ),
         _ => (
             format!("\u{2264} {upper:.3}"),

@@ -1,6 +1,6 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
-use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, WARM_RATE};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
@@ -8,7 +8,7 @@ use crate::information::{
     CausalFit, CausalModel, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, score,
 };
 use crate::objects::Split;
-use crate::optics::{Lenslet, LensletArray, LensletGradient, Limits, render_psf};
+use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
@@ -92,12 +92,7 @@ impl Guide for DensityGuide<'_> {
         self.held_out.value(&information)
     }
 
-    fn slopes(
-        &self,
-        array: &LensletArray,
-        draw: &GradientDraw,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<LensletGradient>, IdealError> {
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {
         Ok(self.imaging.gradient(array, draw, self.patch, &self.model)?.lenslets)
     }
 

@@ -40,6 +40,9 @@ pub(super) struct GuideFit {
     pub warm: bool,
 }
 
+/// How the information changes with every lenslet.
+pub(super) type Slopes = Result<Vec<LensletGradient>, IdealError>;
+
 /// A model of measurements that is fitted to the mask again and again.
 pub(super) trait Guide {
     /// Turns to a mask, with the weights as they are or, where it is not `warm`, with those that any fit begins with.
@@ -53,12 +56,7 @@ pub(super) trait Guide {
     fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError>;
 
     /// How the information changes with every lenslet. It ends early where `go_on` says so.
-    fn slopes(
-        &self,
-        array: &LensletArray,
-        draw: &GradientDraw,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<LensletGradient>, IdealError>;
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes;
 
     /// Weights and `details`, as the bytes of a safetensors file.
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError>;

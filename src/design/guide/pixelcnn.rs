@@ -1,6 +1,6 @@
 //! The published model of the measurements, a `PixelCNN`.
 
-use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, MeasurementStream, derived_seed};
@@ -9,7 +9,7 @@ use crate::information::{
     TrainingPatches, dequantised,
 };
 use crate::objects::Split;
-use crate::optics::{LensletArray, LensletGradient, render_psf};
+use crate::optics::{LensletArray, render_psf};
 
 /// Fresh patches of a fit, of which a tenth validate.
 const TRAINING: usize = 4096;
@@ -88,12 +88,7 @@ impl Guide for PixelCnnGuide<'_> {
         self.held_out.value(&information)
     }
 
-    fn slopes(
-        &self,
-        array: &LensletArray,
-        draw: &GradientDraw,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<LensletGradient>, IdealError> {
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
         let held = HeldPixelCnn { network: &self.network, noise: self.imaging.noise, go_on };
         Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }

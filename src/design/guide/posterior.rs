@@ -2,12 +2,12 @@
 
 use ndarray::{Array2, Array3, ArrayView3, s};
 
-use super::{Guide, GuideFit, OnFit, WARM_RATE};
+use super::{Guide, GuideFit, OnFit, Slopes, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, derived_seed};
 use crate::information::{BeadChannel, Decoder, DecoderFit, DecoderKind, QuickLowerBound, fitted_decoder, spot_slope};
-use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
+use crate::optics::{LensletArray, psf_gradient, render_psf};
 
 /// Fresh scenes that a value rests on, and that of the last mask.
 const SAMPLES: usize = 512;
@@ -74,12 +74,7 @@ impl Guide for PosteriorGuide<'_> {
         Ok((bound.bits_per_pixel, bound.interval_95))
     }
 
-    fn slopes(
-        &self,
-        array: &LensletArray,
-        draw: &GradientDraw,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<LensletGradient>, IdealError> {
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {
         let channel = channel(self.imaging, array, self.patch)?;
         let by_spot = spot_slope(&channel, &self.decoder, (draw.seed, 0, draw.patches))?;
         let by_psf = by_psf(by_spot.view(), &self.bead);

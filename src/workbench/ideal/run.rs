@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::designer::{RankedStart, Start};
+use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
 use crate::formats::{create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
