@@ -39,7 +39,7 @@ pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
         let value = |pixel: usize, plane: usize| f32::from(planes[plane * PLANE + pixel]);
         grey.extend((0..PLANE).map(|pixel| luma([0, 1, 2].map(|plane| value(pixel, plane)))));
     }
-    Ok(PixelStack { pages, rows: SIDE, cols: SIDE, samples: Samples::F32(grey) })
+    Ok(PixelStack::new(pages, SIDE, SIDE, Samples::F32(grey)))
 }
 
 #[cfg(test)]

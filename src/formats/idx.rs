@@ -80,7 +80,7 @@ fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) 
     .map_err(|error| FormatError::from_read(path, error))?;
     // One byte more tells a longer file, and makes a packed one compare its check sum.
     match reader.read(&mut [0]) {
-        Ok(0) => Ok(PixelStack { pages, rows, cols, samples }),
+        Ok(0) => Ok(PixelStack::new(pages, rows, cols, samples)),
         Ok(_) => Err(malformed("a file as long as its header says", format!("more than {} bytes", bytes + 16))),
         Err(error) => Err(FormatError::from_read(path, error)),
     }

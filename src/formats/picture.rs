@@ -81,7 +81,7 @@ pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
             return Err(FormatError::malformed(path, "grey or RGB pixels of 8, 16 or 32 bits", found, ADVICE));
         }
     };
-    Ok(PixelStack::page(height as usize, width as usize, samples.grey(channels)))
+    Ok(PixelStack::page(height as usize, width as usize, samples, channels))
 }
 
 /// Writes an 8-bit grey PNG: `low` becomes 0, `high` 255, values beyond are clipped and NaN is 0.

@@ -94,22 +94,45 @@ impl Samples {
         }
     }
 
+    /// Count of the brightest pixel that this type can hold; none of floating-point numbers.
+    fn white(&self) -> Option<u16> {
+        match self {
+            Self::U8(_) => Some(u16::from(u8::MAX)),
+            Self::U16(_) => Some(u16::MAX),
+            Self::F32(_) => None,
+        }
+    }
+
+    /// All values times `factor`; counts become `f32`.
+    #[must_use]
+    pub fn times(self, factor: f32) -> Samples {
+        Self::F32(self.into_f32().into_iter().map(|value| value * factor).collect())
+    }
+
+    /// Red, green and blue of the pixels of interleaved `channels`.
+    fn colours(&self, channels: usize) -> impl Iterator<Item = [f32; 3]> {
+        (0..self.len() / channels).map(move |pixel| [0, 1, 2].map(|channel| self.value(pixel * channels + channel)))
+    }
+
+    /// Whether any pixel of interleaved `channels` is not grey.
+    fn has_colours(&self, channels: usize) -> bool {
+        channels > 2 && self.colours(channels).any(|[red, green, blue]| red != green || green != blue)
+    }
+
     /// Pixels of interleaved `channels` made grey: one channel as it is, two as grey and alpha, three and four as
-    /// red, green, blue (and alpha), weighted by [`GREY_WEIGHTS`]. Alpha is ignored.
+    /// red, green, blue (and alpha), weighted by [`GREY_WEIGHTS`] where they differ. Alpha is ignored.
     ///
     /// # Panics
     /// If `channels` is 0.
-    pub(super) fn grey(self, channels: usize) -> Samples {
+    fn grey(self, channels: usize) -> Samples {
+        if self.has_colours(channels) {
+            return Self::F32(self.colours(channels).map(luma).collect());
+        }
         match (self, channels) {
             (samples, 1) => samples,
-            (Self::U8(values), 2) => Self::U8(values.into_iter().step_by(2).collect()),
-            (Self::U16(values), 2) => Self::U16(values.into_iter().step_by(2).collect()),
-            (Self::F32(values), 2) => Self::F32(values.into_iter().step_by(2).collect()),
-            (samples, _) => Self::F32(
-                (0..samples.len() / channels)
-                    .map(|pixel| luma([0, 1, 2].map(|channel| samples.value(pixel * channels + channel))))
-                    .collect(),
-            ),
+            (Self::U8(values), _) => Self::U8(values.into_iter().step_by(channels).collect()),
+            (Self::U16(values), _) => Self::U16(values.into_iter().step_by(channels).collect()),
+            (Self::F32(values), _) => Self::F32(values.into_iter().step_by(channels).collect()),
         }
     }
 }
@@ -130,12 +153,22 @@ pub struct PixelStack {
     pub cols: usize,
     /// `pages * rows * cols` values.
     pub samples: Samples,
+    /// Count of the brightest pixel that the file can hold, 255 or 65535; none of other numbers.
+    pub white: Option<u16>,
+    /// Whether the file has colours, of which `samples` is the luma.
+    pub from_colour: bool,
 }
 
 impl PixelStack {
-    /// One picture from its samples.
-    pub(super) fn page(rows: usize, cols: usize, samples: Samples) -> Self {
-        Self { pages: 1, rows, cols, samples }
+    /// Grey pictures from their samples.
+    pub fn new(pages: usize, rows: usize, cols: usize, samples: Samples) -> Self {
+        Self { pages, rows, cols, white: samples.white(), samples, from_colour: false }
+    }
+
+    /// One picture from samples of interleaved `channels`.
+    pub(super) fn page(rows: usize, cols: usize, samples: Samples, channels: usize) -> Self {
+        let (white, from_colour) = (samples.white(), samples.has_colours(channels));
+        Self { white, from_colour, ..Self::new(1, rows, cols, samples.grey(channels)) }
     }
 
     /// Pictures as an array of shape (pages, rows, cols), in the counts of the file.

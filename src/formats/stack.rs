@@ -38,11 +38,11 @@ pub fn read_stack(path: &Path) -> Result<PixelStack, FormatError> {
 
 fn from_array(path: &Path, (shape, samples): (Vec<usize>, Samples)) -> Result<PixelStack, FormatError> {
     match shape[..] {
-        [rows, cols] => Ok(PixelStack::page(rows, cols, samples)),
+        [rows, cols] => Ok(PixelStack::page(rows, cols, samples, 1)),
         [rows, cols, channels @ (3 | 4)] if rows.min(cols) > COLOUR_PICTURE_PX => {
-            Ok(PixelStack::page(rows, cols, samples.grey(channels)))
+            Ok(PixelStack::page(rows, cols, samples, channels))
         }
-        [pages, rows, cols] => Ok(PixelStack { pages, rows, cols, samples }),
+        [pages, rows, cols] => Ok(PixelStack::new(pages, rows, cols, samples)),
         _ => Err(FormatError::malformed(
             path,
             "an array of shape (rows, cols), (pages, rows, cols) or (rows, cols, 3)",

@@ -49,6 +49,7 @@ pub(super) fn read_equal_pages(path: &Path) -> Result<PixelStack, FormatError> {
             return Err(FormatError::malformed(path, expected, found, "crop all pages to one shape"));
         }
         stack.pages += 1;
+        stack.from_colour |= page.from_colour;
         stack.samples.append(page.samples);
         Ok(())
     })?;
@@ -98,7 +99,7 @@ fn for_each_page(path: &Path, mut take: impl FnMut(PixelStack) -> Result<(), For
             let found = format!("{} values for {rows} x {cols} px", samples.len());
             return Err(FormatError::malformed(path, format!("{channels} values per pixel"), found, ADVICE));
         }
-        take(PixelStack::page(rows, cols, samples.grey(channels)))?;
+        take(PixelStack::page(rows, cols, samples, channels))?;
         if !decoder.more_images() {
             return Ok(());
         }

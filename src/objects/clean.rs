@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     fn stack(values: &[f32]) -> PixelStack {
-        PixelStack { pages: values.len() / 4, rows: 2, cols: 2, samples: Samples::F32(values.to_vec()) }
+        PixelStack::new(values.len() / 4, 2, 2, Samples::F32(values.to_vec()))
     }
 
     #[test]

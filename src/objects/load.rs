@@ -33,6 +33,14 @@ enum Item {
     Fitted(PixelStack),
 }
 
+impl Item {
+    fn stack(&mut self) -> &mut PixelStack {
+        match self {
+            Self::Small(stack) | Self::Fitted(stack) => stack,
+        }
+    }
+}
+
 /// Reads the pictures of a folder, in the order of their names, or of one file.
 ///
 /// Files of a folder that cannot be read are left out and told in `notices`.
@@ -74,7 +82,25 @@ pub(super) fn load(
         let more = if unreadable.len() > NAMED_FILES { " and others" } else { "" };
         notices.push(format!("{} unreadable files were left out: {}{more}", unreadable.len(), names.join(", ")));
     }
+    notices.extend(same_white(&mut items));
     Ok(combine(items, field))
+}
+
+/// Brings 8-bit pictures among 16-bit ones to the same white; tells so.
+fn same_white(items: &mut [Item]) -> Option<String> {
+    let whites: Vec<Option<u16>> = items.iter_mut().map(|item| item.stack().white).collect();
+    let (narrow, wide) = (Some(u16::from(u8::MAX)), Some(u16::MAX));
+    if !(whites.contains(&narrow) && whites.contains(&wide)) {
+        return None;
+    }
+    let factor = u16::MAX / u16::from(u8::MAX);
+    let mut scaled = 0;
+    for stack in items.iter_mut().map(Item::stack).filter(|stack| stack.white == narrow) {
+        let samples = std::mem::replace(&mut stack.samples, Samples::U8(Vec::new()));
+        (stack.samples, stack.white) = (samples.times(f32::from(factor)), wide);
+        scaled += 1;
+    }
+    Some(format!("{scaled} 8-bit pictures were brought to the range of the 16-bit ones among them (times {factor})"))
 }
 
 fn name_of(path: &Path) -> String {
@@ -96,7 +122,7 @@ fn combine(items: Vec<Item>, field: (usize, usize)) -> Loaded {
         });
         return Loaded::Tiles(small.collect());
     }
-    let mut whole = PixelStack { pages: 0, rows: field.0, cols: field.1, samples: Samples::U8(Vec::new()) };
+    let mut whole = PixelStack::new(0, field.0, field.1, Samples::U8(Vec::new()));
     for item in items {
         let stack = match item {
             Item::Small(stack) => fit(stack, field),
@@ -136,7 +162,7 @@ fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
         let scaled = resize(&unit, cols as u32, rows as u32, FilterType::Triangle);
         values.extend(scaled.into_raw().into_iter().map(|value| value * largest));
     }
-    PixelStack { pages: stack.pages, rows, cols, samples: Samples::F32(values) }
+    PixelStack { rows, cols, samples: Samples::F32(values), ..stack }
 }
 
 #[cfg(test)]
@@ -145,7 +171,7 @@ mod tests {
 
     fn picture(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f32) -> PixelStack {
         let samples = Samples::F32((0..rows * cols).map(|pixel| value(pixel / cols, pixel % cols)).collect());
-        PixelStack { pages: 1, rows, cols, samples }
+        PixelStack::new(1, rows, cols, samples)
     }
 
     #[test]
@@ -160,6 +186,19 @@ mod tests {
         assert!((ramp[[10, 30]] - ramp[[90, 30]]).abs() < 1e-3);
         let tall = fit(picture(1, 30_000, |_, _| 2.0), (96, 64)).picture(0);
         assert!(tall.dim() == (96, 64) && (tall.sum() - 2.0 * 96.0 * 64.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn white_is_white_whatever_the_depth_of_the_file() {
+        let deep = |value: u16| item(PixelStack::new(1, 20, 20, Samples::U16(vec![value; 400])), (96, 96));
+        let shallow = |side: usize| item(PixelStack::new(1, side, side, Samples::U8(vec![255; side * side])), (96, 96));
+        let mut items = vec![shallow(20), deep(65_535), deep(300), shallow(60)];
+        let told = same_white(&mut items).unwrap();
+        assert_eq!(told, "2 8-bit pictures were brought to the range of the 16-bit ones among them (times 257)");
+        let firsts: Vec<f32> = items.iter_mut().map(|item| item.stack().samples.value(0)).collect();
+        assert_eq!(firsts, [65_535.0, 65_535.0, 300.0, 65_535.0]);
+        assert_eq!(same_white(&mut [shallow(20), shallow(60)]), None);
+        assert_eq!(same_white(&mut [deep(9), deep(5)]), None);
     }
 
     #[test]

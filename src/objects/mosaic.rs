@@ -176,7 +176,7 @@ mod tests {
 
     fn images(pages: usize, rows: usize, cols: usize) -> PixelStack {
         let values = (0..pages * rows * cols).map(|index| ((index * 7919) % 251) as u8 % 97);
-        PixelStack { pages, rows, cols, samples: Samples::U8(values.collect()) }
+        PixelStack::new(pages, rows, cols, Samples::U8(values.collect()))
     }
 
     #[test]

@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn autocovariance_is_valid_and_has_the_variance_of_the_pixels() {
         let values: Vec<u16> = (0..3 * 20 * 24).map(|index: u32| ((index * 48_271) % 1009) as u16).collect();
-        let stack = PixelStack { pages: 3, rows: 20, cols: 24, samples: Samples::U16(values) };
+        let stack = PixelStack::new(3, 20, 24, Samples::U16(values));
         let set = WholePictures::new(stack.clone(), 50.0).unwrap();
         let photons = stack.into_array().mapv(f64::from);
         let photons = &photons * (50.0 / photons.mean().unwrap());
@@ -121,7 +121,7 @@ mod tests {
                 box_of_9.sum::<f32>() / 9.0
             })
             .collect();
-        let stack = PixelStack { pages: 1, rows: 400, cols: 400, samples: Samples::F32(smooth) };
+        let stack = PixelStack::new(1, 400, 400, Samples::F32(smooth));
         let covariance = WholePictures::new(stack, 0.5).unwrap().autocovariance(4);
         let variance = 1.0 / 12.0 / 9.0;
         for (lag, expected) in [([4, 4], 9.0), ([4, 5], 6.0), ([5, 3], 4.0), ([6, 4], 3.0), ([4, 8], 0.0)] {
