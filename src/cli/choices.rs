@@ -48,7 +48,8 @@ impl FromStr for EncoderChoice {
             "depth" => count(1..=5).map(Self::Depth),
             "diffuser" => count(1..=Diffuser::GRID).map(Self::Diffuser),
             "psf" if !rest.is_empty() => Ok(match rest.rsplit_once('@') {
-                Some((path, side)) if !path.is_empty() => {
+                // An @ may be part of a path, too.
+                Some((path, side)) if !path.is_empty() && side.bytes().all(|byte| byte.is_ascii_digit()) => {
                     let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
                     Self::Psf(
                         path.into(),
@@ -222,6 +223,7 @@ mod tests {
             ("heuristic:9", EncoderChoice::Heuristic(9)),
             ("random:25", EncoderChoice::Random(25)),
             ("psf:a/b.npy", EncoderChoice::Psf("a/b.npy".into(), None)),
+            ("psf:me@lab/psf.npy", EncoderChoice::Psf("me@lab/psf.npy".into(), None)),
             ("psf:a@b.png@48", EncoderChoice::Psf("a@b.png".into(), Some(48))),
             ("diffuser:16", EncoderChoice::Diffuser(16)),
         ] {

@@ -73,8 +73,9 @@ pub fn import_psf(path: &Path, side: Option<usize>) -> Result<PsfImage, PsfError
         return Err(PsfError::Several { origin, found });
     }
     let picture = stack.index_axis_move(ndarray::Axis(0), 0);
+    check_pixels(picture.view(), &origin)?;
     let picture = match side {
-        Some(side) if side > 0 && picture.len() > 1 => resample_square(picture.view(), side),
+        Some(side) if side > 0 && !picture.is_empty() => resample_square(picture.view(), side),
         _ => picture,
     };
     Ok(PsfImage { psf: normalised_psf(picture, &origin)?, origin })
@@ -90,16 +91,21 @@ pub fn normalised_psf(picture: Array2<f32>, origin: &str) -> Result<Array2<f32>,
     if !side.contains(&rows) || !side.contains(&cols) {
         return Err(PsfError::Shape { origin: origin.into(), rows, cols });
     }
-    if let Some(((row, col), &value)) = picture.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0))
-    {
-        return Err(PsfError::Pixel { origin: origin.into(), row, col, value });
-    }
+    check_pixels(picture.view(), origin)?;
     let sum: f64 = picture.iter().map(|&value| f64::from(value)).sum();
     if sum <= 0.0 {
         return Err(PsfError::Dark { origin: origin.into() });
     }
     // A PSF that already sums to 1 within rounding is left as it is, so that saving and opening changes no bit.
     if (sum - 1.0).abs() < 1e-6 { Ok(picture) } else { Ok(picture.map(|&value| (f64::from(value) / sum) as f32)) }
+}
+
+/// Light is finite and not negative.
+fn check_pixels(picture: ArrayView2<'_, f32>, origin: &str) -> Result<(), PsfError> {
+    match picture.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
+        Some(((row, col), &value)) => Err(PsfError::Pixel { origin: origin.into(), row, col, value }),
+        None => Ok(()),
+    }
 }
 
 /// The central square of `picture` resampled to `side` x `side` pixels, each the mean of the area it covers.
@@ -131,6 +137,19 @@ mod tests {
         assert!((small.sum() - 1.0).abs() < 1e-6);
         let large = resample_square(Array2::from_elem((3, 3), 2.0).view(), 7);
         assert!(large.iter().all(|value| (value - 2.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn pixels_are_checked_before_they_are_averaged_and_one_pixel_is_a_square() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.npy");
+        let mut picture = Array2::<f32>::ones((6, 6));
+        picture[(2, 3)] = -0.5;
+        formats::write_array(&path, picture.clone().into_dyn().view()).unwrap();
+        let message = import_psf(&path, Some(2)).unwrap_err().to_string();
+        assert!(message.contains("-0.5 at row 2, column 3"), "{message}");
+        formats::write_array(&path, Array2::<f32>::ones((1, 1)).into_dyn().view()).unwrap();
+        assert_eq!(import_psf(&path, Some(8)).unwrap().psf.dim(), (8, 8));
     }
 
     #[test]
