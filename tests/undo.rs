@@ -87,6 +87,34 @@ proptest! {
     }
 }
 
+#[test]
+fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
+    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    bench.set_live(false);
+    let beads = |density| ObjectSource::Beads { density };
+    let start = beads(0.02);
+    assert_eq!(bench.design().objects, start);
+    bench.note_pointer(true);
+    for step in 1..=5 {
+        bench.apply(&Command::SetObjects(beads(0.02 + 0.001 * f64::from(step)))).unwrap();
+    }
+    bench.note_pointer(false);
+    let dragged = bench.design().objects.clone();
+    let chosen = [beads(0.03), beads(0.04), ObjectSource::BeadsMax { density: 0.04 }];
+    for source in &chosen {
+        bench.note_pointer(true);
+        bench.note_pointer(false);
+        bench.apply(&Command::SetObjects(source.clone())).unwrap();
+    }
+    // By keys alone, sooner than two changes of one number would be two steps.
+    bench.apply(&Command::SetObjects(ObjectSource::Volume { planes: 5, density: 0.04 })).unwrap();
+    for source in chosen.iter().rev().chain([&dragged, &start]) {
+        bench.undo();
+        assert_eq!(bench.design().objects, *source);
+    }
+    assert_eq!(bench.undoes(), None);
+}
+
 /// What the worker answers to all that it was asked.
 fn answers(bench: &mut Workbench) -> Vec<Result<Outcome, String>> {
     let mut answers = Vec::new();

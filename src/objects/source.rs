@@ -49,8 +49,11 @@ impl ObjectSource {
     pub fn guess(path: &Path) -> Self {
         let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
+        let is_picture = path.is_dir() || ends(&[".png", ".jpg", ".jpeg", ".bmp"]);
         let path = path.to_path_buf();
-        if ends(&[".npy", ".npz", ".tif", ".tiff"]) {
+        if is_picture {
+            Self::Images(path)
+        } else if ends(&[".npy", ".npz", ".tif", ".tiff"]) {
             Self::Stack(path)
         } else if ends(&[".bin"]) {
             Self::Cifar(path)
@@ -63,6 +66,11 @@ impl ObjectSource {
 }
 
 impl ObjectSource {
+    /// Whether these are read from files, which may change.
+    pub fn is_read(&self) -> bool {
+        matches!(self, Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_))
+    }
+
     /// Whether these are beads at random places, whose probability is known.
     pub fn is_beads(&self) -> bool {
         match self {
@@ -160,6 +168,23 @@ mod tests {
             let json = serde_json::to_string(&source).unwrap();
             assert_eq!(json, serde_json::to_string(text).unwrap());
             assert_eq!(serde_json::from_str::<ObjectSource>(&json).unwrap(), source);
+        }
+    }
+
+    #[test]
+    fn names_are_guessed_from_and_folders_hold_pictures() {
+        let folder = tempfile::tempdir().unwrap();
+        let photos = folder.path().join("idx_photos");
+        std::fs::create_dir(&photos).unwrap();
+        assert_eq!(ObjectSource::guess(&photos), ObjectSource::Images(photos));
+        for (name, of) in [
+            ("idx_01.png", ObjectSource::Images as fn(PathBuf) -> ObjectSource),
+            ("t10k-images-idx3-ubyte", ObjectSource::Idx),
+            ("t10k-images-idx3-ubyte.gz", ObjectSource::Idx),
+            ("Stack.TIFF", ObjectSource::Stack),
+            ("test_batch.bin", ObjectSource::Cifar),
+        ] {
+            assert_eq!(ObjectSource::guess(Path::new(name)), of(name.into()));
         }
     }
 

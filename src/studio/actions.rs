@@ -274,7 +274,7 @@ impl Action {
             Self::Accept | Self::LookAway => state.bench.is_looking(),
             Self::Delete => !state.selection.is_empty(),
             Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
-            Self::ExportMeasurements => state.live.measurements.is_some(),
+            Self::ExportMeasurements => state.current_measurements().is_some(),
             Self::ExportLive => state.live_estimate().is_some(),
             _ => true,
         }

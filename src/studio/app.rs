@@ -207,21 +207,24 @@ impl Studio {
         state.selection.retain(|&index| index < count);
         if !state.bench.is_looking() {
             // Those of the open design, whatever is shown.
-            state.locks.check(count);
+            state.locks.check(state.bench.document(), count);
         }
         if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
             && !state.bench.is_dirty()
             && let Some(leaving) = state.leaving.take()
         {
-            self.closing |= leaving.what == Leave::Close;
+            let close = leaving.what == Leave::Close;
             state.leave(ctx, leaving.what);
+            if close {
+                self.close();
+            }
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
             if self.state.bench.is_dirty() || leaving::going_on(&self.state).is_some() {
                 ctx.send_viewport_cmd(ViewportCommand::CancelClose);
                 self.state.guard(ctx, Leave::Close);
             } else {
-                self.closing = true;
+                self.close();
             }
         }
         if !self.state.dialogs.is_open()
@@ -242,6 +245,12 @@ impl Studio {
             ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
             self.title = title;
         }
+    }
+
+    /// Notes that the window is being closed by somebody, and not lost.
+    fn close(&mut self) {
+        self.closing = true;
+        self.state.bench.close();
     }
 
     /// Draws the window.
@@ -274,7 +283,9 @@ impl Studio {
         if self.left_behind.is_empty() {
             welcome::show_welcome(&ctx, &mut self.state);
         }
-        self.closing |= leaving::ask(&ctx, &mut self.state);
+        if leaving::ask(&ctx, &mut self.state) {
+            self.close();
+        }
         self.ask_about_dropped(&ctx);
         show_drop_hint(&ctx);
     }

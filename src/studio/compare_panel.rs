@@ -199,7 +199,7 @@ fn information(snapshot: &Snapshot) -> String {
     match (snapshot.lower, snapshot.upper()) {
         (Some(lower), Some(upper)) => format!("{}\n{}", bound('\u{2265}', lower), bound('\u{2264}', upper)),
         (None, Some(upper)) => bound('\u{2264}', upper),
-        (_, None) => "-".into(),
+        (_, None) => snapshot.gaussian.map_or("-".into(), |approximation| bound('\u{2248}', approximation)),
     }
 }
 
@@ -217,7 +217,8 @@ fn bounds(snapshot: &Snapshot) -> String {
         let state = if settled { "" } else { ", not settled" };
         lines.push(line("Density model", live) + state);
     }
-    lines.extend(snapshot.gaussian.map(|bound| line("Gaussian bound", bound)));
+    let gaussian = if snapshot.gaussian_is_bound() { "Gaussian bound" } else { "Gaussian approximation" };
+    lines.extend(snapshot.gaussian.map(|bits| line(gaussian, bits)));
     lines.extend(snapshot.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
     format!("{}\nbits per pixel, 32 x 32 px patches", lines.join("\n"))
 }
@@ -361,7 +362,10 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
             plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
-            plot.points(Points::new("Gaussian bound", points(&|s| Some(s.gaussian?.bits))).color(GAUSSIAN).radius(2.5));
+            for (name, is_bound) in [("Gaussian bound", true), ("Gaussian approximation", false)] {
+                let of = points(&|s| Some(s.gaussian.filter(|_| s.gaussian_is_bound() == is_bound)?.bits));
+                plot.points(Points::new(name, of).color(GAUSSIAN).radius(2.5));
+            }
             plot.points(Points::new("density model", points(&|s| Some(s.live?.0.bits))).color(DENSITY).radius(3.5));
             for snapshot in snapshots {
                 let Some(tamura) = snapshot.tamura else { continue };

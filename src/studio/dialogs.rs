@@ -91,8 +91,7 @@ impl Purpose {
 
     fn hint(&self) -> &'static str {
         match self {
-            Self::OpenDesign => "A design file (.json)",
-            Self::SaveAs => "A design file (.json); an existing one is replaced",
+            Self::OpenDesign | Self::SaveAs => "A design file (.json)",
             Self::OpenObjects => {
                 "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures"
             }
@@ -140,7 +139,7 @@ impl Purpose {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
         let name = match self {
             Self::OpenDesign | Self::OpenObjects | Self::ImportPsf | Self::KeepUnsaved => return String::new(),
-            Self::SaveAs => beside.map_or_else(|| PathBuf::from("design.json"), Path::to_path_buf),
+            Self::SaveAs => beside.map_or_else(|| free_name(&folder), Path::to_path_buf),
             Self::ExportDesign => folder.join("export"),
             Self::ExportMeasurements => folder.join("measurements"),
             Self::ExportView { name, .. } | Self::ExportPicture { name, .. } => {
@@ -152,6 +151,15 @@ impl Purpose {
         };
         name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
     }
+}
+
+/// A file for a design that is in none, which is not there yet: `design.json`, `design-2.json` and so on.
+fn free_name(folder: &Path) -> PathBuf {
+    let first = folder.join("design.json");
+    let others = (2..1000).map(|number| folder.join(format!("design-{number}.json")));
+    let free = std::iter::once(first.clone()).chain(others).find(|path| !path.exists());
+    // Among so many, a person chooses.
+    free.unwrap_or(first)
 }
 
 /// The open question, if any.
@@ -171,13 +179,31 @@ struct Question {
     system: Option<Receiver<Option<PathBuf>>>,
     /// The path field takes the keyboard once.
     focus: bool,
+    /// The file that may be replaced: the system's dialog or this one has asked whether it may.
+    replaced: Option<PathBuf>,
+}
+
+impl Question {
+    /// The file or folder that the path stands for: a design file always has an extension.
+    fn target(&self) -> PathBuf {
+        let path = PathBuf::from(self.path.trim());
+        let is_bare = matches!(self.purpose, Purpose::SaveAs) && path.extension().is_none();
+        if is_bare { path.with_extension("json") } else { path }
+    }
+
+    /// Whether saving would replace another file than the design's `own`.
+    fn replaces(&self, own: Option<&Path>) -> bool {
+        let target = self.target();
+        matches!(self.purpose, Purpose::SaveAs) && own != Some(target.as_path()) && target.exists()
+    }
 }
 
 impl Dialogs {
     /// Asks for a path. `beside` is the design's file, near which suggestions lie.
     pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
-        self.open = Some(Question { purpose, path, resample: 0, tiff: false, system: None, focus: true });
+        let (system, replaced) = (None, None);
+        self.open = Some(Question { purpose, path, resample: 0, tiff: false, system, focus: true, replaced });
     }
 
     /// Whether a question is open.
@@ -194,6 +220,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             Ok(Some(path)) => {
                 question.path = path.display().to_string();
                 question.system = None;
+                // It has asked about a file of this very name.
+                question.replaced = question.replaces(state.bench.path()).then_some(path);
             }
             Ok(None) | Err(TryRecvError::Disconnected) => question.system = None,
             Err(TryRecvError::Empty) => {}
@@ -222,6 +250,12 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
                 question.system = browse_system(ui.ctx(), question.purpose.picker(), &question.path);
             }
         });
+        let asked = question.replaced.as_ref().filter(|replaced| **replaced == question.target());
+        if let Some(file) = asked {
+            let text = format!("{} is there already. Replace it?", file.display());
+            ui.colored_label(ui.visuals().warn_fg_color, text);
+        }
+        let action = if asked.is_some() { "Replace" } else { question.purpose.action() };
         match question.purpose {
             Purpose::ImportPsf => {
                 ui.horizontal(|ui| {
@@ -247,10 +281,14 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             let ready = !question.path.trim().is_empty();
-            done |= ui.add_enabled(ready, egui::Button::new(question.purpose.action())).clicked();
+            done |= ui.add_enabled(ready, egui::Button::new(action)).clicked();
             cancelled |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape));
         });
     });
+    if done && question.replaces(state.bench.path()) && question.replaced.as_ref() != Some(&question.target()) {
+        question.replaced = Some(question.target());
+        done = false;
+    }
     if done {
         answer(state, &question);
     } else if !cancelled {
@@ -284,13 +322,10 @@ fn browse_system(ctx: &egui::Context, picker: Picker, start: &str) -> Option<Rec
 }
 
 fn answer(state: &mut State, question: &Question) {
-    let path = PathBuf::from(question.path.trim());
+    let path = question.target();
     match &question.purpose {
         Purpose::OpenDesign => state.bench.open_file(path),
-        Purpose::SaveAs => {
-            let path = if path.extension().is_none() { path.with_extension("json") } else { path };
-            state.bench.save_to(path);
-        }
+        Purpose::SaveAs => state.bench.save_to(path),
         Purpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
         Purpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
@@ -317,8 +352,10 @@ fn answer(state: &mut State, question: &Question) {
 }
 
 fn export_measurements(state: &mut State, folder: PathBuf, tiff: bool) {
-    let (Some(scene), Some(measurements)) = (&state.live.scene, &state.live.measurements) else {
-        state.messages.push(Severity::Failure, "There are no measurements yet; wait until they are computed.");
+    let scene = state.live.scene.as_ref().filter(|scene| state.is_current(scene.revision));
+    let (Some(scene), Some(measurements)) = (scene, state.current_measurements()) else {
+        let refusal = "There are no measurements of this design yet; wait until they are computed.";
+        state.messages.push(Severity::Failure, refusal);
         return;
     };
     let format = if tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
@@ -329,4 +366,20 @@ fn export_measurements(state: &mut State, folder: PathBuf, tiff: bool) {
         format,
         folder,
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_design_without_a_file_is_offered_a_name_that_is_free() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["design.json", "design-2.json", "design-3.json"] {
+            assert_eq!(free_name(folder.path()), folder.path().join(name));
+            std::fs::write(folder.path().join(name), b"").unwrap();
+        }
+        let own = Path::new("/a/mine.json");
+        assert_eq!(Purpose::SaveAs.suggestion(Some(own)), own.display().to_string());
+    }
 }

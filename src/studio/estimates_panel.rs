@@ -173,7 +173,7 @@ fn order(ui: &mut Ui, state: &mut State) {
 
 /// One finished estimate.
 fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<FinishedEstimate>) {
-    let current = result.value.is_of(state.bench.design());
+    let current = result.value.is_of(state.bench.design(), &state.live);
     let estimate = &result.value.estimate;
     ui.group(|ui| {
         ui.set_width(ui.available_width());

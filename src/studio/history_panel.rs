@@ -37,8 +37,10 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                     let points = run.iter().enumerate();
                     points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
                 };
+                let is_bound = run.iter().all(|point| point.gaussian_is_bound);
+                let gaussian = if is_bound { "Gaussian bound" } else { "Gaussian approximation" };
                 for (name, colour, value) in [
-                    ("Gaussian bound", GAUSSIAN, &(|point: &TrailPoint| Some(point.bound)) as &dyn Fn(&_) -> _),
+                    (gaussian, GAUSSIAN, &(|point: &TrailPoint| Some(point.gaussian)) as &dyn Fn(&_) -> _),
                     ("ceiling", CEILING, &|point: &TrailPoint| point.ceiling),
                     ("density model", DENSITY, &|point: &TrailPoint| point.live),
                 ] {

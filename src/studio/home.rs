@@ -84,6 +84,15 @@ impl Preferences {
         self.recent.insert(0, path);
         self.recent.truncate(RECENT);
     }
+
+    /// What of them JSON can hold: not paths that are no Unicode.
+    fn storable(&self) -> Self {
+        let is_text = |path: &PathBuf| path.to_str().is_some();
+        let mut storable = self.clone();
+        storable.recent.retain(is_text);
+        storable.unsaved = storable.unsaved.filter(is_text);
+        storable
+    }
 }
 
 /// The folder of those files, and the thread that writes them.
@@ -129,7 +138,7 @@ impl Home {
         let home = Self {
             folder: folder.to_owned(),
             preferences: preferences.clone(),
-            layout: layout.as_ref().map_or_else(String::new, text_of),
+            layout: layout.as_ref().and_then(|layout| text_of(layout).ok()).unwrap_or_default(),
             orders: Some(orders),
             failures,
             thread,
@@ -162,9 +171,14 @@ impl Home {
     pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
         if self.preferences != *preferences {
             self.preferences.clone_from(preferences);
-            self.write(PREFERENCES, text_of(preferences));
+            match text_of(&preferences.storable()) {
+                Ok(text) => self.write(PREFERENCES, text),
+                Err(error) => return Some(format!("the preferences were not kept: {error}")),
+            }
         }
-        if let Some(text) = layout.map(text_of).filter(|text| *text != self.layout) {
+        if let Some(Ok(text)) = layout.map(text_of)
+            && text != self.layout
+        {
             self.layout.clone_from(&text);
             self.write(LAYOUT, text);
         }
@@ -200,9 +214,9 @@ impl Drop for Home {
 }
 
 /// JSON with sorted keys, so that equal values are equal texts.
-fn text_of(value: &impl Serialize) -> String {
-    let value = serde_json::to_value(value).unwrap_or_default();
-    format!("{value:#}\n")
+fn text_of(value: &impl Serialize) -> serde_json::Result<String> {
+    let value = serde_json::to_value(value)?;
+    Ok(format!("{value:#}\n"))
 }
 
 #[cfg(test)]
@@ -225,7 +239,7 @@ mod tests {
         let (home, known, layout) = Home::in_folder(folder.path()).unwrap();
         assert_eq!(known, preferences);
         assert_eq!(known.recent, [Path::new("/a/one.json"), Path::new("/a/two.json")]);
-        assert_eq!(text_of(&layout.unwrap()), text_of(&arranged));
+        assert_eq!(text_of(&layout.unwrap()).unwrap(), text_of(&arranged).unwrap());
         drop(home);
         Home::reset(folder.path()).unwrap();
         let (_, reset, layout) = Home::in_folder(folder.path()).unwrap();
@@ -236,5 +250,25 @@ mod tests {
         }
         let (_, known, layout) = Home::in_folder(folder.path()).unwrap();
         assert!(known == Preferences::default() && layout.is_none());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_path_that_json_cannot_hold_costs_no_other_preference() {
+        use std::os::unix::ffi::OsStrExt;
+        let odd = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
+        assert!(text_of(&odd).is_err());
+        let folder = tempfile::tempdir().unwrap();
+        let (mut home, mut preferences, _) = Home::in_folder(folder.path()).unwrap();
+        preferences.zoom = 1.5;
+        preferences.remember(Path::new("/a/one.json"));
+        preferences.remember(odd);
+        preferences.unsaved = Some(odd.to_owned());
+        assert_eq!(home.keep(&preferences, None), None);
+        drop(home);
+        let (_, known, _) = Home::in_folder(folder.path()).unwrap();
+        let recent = vec![PathBuf::from("/a/one.json")];
+        assert_eq!(known, Preferences { zoom: 1.5, recent, ..Preferences::default() });
+        assert_eq!(preferences.recent[0], odd, "this window can open it again");
     }
 }

@@ -1,13 +1,16 @@
 //! A picture of values: colours, colour bar with units, zoom and pan, value under the pointer. It never changes the values.
 
 use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2};
-use ndarray::ArrayView2;
+use ndarray::{ArrayView2, s};
 
 use super::hand::Hand;
 use super::levels::{self, Histogram, Levels};
 use super::overlays;
 use super::viewport::{Placement, Viewport};
 use crate::workbench::Colormap;
+
+/// Longest side of a texture, pixels: few renderers take longer ones.
+const LONGEST_TEXTURE: usize = 8192;
 
 /// The colours of every map, made once.
 pub struct Palettes {
@@ -37,6 +40,8 @@ struct Drawn {
     version: Version,
     colormap: Colormap,
     limits: (f32, f32),
+    /// Longest side of the texture.
+    longest: usize,
 }
 
 /// One picture with its settings.
@@ -270,11 +275,13 @@ impl ImageView {
         image: ArrayView2<'_, f32>,
         version: Version,
     ) {
-        let wanted = Drawn { version, colormap: self.colormap, limits: self.limits };
+        let longest = ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE);
+        let wanted = Drawn { version, colormap: self.colormap, limits: self.limits, longest };
         if self.drawn == Some(wanted) {
             return;
         }
         let palette = palettes.of(self.colormap);
+        let image = thinned(image, longest);
         let (rows, cols) = image.dim();
         let pixels = image.iter().map(|&value| palette[Colormap::index(value, self.limits)]).collect();
         let picture = ColorImage::new([cols, rows], pixels);
@@ -325,6 +332,14 @@ impl ImageView {
     }
 }
 
+/// Every n-th row and every m-th column of a picture, so that neither side is longer than this. It is drawn as large as
+/// all of the picture would be.
+fn thinned(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
+    let (rows, cols) = image.dim();
+    let step = |count: usize| count.div_ceil(longest.max(1)).max(1) as isize;
+    image.slice_move(s![..;step(rows), ..;step(cols)])
+}
+
 /// Gives a control the name by which assistive technology and tests find it.
 pub fn name_widget(response: &egui::Response, name: &str) {
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name));
@@ -363,7 +378,26 @@ pub fn placeholder(ui: &mut Ui, text: &str) {
 
 #[cfg(test)]
 mod tests {
+    use ndarray::Array2;
+
     use super::*;
+
+    #[test]
+    fn long_pictures_are_thinned_until_renderers_take_them() {
+        let image = Array2::from_shape_fn((64, 10_000), |(row, col)| (10_000 * row + col) as f32);
+        let thin = thinned(image.view(), 8192);
+        assert_eq!((thin.dim(), thin[(1, 0)], thin[(0, 4999)]), ((64, 5000), 10_000.0, 9998.0));
+        assert_eq!(thinned(image.t(), 3000).dim(), (2500, 64));
+        assert_eq!(thinned(image.view(), 10_000), image);
+        let ctx = egui::Context::default();
+        let mut view = ImageView::new("Measurement", "photons", Colormap::Gray);
+        // What a renderer takes, and the sides of the texture.
+        for (most, cols) in [(2048, 2000), (16_384, 5000)] {
+            ctx.input_mut(|input| input.max_texture_side = most);
+            view.update_texture(&ctx, &Palettes::default(), image.view(), (1, 0));
+            assert_eq!(view.texture.as_ref().map(TextureHandle::size), Some([cols, 64]));
+        }
+    }
 
     #[test]
     fn numbers_read_well() {

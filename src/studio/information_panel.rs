@@ -12,7 +12,7 @@ use super::menus;
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{Bracket, NamedBound};
-use crate::workbench::{LiveEstimate, LiveInformation};
+use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, Stamped};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;
@@ -30,8 +30,8 @@ pub const LOWER: Color32 = Color32::from_rgb(64, 176, 112);
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
-    let failure = state.live.failure.clone();
-    if let Some((_, failure)) = &failure {
+    let failure = state.failure().map(str::to_owned);
+    if let Some(failure) = &failure {
         ui.colored_label(ui.visuals().error_fg_color, failure);
         ui.add_space(4.0);
     }
@@ -81,6 +81,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     });
     let (upper, upper_from) = known.upper();
     let design = state.bench.design();
+    let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let numbers = json!({
         "format": "lenslet-studio/numbers",
         "format_version": 1,
@@ -94,14 +95,15 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "lower": known.lower(),
         "posterior_sampling": known.sampling().and_then(|live| live.upper.clone()),
         "gaussian_bound": known.gaussian(),
+        "gaussian_is_bound": known.bounds.gaussian_is_bound,
         "gaussian_interval_95": known.bounds.interval_95,
         "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
         "ceiling": known.bounds.ceiling_bits(),
         "live_estimate": live,
         "bracket": known.bracket,
         "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
-        "sensor_tamura": state.live.measurements.as_ref().map(|measurements| measurements.value.tamura.mean),
-        "object_tamura": state.live.scene.as_ref().map(|scene| scene.value.tamura.mean),
+        "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
+        "object_tamura": scene.map(|scene| scene.value.tamura.mean),
     });
     ctx.copy_text(format!("{numbers:#}\n"));
     state.messages.push(Severity::Done, "The numbers are in the clipboard");
@@ -123,7 +125,8 @@ impl<'a> Known<'a> {
     fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
         // A design that was left and came back is the same design.
         let design = state.bench.design();
-        let finished = state.estimates.finished.iter().rev().filter(|result| result.value.is_of(design));
+        let is_of = |result: &&Stamped<FinishedEstimate>| result.value.is_of(design, &state.live);
+        let finished = state.estimates.finished.iter().rev().filter(is_of);
         let brackets: Vec<_> = finished
             .filter_map(|result| Some((result.value.estimate.bracket.as_ref()?, result.value.estimate.patch)))
             .collect();
@@ -371,7 +374,7 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             "Infinite patch",
             rounded(known.bounds.infinite_patch_bits()),
             None,
-            "The Gaussian bound of an infinitely large sensor (spectral integral)",
+            "The same Gaussian of an infinitely large sensor (spectral integral)",
         );
         let (name, entropy_y, entropy_y_given_x) = entropies;
         line(
@@ -414,13 +417,15 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
 /// Tamura coefficients of sensor and objects on one scale, with the published guide.
 fn tamura(ui: &mut Ui, state: &State) {
     const RANGE: (f64, f64) = (0.5, 1.5);
-    let sensor = state.live.measurements.as_ref().map(|measurements| measurements.value.tamura);
+    let Some(measurements) = &state.live.measurements else { return };
+    let (sensor, current) = (measurements.value.tamura, state.is_current(measurements.revision));
     let objects = state.live.scene.as_ref().map(|scene| scene.value.tamura);
-    let Some(sensor) = sensor else { return };
+    let stage = if current { "" } else { ", of an earlier edit" };
     ui.horizontal(|ui| {
         ui.label("Sensor Tamura");
-        ui.strong(format!("{:.3}", sensor.mean));
-        ui.weak(format!("sd {:.3}", sensor.sd));
+        let mean = RichText::new(format!("{:.3}", sensor.mean));
+        ui.label(if current { mean.strong() } else { mean.weak() });
+        ui.weak(if current { format!("sd {:.3}", sensor.sd) } else { "of an earlier edit".into() });
         if let Some(objects) = objects {
             ui.label(format!("objects {:.3}", objects.mean));
         }
@@ -431,9 +436,12 @@ fn tamura(ui: &mut Ui, state: &State) {
          starts lie at 0.84 to 0.88: a guide, not a law. Pure noise has about 0.72.",
         sensor.count
     ));
-    let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 32.0), Sense::hover());
+    let (response, mut painter) = ui.allocate_painter(vec2(ui.available_width(), 32.0), Sense::hover());
+    if !current {
+        painter.multiply_opacity(0.5);
+    }
     response.widget_info(|| {
-        egui::WidgetInfo::labeled(egui::Role::Meter, true, format!("Sensor Tamura {:.3}", sensor.mean))
+        egui::WidgetInfo::labeled(egui::Role::Meter, true, format!("Sensor Tamura {:.3}{stage}", sensor.mean))
     });
     let rect = response.rect.shrink2(vec2(4.0, 0.0));
     let at = |tamura: f64| {

@@ -1,5 +1,6 @@
 //! The lenslets as numbers.
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 
 use egui::{DragValue, Ui};
@@ -115,7 +116,8 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
     }
 }
 
-/// A numeric field called `name`; returns the new value where it was changed.
+/// A numeric field called `name`; returns the new value where it was changed. Until it is, a value keeps decimals that are
+/// not shown.
 pub fn number_field(
     ui: &mut Ui,
     value: f64,
@@ -126,13 +128,23 @@ pub fn number_field(
     name: &str,
 ) -> Option<f64> {
     let mut edited = value;
+    let (least, most) = (*range.start(), *range.end());
+    let (formatter, shown) = (ui.style().number_formatter.clone(), Cell::new(None));
     let field = DragValue::new(&mut edited)
         .range(range)
         .clamp_existing_to_range(false)
         .speed(speed)
         .max_decimals(decimals)
+        .custom_formatter(|value, decimals| {
+            let text = formatter.format(value, decimals);
+            shown.set(text.parse::<f64>().ok());
+            text
+        })
         .suffix(suffix);
     let response = ui.add(field);
     name_widget(&response, name);
-    (response.changed() && edited != value).then_some(edited)
+    // A field that is left takes its own text for typed, which may have lost decimals.
+    let is_own_text = shown.get().is_some_and(|shown| shown.clamp(least, most) == edited);
+    let is_left_alone = response.lost_focus() && is_own_text;
+    (response.changed() && edited != value && !is_left_alone).then_some(edited)
 }

@@ -8,6 +8,8 @@ use crate::workbench::Command;
 #[derive(Default)]
 pub struct Locks {
     indices: BTreeSet<usize>,
+    /// Number of the document that they are in.
+    document: u64,
     /// Lenslets of the design that the indices are of.
     count: usize,
 }
@@ -40,10 +42,11 @@ impl Locks {
         self.count = count;
     }
 
-    /// Forgets all where lenslets came or went otherwise, as by a run or an undo: nobody knows which of them were locked.
-    pub fn check(&mut self, count: usize) {
-        if self.count != count {
-            *self = Self { indices: BTreeSet::new(), count };
+    /// Forgets all where another document is open, or lenslets came or went otherwise, as by a run or an undo: nobody
+    /// knows which of them were locked.
+    pub fn check(&mut self, document: u64, count: usize) {
+        if (self.document, self.count) != (document, count) {
+            *self = Self { indices: BTreeSet::new(), document, count };
         }
     }
 }

@@ -137,7 +137,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                     (Preset::Default, "Small warm refits of what the mask climbs, patches of 32 x 32 px"),
                     (
                         Preset::Paper,
-                        "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",
+                        "Steps, batches, rates (those for beads) and refits as published, patches of 16 x 16 px; takes hours",
                     ),
                 ] {
                     let chosen = form.settings.preset == preset;
@@ -436,15 +436,21 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
 
 /// What the run had to do besides climbing.
 fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
-    if !run.events.is_empty() {
-        let refitted = run.events.iter().filter(|event| matches!(event, IdealEvent::Refitted { .. })).count();
-        let refused = run.events.len() - refitted;
+    let count = |is: fn(&IdealEvent) -> bool| run.events.iter().filter(|event| is(event)).count();
+    let refitted = count(|event| matches!(event, IdealEvent::Refitted { .. }));
+    let refused = count(|event| matches!(event, IdealEvent::Refused { .. }));
+    if refitted + refused > 0 {
         ui.weak(format!(
             "{refused} steps without finite numbers were refused; {refitted} times the run's model had lost track of the mask and \
              one that began anew took its place."
         ));
     }
-    let ceiling = state.live.information.as_ref().and_then(|information| information.value.ceiling_bits());
+    // The ceiling of this mask, in patches like those of the run.
+    let is_shown = state.bench.design().encoder.lenslets() == Some(&*run.array);
+    let information = state.live.information.as_ref().filter(|information| {
+        is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
+    });
+    let ceiling = information.and_then(|information| information.value.ceiling_bits());
     if let (Some(ceiling), Some(last)) = (ceiling, run.frames.last())
         && last.interval_95[0] > ceiling
     {

@@ -58,10 +58,7 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
 
 /// Why there is nothing to see yet.
 fn waiting(state: &State) -> String {
-    match &state.live.failure {
-        Some((_, failure)) => failure.clone(),
-        None => "Computing".into(),
-    }
+    state.failure().unwrap_or("Computing").to_owned()
 }
 
 /// Previous, next, random; object and measurement always show the same sample.

@@ -110,7 +110,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
         }
     } else if let Some(busy) = &state.live.busy {
         ui.weak(busy);
-    } else if let Some((_, failure)) = &state.live.failure {
+    } else if let Some(failure) = state.failure() {
         ui.colored_label(ui.visuals().error_fg_color, failure);
     }
 }

@@ -1,5 +1,6 @@
 //! What the panels share: the workbench, what is selected and shown, and where the pointer is.
 
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -195,8 +196,10 @@ pub struct Trail {
 pub struct TrailPoint {
     /// Revision of the design.
     pub revision: u64,
-    /// Gaussian bound.
-    pub bound: f64,
+    /// Gaussian bound, or approximation.
+    pub gaussian: f64,
+    /// Whether that is a bound.
+    pub gaussian_is_bound: bool,
     /// Object-entropy ceiling.
     pub ceiling: Option<f64>,
     /// Newest live estimate.
@@ -225,7 +228,8 @@ impl Trail {
         self.setting = setting;
         self.points.push(TrailPoint {
             revision,
-            bound: information.gaussian.bits_per_pixel,
+            gaussian: information.gaussian.bits_per_pixel,
+            gaussian_is_bound: information.gaussian_is_bound,
             ceiling: information.ceiling_bits(),
             live: None,
             setting: last.map_or(0, |last| last.setting + changed),
@@ -252,6 +256,7 @@ impl Trail {
                 "revision",
                 "setting",
                 "gaussian_bound_bits_per_pixel",
+                "gaussian_is_bound",
                 "ceiling_bits_per_pixel",
                 "live_estimate_bits_per_pixel",
             ]
@@ -263,7 +268,8 @@ impl Trail {
                 .map(|point| {
                     let known = |bits: Option<f64>| bits.unwrap_or(f64::NAN);
                     let (revision, setting) = (point.revision as f64, point.setting as f64);
-                    vec![revision, setting, point.bound, known(point.ceiling), known(point.live)]
+                    let is_bound = f64::from(u8::from(point.gaussian_is_bound));
+                    vec![revision, setting, point.gaussian, is_bound, known(point.ceiling), known(point.live)]
                 })
                 .collect(),
         }
@@ -400,14 +406,22 @@ impl State {
         self.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
     }
 
-    /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind there.
+    /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind in either,
+    /// newest first.
     pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
         let Some(home) = &self.folder else { return Vec::new() };
         let usual = home.join("unsaved");
         // Where the folder of the preferences is not there, changes are still worth keeping.
         for folder in self.preferences.unsaved.iter().chain([&usual]) {
             match self.bench.keep_unsaved_in(folder) {
-                Ok(found) => return found,
+                Ok(mut found) => {
+                    if *folder != usual {
+                        // The folder of the preferences may not have been there the last time.
+                        found.extend(Workbench::left_unsaved_in(&usual));
+                        found.sort_by_key(|left| Reverse(left.kept_at));
+                    }
+                    return found;
+                }
                 Err(error) => self.messages.push(Severity::Failure, error.to_string()),
             }
         }
@@ -425,6 +439,17 @@ impl State {
     pub fn live_estimate(&self) -> Option<&LiveEstimate> {
         let live = self.estimates.live.as_ref()?;
         Some(&*live.value).filter(|_| self.is_current(live.revision))
+    }
+
+    /// The measurements, where they are of the design as it is now.
+    pub fn current_measurements(&self) -> Option<&Stamped<Measurements>> {
+        self.live.measurements.as_ref().filter(|measurements| self.is_current(measurements.revision))
+    }
+
+    /// Why the design as it is now has no numbers, where it has none.
+    pub fn failure(&self) -> Option<&str> {
+        let (revision, failure) = self.live.failure.as_ref()?;
+        self.is_current(*revision).then_some(failure.as_str())
     }
 
     /// Asks for what is computed of the shown measurement alone, its spectrum and where its information comes from, and

@@ -1,6 +1,8 @@
 //! Opens the real window.
 
+use std::cell::Cell;
 use std::path::PathBuf;
+use std::rc::Rc;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -53,6 +55,12 @@ pub enum WindowError {
          correct the name"
     )]
     NoDisplay,
+    /// It was there, and its renderer or its display was lost.
+    #[error("the window was lost ({reason}); unsaved changes are offered when the program is started again")]
+    Lost {
+        /// The error.
+        reason: String,
+    },
     /// Neither renderer starts.
     #[error(
         "no window could be opened ({first_name}: {first}; {second_name}: {second}); check that the display named by \
@@ -75,7 +83,7 @@ pub enum WindowError {
 /// and preferences first.
 ///
 /// # Errors
-/// [`WindowError`] where neither starts.
+/// [`WindowError`] where neither starts, or the window that did was lost.
 pub fn open_window(
     design: Design,
     path: Option<PathBuf>,
@@ -88,11 +96,14 @@ pub fn open_window(
         notices.push(error.to_string());
     }
     let renderer = renderer.or_else(|| folder.as_deref().and_then(Home::renderer)).unwrap_or_default();
+    let opened = Rc::new(Cell::new(false));
     let open = |renderer: RendererChoice, notices: Vec<String>| {
-        run(design.clone(), path.clone(), renderer, folder.clone(), notices)
+        run(design.clone(), path.clone(), renderer, folder.clone(), notices, Rc::clone(&opened))
     };
+    let lost = |error: &eframe::Error| WindowError::Lost { reason: error.to_string() };
     let first = match open(renderer, notices.clone()) {
         Ok(()) => return Ok(()),
+        Err(error) if opened.get() => return Err(lost(&error)),
         Err(eframe::Error::WinitEventLoop(_)) => return Err(WindowError::NoDisplay),
         Err(error) => error,
     };
@@ -100,11 +111,16 @@ pub fn open_window(
     let notice =
         format!("{} did not start ({first}); the window is drawn by {} instead.", renderer.name(), other.name());
     notices.push(notice);
-    open(other, notices).map_err(|second| WindowError::NoRenderer {
-        first_name: renderer.name(),
-        first: first.to_string(),
-        second_name: other.name(),
-        second: second.to_string(),
+    open(other, notices).map_err(|second| {
+        if opened.get() {
+            return lost(&second);
+        }
+        WindowError::NoRenderer {
+            first_name: renderer.name(),
+            first: first.to_string(),
+            second_name: other.name(),
+            second: second.to_string(),
+        }
     })
 }
 
@@ -114,6 +130,7 @@ fn run(
     renderer: RendererChoice,
     folder: Option<PathBuf>,
     notices: Vec<String>,
+    opened: Rc<Cell<bool>>,
 ) -> Result<(), eframe::Error> {
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
@@ -132,6 +149,7 @@ fn run(
         options,
         Box::new(move |creation| {
             let mut studio = Studio::new(&creation.egui_ctx, design, path)?;
+            opened.set(true);
             studio.drawn_by(renderer);
             for notice in notices {
                 studio.tell(notice);

@@ -99,6 +99,11 @@ impl Workbench {
         self.contents != self.saved_contents
     }
 
+    /// Number of the document: another one is open after New, Open and whatever else is no edit of the last one.
+    pub fn document(&self) -> u64 {
+        self.document
+    }
+
     /// The design's file.
     pub fn path(&self) -> Option<&Path> {
         self.path.as_deref()
@@ -284,8 +289,20 @@ impl Workbench {
     /// Where the folder cannot be written to.
     pub fn keep_unsaved_in(&mut self, folder: &Path) -> Result<Vec<Recovered>, FormatError> {
         let (autosave, found) = Autosave::in_folder(folder)?;
-        self.autosave = Some(autosave);
+        if let Some(mut earlier) = self.autosave.replace(autosave) {
+            // What it has kept is kept here from now on.
+            earlier.close();
+        }
         Ok(found)
+    }
+
+    /// What programs that were not closed have left in another folder than that in which this one keeps its own, newest
+    /// first; nothing where it cannot be written to.
+    pub fn left_unsaved_in(folder: &Path) -> Vec<Recovered> {
+        if !folder.is_dir() {
+            return Vec::new();
+        }
+        Autosave::in_folder(folder).map(|(_, found)| found).unwrap_or_default()
     }
 
     /// Sees to it that the design is kept, a few seconds behind. To be called for every frame of the window. Returns why
@@ -294,6 +311,13 @@ impl Workbench {
         let unsaved = (self.contents, self.is_dirty());
         let design = self.open.as_ref().unwrap_or(&self.design);
         self.autosave.as_mut()?.note(design, unsaved, self.path.as_deref())
+    }
+
+    /// The window is being closed, and whoever closes it was asked about unsaved changes.
+    pub fn close(&mut self) {
+        if let Some(autosave) = &mut self.autosave {
+            autosave.close();
+        }
     }
 
     /// Takes up what was left behind; it has unsaved changes.
@@ -358,7 +382,13 @@ impl Workbench {
                     None
                 }
                 Ok(Outcome::ObjectsOpened { source, .. }) => {
-                    self.apply(&Command::SetObjects(source.clone())).err().map(|error| error.to_string())
+                    let before = self.revision;
+                    let refused = self.apply(&Command::SetObjects(source.clone())).err();
+                    if refused.is_none() && self.revision == before {
+                        // The same design before what was read just now.
+                        self.show(Arc::clone(&self.design));
+                    }
+                    refused.map(|error| error.to_string())
                 }
                 Ok(Outcome::PsfImported { encoder }) => {
                     let command = Command::ReplaceEncoder { name: encoder.describe(), encoder: encoder.clone() };

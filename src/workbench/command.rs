@@ -132,8 +132,9 @@ impl Command {
             Self::AddLenslet(_)
             | Self::DeleteLenslets(_)
             | Self::ReplaceEncoder { .. }
-            | Self::ReplaceDesign { .. }
-            | Self::SetObjects(_) => format!("{self:?}"),
+            | Self::ReplaceDesign { .. } => format!("{self:?}"),
+            // The density is dragged and typed; another kind of objects is chosen.
+            Self::SetObjects(source) => format!("objects {:?}", std::mem::discriminant(source)),
             Self::SetMeanPhotons(_) => "mean photons".into(),
             Self::SetBias(_) => "background".into(),
             Self::SetNoise(_) => "noise".into(),

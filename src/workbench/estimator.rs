@@ -14,7 +14,7 @@ use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, lock};
-use super::worker::Stamped;
+use super::worker::{Live, Stamped};
 use crate::information::{Estimate, FitLength};
 
 /// Points of the curve of a fit that are kept; beyond, every second one is dropped.
@@ -62,9 +62,11 @@ pub struct FinishedEstimate {
 }
 
 impl FinishedEstimate {
-    /// Whether it is of this design, whatever revision that has by now.
-    pub fn is_of(&self, design: &Arc<Design>) -> bool {
-        Arc::ptr_eq(&self.order.design, design) || self.order.design == *design
+    /// Whether it is of this design, whatever revision that has by now, and of its objects as they were read last.
+    pub fn is_of(&self, design: &Arc<Design>, live: &Live) -> bool {
+        let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
+        let is_same = Arc::ptr_eq(&self.order.design, design) || self.order.design == *design;
+        is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == self.estimate.objects_fingerprint)
     }
 }
 

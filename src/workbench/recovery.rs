@@ -110,6 +110,13 @@ impl Autosave {
         lock(&self.slot.0).failure.take()
     }
 
+    /// The design need not be kept any more: whoever closed it was asked about unsaved changes. Where this is not called, a
+    /// renderer that was lost for example, what is unsaved stays and is offered again.
+    pub fn close(&mut self) {
+        lock(&self.slot.0).order = Some(Order::Forget);
+        self.slot.1.notify_all();
+    }
+
     /// The file of a recovered design is removed as soon as the design is kept anew.
     pub fn supersede(&self, recovered: Recovered) {
         lock(&self.slot.0).superseded.push(recovered);
@@ -128,14 +135,7 @@ impl Recovered {
 
 impl Drop for Autosave {
     fn drop(&mut self) {
-        {
-            let mut slot = lock(&self.slot.0);
-            slot.stop = true;
-            // Who closes the window has been asked about unsaved changes; a crash of the window keeps them.
-            if !std::thread::panicking() {
-                slot.order = Some(Order::Forget);
-            }
-        }
+        lock(&self.slot.0).stop = true;
         self.slot.1.notify_all();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
@@ -197,6 +197,8 @@ fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
 
 fn write(file: &Path, design: &Design, path: Option<PathBuf>) -> Result<(), FormatError> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    // JSON holds Unicode alone: without its path the design is kept all the same.
+    let path = path.filter(|path| path.to_str().is_some());
     write_json(file, &Kept { design: design.clone(), path, seconds })
 }
 
@@ -269,6 +271,7 @@ mod tests {
         // A crash: the lock goes with the process, nothing else happens.
         let file = kept(folder.path()).remove(0);
         let bytes = std::fs::read(&file).unwrap();
+        autosave.close();
         drop(autosave);
         let left = std::fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(left, 0, "who closes the window leaves nothing behind");
@@ -288,6 +291,18 @@ mod tests {
         assert_eq!(kept(folder.path()).len(), 1);
         next.note(&design, (3, false), None);
         until(|| kept(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn what_nobody_has_closed_is_offered_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let design = Arc::new(Design { seed: 7, ..Design::default() });
+        let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
+        // A renderer that is lost takes the window with it, in good order and at once.
+        assert_eq!(autosave.note(&design, (2, true), None), None);
+        drop(autosave);
+        let (_next, found) = Autosave::in_folder(folder.path()).unwrap();
+        assert_eq!(found.into_iter().map(|kept| kept.design).collect::<Vec<_>>(), [Design::clone(&design)]);
     }
 
     #[test]
@@ -314,6 +329,20 @@ mod tests {
         std::fs::remove_dir(&name).unwrap();
         until(|| read_json::<Kept>(&name).is_ok());
         assert_eq!(autosave.note(&design, (2, true), None), None);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_design_whose_path_json_cannot_hold_is_kept_without_it() {
+        use std::os::unix::ffi::OsStrExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
+        let design = Arc::new(Design { seed: 7, ..Design::default() });
+        let path = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
+        assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
+        let name = autosave.lock_file.with_extension(ENDING);
+        until(|| read_json::<Kept>(&name).is_ok_and(|kept| kept.design == *design && kept.path.is_none()));
+        assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
     }
 
     #[test]

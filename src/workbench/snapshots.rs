@@ -45,8 +45,10 @@ pub struct Snapshot {
     pub measurement: Option<Result<Array2<f32>, String>>,
     /// Mean Tamura coefficient of its measurements.
     pub tamura: Option<f64>,
-    /// Gaussian bound.
+    /// Gaussian bound, or approximation.
     pub gaussian: Option<Bits>,
+    /// Whether that is a bound, where it is known.
+    gaussian_is_bound: Option<bool>,
     /// Object-entropy ceiling, bits per pixel.
     pub ceiling: Option<f64>,
     /// Live estimate, and whether it has settled.
@@ -92,8 +94,16 @@ impl Snapshot {
         let bracket = self.bracket.map(|bracket| bracket[1]);
         // Nothing is sampled for the ceiling.
         let ceiling = self.ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
-        let known = [self.live.map(|live| live.0), self.gaussian, ceiling, self.sampled, bracket];
+        let gaussian = self.gaussian.filter(|_| self.gaussian_is_bound());
+        let known = [self.live.map(|live| live.0), gaussian, ceiling, self.sampled, bracket];
         known.into_iter().flatten().min_by(|one, other| one.bits.total_cmp(&other.bits))
+    }
+
+    /// Whether [`Snapshot::gaussian`] is a bound. Numbers of earlier versions do not say so; whole pictures may be behind
+    /// files of pictures.
+    pub fn gaussian_is_bound(&self) -> bool {
+        let whole = matches!(self.design.objects, ObjectSource::Images(_) | ObjectSource::Stack(_));
+        self.gaussian_is_bound.unwrap_or(!whole)
     }
 
     /// Whether its measurement is missing and nobody has asked for it.
@@ -133,6 +143,7 @@ impl Snapshot {
         Numbers {
             tamura: self.tamura,
             gaussian: self.gaussian,
+            gaussian_is_bound: self.gaussian_is_bound,
             ceiling: self.ceiling,
             live: self.live,
             sampled: self.sampled,
@@ -154,13 +165,18 @@ impl Snapshot {
         if let Some(information) = live.information.as_ref().filter(|information| information.revision == revision) {
             let (bits, interval_95) = (information.value.gaussian.bits_per_pixel, information.value.interval_95);
             self.gaussian = Some(Bits { bits, interval_95 });
+            self.gaussian_is_bound = Some(information.value.gaussian_is_bound);
             self.ceiling = information.value.ceiling_bits();
         }
-        if let Some(live) = estimates.live.as_ref().filter(|live| live.revision == revision) {
+        // What has settled gives way to what has settled, not to the first numbers of another fit.
+        let has_settled = self.live.is_some_and(|(_, settled)| settled);
+        let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
+        let newest = newest.filter(|live| live.value.remaining.is_none() || !has_settled);
+        if let Some(live) = newest {
             let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
             self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
         }
-        let finished = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design));
+        let finished = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design, live));
         let brackets = finished.filter_map(|done| {
             let estimate = &done.value.estimate;
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
@@ -169,12 +185,12 @@ impl Snapshot {
             Some([below, above]).filter(|_| estimate.patch == [32, 32])
         });
         self.bracket = brackets.into_iter().next().or(self.bracket);
-        let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
         let bits = |bound: &NamedBound| Bits { bits: bound.bits_per_pixel, interval_95: bound.interval_95 };
         let live = newest.and_then(|live| live.value.lower.as_ref().map(bits));
         let above = newest.and_then(|live| live.value.upper.as_ref().map(bits));
         self.sampled = above.or(self.sampled);
-        let known = [live, self.bracket.map(|bracket| bracket[0])];
+        let before = self.lower.filter(|_| newest.is_none());
+        let known = [live, self.bracket.map(|bracket| bracket[0]), before];
         let largest = known.into_iter().flatten().max_by(|one, other| one.bits.total_cmp(&other.bits));
         self.lower = largest.or(self.lower);
     }
@@ -185,6 +201,8 @@ impl Snapshot {
 struct Numbers {
     tamura: Option<f64>,
     gaussian: Option<Bits>,
+    #[serde(default)]
+    gaussian_is_bound: Option<bool>,
     ceiling: Option<f64>,
     live: Option<(Bits, bool)>,
     sampled: Option<Bits>,
@@ -251,6 +269,7 @@ impl Snapshots {
             measurement: None,
             tamura: None,
             gaussian: None,
+            gaussian_is_bound: None,
             ceiling: None,
             live: None,
             sampled: None,
@@ -281,7 +300,7 @@ impl Snapshots {
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
             let numbers = serde_json::from_value(numbers).unwrap_or_default();
-            let Numbers { tamura, gaussian, ceiling, live, sampled, lower, bracket } = numbers;
+            let Numbers { tamura, gaussian, gaussian_is_bound, ceiling, live, sampled, lower, bracket } = numbers;
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
@@ -296,6 +315,7 @@ impl Snapshots {
                 measurement: None,
                 tamura,
                 gaussian,
+                gaussian_is_bound,
                 ceiling,
                 live,
                 sampled,
@@ -377,6 +397,7 @@ impl Snapshots {
             "live_low_bits_per_pixel",
             "live_high_bits_per_pixel",
             "gaussian_bound_bits_per_pixel",
+            "gaussian_is_bound",
             "ceiling_bits_per_pixel",
             "lower_bound_bits_per_pixel",
             "lower_bound_low_bits_per_pixel",
@@ -400,6 +421,7 @@ impl Snapshots {
             ];
             row.extend(three(snapshot.live.map(|live| live.0)));
             row.push(known(snapshot.gaussian.map(|bound| bound.bits)));
+            row.push(f64::from(u8::from(snapshot.gaussian_is_bound())));
             row.push(known(snapshot.ceiling));
             row.extend(three(snapshot.lower));
             row.extend(three(snapshot.upper()));

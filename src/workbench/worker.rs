@@ -4,6 +4,7 @@
 //! computed from an older one carries its revision, so nobody mistakes it for current. Jobs (files) are done one after
 //! the other, in between. A panic is caught at the thread's edge and told as a failure; the thread goes on.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -152,7 +153,15 @@ impl Worker {
         };
         match waiting {
             Some((job, _)) => {
-                lock(&self.shared.results).outcomes.push(Err(format!("{} was stopped before it began", job.name())));
+                let sentence = format!("{} was stopped before it began", job.name());
+                let outcome = match job {
+                    // Who waits for it is to know.
+                    Job::MeasureSnapshot { number, name, .. } => {
+                        Ok(Outcome::SnapshotMeasured { number, name, measurement: Err(sentence) })
+                    }
+                    _ => Err(sentence),
+                };
+                lock(&self.shared.results).outcomes.push(outcome);
                 (self.shared.wake)();
             }
             None => self.cancel(),
@@ -212,7 +221,7 @@ fn run(shared: &Shared) {
             }
             Task::Job(job, entry) => {
                 entry.begin();
-                Some(evaluator.run_job(job, entry, shared))
+                evaluator.run_job(job, entry, shared)
             }
             Task::Closer(order) => {
                 let edited = || lock(&shared.mailbox).evaluate.is_some();
@@ -239,9 +248,14 @@ fn run(shared: &Shared) {
                 }
             }
         });
-        if let (Task::Job(_, entry), Some(answer)) = (task, answer) {
-            entry.end(answer.as_ref().map(Outcome::sentence).map_err(Clone::clone));
-            lock(&shared.results).outcomes.push(answer);
+        if let Task::Job(job, entry) = task {
+            match answer {
+                Some(answer) => {
+                    entry.end(answer.as_ref().map(Outcome::sentence).map_err(Clone::clone));
+                    lock(&shared.results).outcomes.push(answer);
+                }
+                None => lock(&shared.mailbox).jobs.push_back((job, entry)),
+            }
         }
         (shared.wake)();
     }
@@ -393,7 +407,7 @@ impl Evaluator {
             return Ok(Arc::clone(scene));
         }
         shared.cancelled.store(false, Ordering::Relaxed);
-        let newest = std::cell::Cell::new(revision);
+        let newest = Cell::new(revision);
         let watch = |progress: Progress| {
             lock(&shared.results).live.busy = Some(progress.to_string());
             told(progress);
@@ -419,40 +433,54 @@ impl Evaluator {
         Ok(scene)
     }
 
-    fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Result<Outcome, String> {
+    /// Does a job; none where it gave way to an edit and is to be begun again.
+    fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Option<Result<Outcome, String>> {
         match job {
             // The one job that leaves something behind for evaluations: the objects, if they can be opened.
-            Job::OpenObjects { design } => {
-                let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
-                // Edits go on while objects are read; they do not make them useless.
-                let scene = self
-                    .scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress))
-                    .map_err(|error| error.to_string())?;
-                Convolution::new(scene.set.field(), design.encoder.grid())
-                    .map_err(|error| format!("{}: {error}", design.objects))?;
-                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })
-            }
+            Job::OpenObjects { design } => Some(self.open_objects(design, entry, shared)),
             Job::MeasureSnapshot { number, name, design } => {
                 let known = self.scene.clone().filter(|scene| scene.serves(design));
-                let scene = known.map_or_else(|| other_scene(design, entry, shared), Ok);
-                Ok(measured_snapshot((*number, name), design, scene.as_deref().map_err(Clone::clone)))
+                let scene = known.map_or_else(|| other_scene(design, entry, shared), |scene| Some(Ok(scene)))?;
+                Some(Ok(measured_snapshot((*number, name), design, scene.as_deref().map_err(Clone::clone))))
             }
-            other => other.run(),
+            other => Some(other.run()),
         }
+    }
+
+    fn open_objects(&mut self, design: &Design, entry: &Entry, shared: &Shared) -> Result<Outcome, String> {
+        let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
+        // Who opens a file again wants what is in it now.
+        let earlier = self.scene.take_if(|_| design.objects.is_read());
+        // Edits go on while objects are read; they do not make them useless.
+        let scene = self.scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress));
+        let scene = scene.map_err(|error| {
+            self.scene = earlier;
+            error.to_string()
+        })?;
+        Convolution::new(scene.set.field(), design.encoder.grid())
+            .map_err(|error| format!("{}: {error}", design.objects))?;
+        Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })
     }
 }
 
-/// The objects of a design that is not open; reading them ends where it is cancelled or the program does.
-fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Result<Arc<Scene>, String> {
+/// The objects of a design that is not open; reading them ends where it is cancelled or the program does. None where it
+/// gave way to an edit, whose numbers do not wait for it.
+fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Option<Result<Arc<Scene>, String>> {
     shared.cancelled.store(false, Ordering::Relaxed);
+    let has_given_way = Cell::new(false);
     let watch = |progress: Progress| {
         lock(&shared.results).live.busy = Some(progress.to_string());
         tell(entry, progress);
         (shared.wake)();
-        let stop = lock(&shared.mailbox).quit || shared.cancelled.load(Ordering::Relaxed);
-        if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        let mailbox = lock(&shared.mailbox);
+        let stop = mailbox.quit || shared.cancelled.load(Ordering::Relaxed);
+        has_given_way.set(!stop && mailbox.evaluate.is_some());
+        if stop || has_given_way.get() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let scene = Scene::open(design, &watch);
     lock(&shared.results).live.busy = None;
-    scene.map(Arc::new).map_err(|error| error.to_string())
+    match scene {
+        Err(_) if has_given_way.get() => None,
+        scene => Some(scene.map(Arc::new).map_err(|error| error.to_string())),
+    }
 }

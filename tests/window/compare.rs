@@ -7,6 +7,35 @@ use lenslet_studio::workbench::Design;
 use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
 
 #[test]
+fn what_is_no_bound_is_called_none_beside_other_designs() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let is_bound = |window: &Window| studio(window).bench().live().information.unwrap().value.gaussian_is_bound;
+    settle(&mut window);
+    assert!(is_bound(&window), "beads are the same everywhere");
+    // Of the size of the field they are whole.
+    let whole = folder.path().join("whole.npy");
+    let pixels = ndarray::Array3::from_shape_fn((12, 96, 96), |(n, r, c)| ((n * 7 + r * c) % 101) as f32);
+    lenslet_studio::formats::write_array(&whole, pixels.view()).unwrap();
+    click(&mut window, "Open objects...");
+    answer(&mut window, &whole, "Open");
+    assert!(!is_bound(&window));
+    menu(&mut window, &["View", "Room", "Show Compare"]);
+    click(&mut window, "Keep this design");
+    settle(&mut window);
+    let gaussian = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
+    let text = format!("\u{2248} {gaussian:.3}");
+    assert_eq!(window.query_all_by_label_contains(&text).count(), 2, "in the table and as the headline");
+    let file = folder.path().join("designs.csv");
+    click(&mut window, "Export comparison as CSV");
+    answer(&mut window, &file, "Export");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let value = |name: &str| rows[1][rows[0].iter().position(|known| *known == name).unwrap()];
+    assert_eq!((value("gaussian_is_bound"), value("upper_bound_bits_per_pixel")), ("0.0", "NaN"));
+}
+
+#[test]
 fn designs_are_kept_compared_exported_and_opened_again() {
     let mut window = open(Design::default());
     menu(&mut window, &["View", "Room", "Show Compare"]);

@@ -69,4 +69,23 @@ fn a_typed_path_outlives_a_dialog_that_is_not_there_or_is_cancelled() {
     click(&mut window, "Open");
     settle(&mut window);
     assert_eq!(studio(&window).bench().design().seed, 77);
+
+    // The system has asked about the name, which is not yet that of the file.
+    let other = programs.join("other.json");
+    Design { seed: 5, ..Design::default() }.save(&other).unwrap();
+    put_dialog(&programs, &format!("echo '{}'", programs.join("other").display()));
+    menu(&mut window, &["File", "Save design as..."]);
+    browse(&mut window);
+    click(&mut window, "Save");
+    settle(&mut window);
+    assert_eq!(Design::open(&other).unwrap().seed, 5, "it is asked about first");
+    window.get_by_label("Replace");
+    click(&mut window, "Cancel");
+    // About the file itself it has asked, and that is enough.
+    menu(&mut window, &["File", "Save design as..."]);
+    put_dialog(&programs, &format!("echo '{}'", other.display()));
+    browse(&mut window);
+    click(&mut window, "Replace");
+    settle(&mut window);
+    assert_eq!(Design::open(&other).unwrap().seed, 77);
 }

@@ -7,7 +7,7 @@ use egui::{Key, Modifiers, Role, Theme, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, lenslets, menu, open, open_window, settle, studio, type_number};
+use super::{Window, answer, click, close, lenslets, menu, open, open_window, settle, studio, type_number};
 
 /// A window that lives in a folder, not for the first time.
 pub fn at_home(folder: &Path) -> Window {
@@ -65,6 +65,8 @@ fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
         let file = file.unwrap().path();
         std::fs::copy(&file, later.path().join("unsaved").join(file.file_name().unwrap())).unwrap();
     }
+    close(&mut window);
+    click(&mut window, "Discard");
     drop(window);
     assert_eq!(kept(folder.path()), 0, "a window that was closed leaves nothing behind");
 
@@ -122,6 +124,30 @@ fn changes_are_kept_in_the_usual_folder_where_the_chosen_one_is_not_there() {
     assert!(window.query_all_by_label_contains("not a folder").next().is_some(), "it is told");
     click(&mut window, "Add lenslet");
     until(&mut window, || kept(folder.path()) == 1);
+}
+
+#[test]
+fn changes_kept_in_the_usual_folder_are_offered_once_the_chosen_one_is_there_again() {
+    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let leave = |unsaved: &Path, seed: u64, seconds: u64| {
+        std::fs::create_dir_all(unsaved).unwrap();
+        let design = Design { seed, ..Design::default() };
+        let file = serde_json::json!({"design": design, "path": null, "seconds": seconds});
+        std::fs::write(unsaved.join("1-1.json"), file.to_string()).unwrap();
+    };
+    leave(elsewhere.path(), 5, 1_000_000_000);
+    leave(&folder.path().join("unsaved"), 6, 1_000_000_001);
+    let text = serde_json::json!({"welcomed": true, "unsaved": elsewhere.path()}).to_string();
+    std::fs::write(folder.path().join("preferences.json"), text).unwrap();
+    let mut window = at_home(folder.path());
+    window.get_by_label("1 more after this one");
+    click(&mut window, "Recover");
+    settle(&mut window);
+    assert_eq!(studio(&window).bench().design().seed, 6, "the newest first");
+    // It is kept where it was chosen from now on.
+    until(&mut window, || kept(folder.path()) == 0);
+    let files = std::fs::read_dir(elsewhere.path()).unwrap().map(|file| file.unwrap().path());
+    assert_eq!(files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count(), 2);
 }
 
 #[test]

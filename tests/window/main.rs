@@ -176,10 +176,25 @@ fn objects_are_opened_by_a_typed_path_and_broken_ones_do_no_harm() {
 
     click(&mut window, "Open objects...");
     answer(&mut window, &good, "Open");
-    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Idx(good));
+    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Idx(good.clone()));
     let live = studio(&window).bench().live();
     assert!(live.failure.is_none());
     assert!(live.information.unwrap().value.ceiling.is_none(), "the entropy of pictures is not known");
+
+    // The same file, with other pictures by now, is read again.
+    let read = live.scene.unwrap();
+    let steps = studio(&window).bench().undoes().map(String::from);
+    for pixel in &mut bytes[16..] {
+        *pixel = 250 - *pixel;
+    }
+    std::fs::write(&good, &bytes).unwrap();
+    click(&mut window, "Open objects...");
+    answer(&mut window, &good, "Open");
+    let live = studio(&window).bench().live();
+    let again = live.scene.unwrap();
+    assert!(again.revision > read.revision && again.value.set.fingerprint() != read.value.set.fingerprint());
+    assert_eq!(live.information.unwrap().revision, studio(&window).bench().revision());
+    assert_eq!(studio(&window).bench().undoes().map(String::from), steps, "the design is the same");
 }
 
 #[test]
@@ -214,6 +229,37 @@ fn a_design_is_exported_saved_and_opened_again() {
     answer(&mut window, &file, "Open");
     assert_eq!(**studio(&window).bench().design(), exported);
     assert!(!studio(&window).bench().is_dirty());
+}
+
+#[test]
+fn a_file_of_another_design_is_replaced_after_a_question_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, free) = (folder.path().join("other.json"), folder.path().join("free.json"));
+    let other = Design { seed: 77, ..Design::default() };
+    other.save(&file).unwrap();
+    let mut window = open(Design::default());
+    for typed in ["other", "other.json"] {
+        menu(&mut window, &["File", "Save design as..."]);
+        answer(&mut window, &folder.path().join(typed), "Save");
+        assert_eq!(Design::open(&file).unwrap(), other, "{typed}");
+        window.get_by_label(&format!("{} is there already. Replace it?", file.display()));
+        click(&mut window, "Cancel");
+    }
+    menu(&mut window, &["File", "Save design as..."]);
+    answer(&mut window, &file, "Save");
+    // Another name is another question, or none.
+    answer(&mut window, &free, "Save");
+    assert_eq!(studio(&window).bench().path(), Some(free.as_path()));
+    // There is none about the design's own file.
+    click(&mut window, "Add lenslet");
+    menu(&mut window, &["File", "Save design as..."]);
+    answer(&mut window, &free, "Save");
+    assert!(!studio(&window).bench().is_dirty());
+    menu(&mut window, &["File", "Save design as..."]);
+    answer(&mut window, &file, "Save");
+    click(&mut window, "Replace");
+    settle(&mut window);
+    assert_eq!(Design::open(&file).unwrap(), **studio(&window).bench().design());
 }
 
 #[test]

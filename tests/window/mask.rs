@@ -1,8 +1,11 @@
 //! The mask in the hands of its user.
 
+use egui::accesskit::Role;
 use egui::{Key, Modifiers, PointerButton, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
-use lenslet_studio::optics::Encoder;
+use lenslet_studio::objects::ObjectSource;
+use lenslet_studio::optics::{Encoder, Lenslet, heuristic_layout};
+use lenslet_studio::sensor::Noise;
 use lenslet_studio::workbench::Design;
 
 use super::estimates::wait_for;
@@ -130,6 +133,68 @@ fn the_table_takes_typed_numbers() {
 }
 
 #[test]
+fn numbers_that_are_left_as_they_are_keep_all_their_decimals() {
+    let mut array = heuristic_layout(3);
+    for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
+        let part = index as f64 / 7.0;
+        *lenslet = Lenslet::round(16.234_57 - 3.0 * part, 12.345_67 + part, 1.234_567 + part, 0.123_456_789 + part);
+    }
+    let design = Design {
+        encoder: Encoder::Lenslets(array),
+        objects: ObjectSource::Beads { density: 0.012_345_678 },
+        mean_photons: 123.456_789,
+        bias_photons: 4.567_89,
+        noise: Noise::Read { sigma: 2.345_67 },
+        ..Design::default()
+    };
+    let mut window = open(design.clone());
+    let tab_on = |window: &mut Window, fields: usize| {
+        for _ in 0..fields {
+            window.run_steps(3);
+            window.key_press(Key::Tab);
+            window.run_steps(3);
+        }
+    };
+    let is_as_it_was = |window: &Window| {
+        let bench = studio(window).bench();
+        assert_eq!((&**bench.design(), bench.undoes(), bench.is_dirty()), (&design, None, false));
+    };
+    // In and out again, by the pointer and by keys.
+    for field in ["Lenslet 1 x", "Lenslet 1 weight"] {
+        window.get_by_label(field).click();
+        window.run_steps(3);
+        window.get_by_label("Select lenslet 1").click();
+        window.run_steps(3);
+        is_as_it_was(&window);
+    }
+    for field in ["Lenslet 1 x", "Bead density", "Mean photons", "Read noise sigma", "Background photons", "Seed"] {
+        window.get_by_role_and_label(Role::SpinButton, field).focus();
+        tab_on(&mut window, 5);
+        is_as_it_was(&window);
+    }
+    // With several selected, one does not give its own number to all.
+    click(&mut window, "Edit");
+    click(&mut window, "Select all lenslets");
+    window.get_by_label("3 selected");
+    for field in ["Lenslet 2 width", "Lenslet 2 weight"] {
+        window.get_by_label(field).focus();
+        tab_on(&mut window, 2);
+        is_as_it_was(&window);
+    }
+    // What is typed or stepped is taken.
+    type_number(&mut window, "Lenslet 2 weight", "0.5");
+    assert!(lenslets(&window).iter().all(|lenslet| lenslet.weight == 0.5));
+    type_number(&mut window, "Lenslet 1 x", "16.2346");
+    tab_on(&mut window, 1);
+    assert_eq!(lenslets(&window)[0].x, 16.2346);
+    window.get_by_label("Lenslet 1 x").focus();
+    window.run_steps(3);
+    window.key_press(Key::ArrowUp);
+    tab_on(&mut window, 1);
+    assert!((lenslets(&window)[0].x - 16.28).abs() < 1e-9, "{:?}", lenslets(&window)[0]);
+}
+
+#[test]
 fn presets_replace_the_mask() {
     let mut window = open(Design::default());
     menu(&mut window, &["Presets", "Heuristic lenslets", "4 lenslets"]);
@@ -180,6 +245,20 @@ fn locked_lenslets_stay_locked_while_others_go_and_a_run_leaves_them() {
     assert_eq!((run.array.lenslets[1].x, run.array.lenslets[1].y), (kept.x, kept.y));
     assert_ne!(run.array.lenslets[0].x, run.start.encoder.lenslets().unwrap().lenslets[0].x);
     click(&mut window, "Stop run");
+}
+
+#[test]
+fn another_document_has_no_locks_though_it_has_as_many_lenslets() {
+    let mut window = open(Design::default());
+    let is_locked = |window: &Window| {
+        let node = window.get_by_label("Lock lenslet 3");
+        node.accesskit_node().toggled() == Some(egui::accesskit::Toggled::True)
+    };
+    click(&mut window, "Lock lenslet 3");
+    assert!(is_locked(&window));
+    menu(&mut window, &["File", "New design"]);
+    assert_eq!(lenslets(&window).len(), 9);
+    assert!(!is_locked(&window));
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 
 use egui::{Color32, ColorImage, OutputCommand, ViewportCommand};
+use egui_kittest::kittest::NodeT;
 use lenslet_studio::workbench::{ActivityState, RunStatus};
 
 use super::estimates::wait_for;
@@ -82,6 +83,39 @@ fn copied_commands_give_the_same_numbers_bit_for_bit() {
     assert!(line.contains("--estimator full --patch 32x32 --steps 12"), "{line}");
     let repeated = run_line(&line);
     assert_eq!(repeated["bits_per_pixel"].as_f64(), Some(estimate.bits_per_pixel), "whatever the number of threads");
+}
+
+#[test]
+fn numbers_of_an_earlier_edit_say_so_and_are_not_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let can_export = |window: &Window| !window.get_by_label("Export measurements...").accesskit_node().is_disabled();
+    let is_stale = |window: &Window| {
+        let label = |node: egui_kittest::Node<'_>| node.accesskit_node().label().unwrap_or_default();
+        let mut meters = window.query_all_by_label_contains("Sensor Tamura").map(label);
+        meters.any(|meter| meter.ends_with(", of an earlier edit"))
+    };
+    // A PSF that is larger than the objects has no measurement.
+    let file = folder.path().join("large.npy");
+    lenslet_studio::formats::write_array(&file, ndarray::Array2::<f32>::ones((128, 128)).view()).unwrap();
+    click(&mut window, "File");
+    assert!(can_export(&window) && !is_stale(&window));
+    click(&mut window, "Import PSF...");
+    answer(&mut window, &file, "Import");
+    let live = studio(&window).bench().live();
+    let (revision, told) = live.failure.unwrap();
+    assert_eq!(revision, studio(&window).bench().revision(), "{told}");
+    assert!(live.measurements.unwrap().revision < revision && window.query_all_by_label(&told).next().is_some());
+    assert!(is_stale(&window));
+    let numbers: serde_json::Value = serde_json::from_str(&copied(&mut window, "Copy numbers as JSON")).unwrap();
+    assert_eq!((numbers["current"].as_bool(), numbers["sensor_tamura"].as_f64()), (Some(false), None));
+    assert!(numbers["object_tamura"].is_f64(), "the objects are the same");
+    click(&mut window, "File");
+    assert!(!can_export(&window));
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    settle(&mut window);
+    assert!(!is_stale(&window) && window.query_all_by_label(&told).next().is_none());
+    assert!(studio(&window).bench().live().failure.is_none());
 }
 
 #[test]
@@ -246,6 +280,8 @@ fn kept_designs_are_there_the_other_day() {
     let written = |folder: &Path| std::fs::read_dir(folder.join("kept")).map_or(0, Iterator::count);
     wait_for(&mut window, "both files", |_| written(folder.path()) == 2);
     std::fs::write(folder.path().join("kept/broken.json"), "{").unwrap();
+    close(&mut window);
+    click(&mut window, "Discard");
     drop(window);
     let mut window = at_home(folder.path());
     window.get_by_label("1 kept designs could not be read; they are left as they are");
