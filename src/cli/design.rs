@@ -1,7 +1,7 @@
 //! `design`: a mask that climbs the information of its measurements.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, bail};
@@ -10,11 +10,11 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
 use super::design_args::{SceneArgs, open_design};
-use super::study::run_with_bar;
+use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
-use crate::design::{Frame, Free, IdealProgress, IdealSettings, Objective, Preset, time_left};
+use crate::design::{Frame, Free, IdealEvent, IdealProgress, IdealSettings, Objective, Preset, Rates, time_left};
 use crate::optics::Encoder;
-use crate::workbench::study::Study;
+use crate::workbench::study::{PublishedSet, Study, StudyError, StudySettings};
 use crate::workbench::{
     Design, IdealRecord, KeptRun, curve_of, export_design, patches_of, run_ideal, score_settings, spoken, verdict,
 };
@@ -41,6 +41,11 @@ pub struct Arguments {
     /// with fits from the beginning (hours).
     #[arg(long, default_value_t)]
     preset: Preset,
+
+    /// The published image set that the objects stand for: the paper preset then moves by the rates for it, otherwise by those
+    /// for beads.
+    #[arg(long, value_enum, value_name = "NAME")]
+    published_as: Option<PublishedChoice>,
 
     /// What the mask climbs. posterior: what can be told of beads, by a decoder; density: a density model of the
     /// measurements, for any objects; pixelcnn: the published density model, for the paper preset [default: pixelcnn for the
@@ -149,9 +154,11 @@ impl Arguments {
             bar.set_message(message(progress, &settings));
             ControlFlow::Continue(())
         };
-        let record = run_ideal(&design, &settings, from.as_deref(), &mut |ideal| kept.store(ideal), &mut watch)
-            .map_err(|error| about_objects(&design, error))
-            .with_context(|| format!("{}: the run ended", self.out.display()))?;
+        let reading = |_| ControlFlow::Continue(());
+        let record =
+            run_ideal(&design, &settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
+                .map_err(|error| about_objects(&design, error))
+                .with_context(|| format!("{}: the run ended", self.out.display()))?;
         bar.finish_and_clear();
         self.finish(&record)
     }
@@ -179,7 +186,17 @@ impl Arguments {
 
     fn settings(&self, design: &Design) -> anyhow::Result<IdealSettings> {
         let objective = self.objective.unwrap_or_else(|| Objective::usual(self.preset, &design.objects));
-        let preset = IdealSettings::new(self.preset, objective, design.seed);
+        let mut preset = IdealSettings::new(self.preset, objective, design.seed);
+        if let Some(choice) = self.published_as {
+            if self.preset != Preset::Paper {
+                bail!("--published-as chooses the rates of --preset paper; leave it out");
+            }
+            preset.rates = match choice.set() {
+                Some(PublishedSet::Mnist) => Rates::PAPER_MNIST,
+                Some(PublishedSet::Cifar10) => Rates::PAPER_CIFAR,
+                Some(PublishedSet::Fashion) | None => Rates::PAPER,
+            };
+        }
         let settings = IdealSettings {
             steps: self.steps.unwrap_or(preset.steps),
             patch: self.patch.map_or(preset.patch, PatchChoice::shape),
@@ -207,33 +224,55 @@ impl Arguments {
         let (Some(start), Some(end)) = (record.frames.first(), record.frames.last()) else {
             return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
         };
-        let verdict = self.judge(record)?;
-        if self.json {
+        let score = self.score(record)?;
+        let verdict = score.as_ref().map_or_else(Vec::new, |study| verdict(study.record()));
+        let printed = if self.json {
             let files = files.iter().map(|file| file.display().to_string()).collect();
-            return output::print_json(&Outcome {
-                folder: self.out.display().to_string(),
-                files,
-                start,
-                end,
-                record,
-                verdict,
-            });
+            let folder = self.out.display().to_string();
+            output::print_json(&Outcome { folder, files, start, end, record, verdict })
+        } else {
+            let mut lines = lines_of(record, start, end);
+            lines.extend(verdict);
+            lines.push(format!("Written to {}", self.out.display()));
+            output::print(&lines.join("\n"))
+        };
+        if let Some(study) = &score {
+            failed(study.record(), &self.out.join(SCORE))?;
         }
-        let mut lines = lines_of(record, start, end);
-        lines.extend(verdict);
-        lines.push(format!("Written to {}", self.out.display()));
-        output::print(&lines.join("\n"))
+        printed
     }
 
     /// Compares the result with others, where that was asked for.
-    fn judge(&self, record: &IdealRecord) -> anyhow::Result<Vec<String>> {
-        let Some(budget) = self.score else { return Ok(Vec::new()) };
+    fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<Study>> {
+        let Some(budget) = self.score else { return Ok(None) };
         let all: Vec<usize> = (1..=9).collect();
         let against = if self.against.is_empty() { &all } else { &self.against };
-        let settings = score_settings(record, against, budget.0);
-        let mut study = Study::open(settings, &self.out.join("score"))?;
+        let settings = score_settings(record, against, budget.0)?;
+        let mut study = open_score(settings, &self.out)?;
         run_with_bar(&mut study)?;
-        Ok(verdict(study.record()))
+        Ok(Some(study))
+    }
+}
+
+/// Folder of the comparison in that of the run.
+const SCORE: &str = "score";
+
+/// The comparison in the folder of the run; one of an earlier result, or with other settings, moves out of its way.
+fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
+    let folder = run.join(SCORE);
+    match Study::open(settings.clone(), &folder) {
+        Err(StudyError::Changed { .. }) => {
+            let earlier = (1..u32::MAX).map(|number| run.join(format!("{SCORE}-{number}"))).find(|path| !path.exists());
+            let earlier = earlier.unwrap_or_else(|| folder.clone());
+            std::fs::rename(&folder, &earlier).with_context(|| format!("{}: cannot be moved", folder.display()))?;
+            output::tell(format_args!(
+                "{}: the comparison of an earlier result or of other settings is in {} now",
+                folder.display(),
+                earlier.display()
+            ));
+            Ok(Study::open(settings, &folder)?)
+        }
+        opened => Ok(opened?),
     }
 }
 
@@ -261,11 +300,9 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     if record.start.objects.is_beads() {
         lines.push("`estimate --estimator bracket` bounds the design from both sides".into());
     }
-    if !record.events.is_empty() {
-        lines.push(format!(
-            "note: {} times a step was refused or the model had lost track; see run.json",
-            record.events.len()
-        ));
+    let went_wrong = record.events.iter().filter(|event| !matches!(event, IdealEvent::Extended { .. })).count();
+    if went_wrong > 0 {
+        lines.push(format!("note: {went_wrong} times a step was refused or the model had lost track; see run.json"));
     }
     lines
 }

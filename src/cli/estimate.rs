@@ -50,7 +50,8 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1_500)]
     patches_test: usize,
 
-    /// Time for the fit of one pixelcnn trial, such as 60s, 5m or 1h; without it the protocol decides.
+    /// Time for the fits of a trial, such as 60s, 5m or 1h [default: live 60s, full 30m, bracket 5m; of pixelcnn the protocol
+    /// decides].
     #[arg(long)]
     budget: Option<BudgetChoice>,
 
@@ -134,6 +135,10 @@ impl Arguments {
         let kept = matches!(estimator, Estimator::Live | Estimator::Full) && self.trials == 1;
         if self.resume.is_some() && !kept {
             return Err(anyhow::anyhow!("--resume keeps one fit by --estimator live or full; leave it out").into());
+        }
+        if self.fresh && !ours {
+            let advice = "--fresh is for fits by --estimator live, full or bracket, others begin anew; leave it out";
+            return Err(anyhow::anyhow!(advice).into());
         }
         if let Some(steps) = self.steps {
             check_count("--steps", steps, 1..=MOST_STEPS)?;

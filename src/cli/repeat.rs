@@ -42,15 +42,15 @@ impl Arguments {
         let repeated = repeated.map_err(|error| about_objects(&record.design, error))?;
         bar.finish_and_clear();
         let (same, notes) = (repeated.same, repeated.notes.join("; "));
-        if self.json {
-            output::print_json(&Result { repeated, look })?;
+        let printed = if self.json {
+            output::print_json(&Result { repeated, look })
         } else {
             let mut lines = look.lines();
             lines.extend(lines_of(&repeated));
-            output::print(&lines.join("\n"))?;
-        }
+            output::print(&lines.join("\n"))
+        };
         if same {
-            return Ok(());
+            return printed;
         }
         let reason = if notes.is_empty() { "another processor may have computed them".to_owned() } else { notes };
         Err(Failure::Incomplete(anyhow::anyhow!("the numbers are not the same as those of the record: {reason}")))

@@ -140,7 +140,7 @@ struct Bracket {
 
 /// Image sets by the names of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum PublishedChoice {
+pub(super) enum PublishedChoice {
     Cifar10,
     Mnist,
     Fashion,
@@ -149,7 +149,7 @@ enum PublishedChoice {
 }
 
 impl PublishedChoice {
-    fn set(self) -> Option<PublishedSet> {
+    pub(super) fn set(self) -> Option<PublishedSet> {
         match self {
             Self::Cifar10 => Some(PublishedSet::Cifar10),
             Self::Mnist => Some(PublishedSet::Mnist),
@@ -256,13 +256,15 @@ impl Common {
 
     /// The results, and a failure where cells have none.
     fn print(&self, study: &Study) -> Result<(), Failure> {
-        if self.json {
-            output::print_json(study.record())?;
+        let printed = if self.json {
+            output::print_json(study.record())
         } else {
             let files = study.files().iter().map(|file| format!("  {}", file.display())).collect::<Vec<_>>().join("\n");
-            output::print(&format!("{}\nWritten:\n{files}", study.markdown()))?;
-        }
-        failed(study.record(), &self.out)
+            output::print(&format!("{}\nWritten:\n{files}", study.markdown()))
+        };
+        // Whether anybody reads it or not.
+        failed(study.record(), &self.out)?;
+        printed
     }
 }
 
@@ -288,7 +290,7 @@ pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
 }
 
 /// What failed; the sentences are in the record and were told when they came.
-fn failed(record: &StudyRecord, folder: &std::path::Path) -> Result<(), Failure> {
+pub(super) fn failed(record: &StudyRecord, folder: &std::path::Path) -> Result<(), Failure> {
     match record.summary.failed {
         0 => Ok(()),
         failed => Err(Failure::Incomplete(anyhow::anyhow!(

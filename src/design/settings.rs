@@ -131,6 +131,16 @@ pub struct Rates {
     pub relative_weight: f64,
 }
 
+impl Rates {
+    /// As published, before beads and Fashion-MNIST. Grid units of the published code are 31/32 px.
+    pub const PAPER: Self =
+        Self { position: 3e-2 * GRID_UNIT, variance: 1e-3 * GRID_UNIT * GRID_UNIT, weight: 1e-4, relative_weight: 0.0 };
+    /// As published, before MNIST.
+    pub const PAPER_MNIST: Self = Self { position: 5e-3 * GRID_UNIT, ..Self::PAPER };
+    /// As published, before CIFAR-10.
+    pub const PAPER_CIFAR: Self = Self { weight: 3e-4, ..Self::PAPER };
+}
+
 /// Parameters that may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Free {
@@ -211,13 +221,7 @@ impl IdealSettings {
             refit: 2000,
             last_fit: 2000,
             warm: false,
-            // Grid units of the published code are 31/32 px.
-            rates: Rates {
-                position: 3e-2 * GRID_UNIT,
-                variance: 1e-3 * GRID_UNIT * GRID_UNIT,
-                weight: 1e-4,
-                relative_weight: 0.0,
-            },
+            rates: Rates::PAPER,
             settle: 0.0,
             free: Free::default(),
             locked: Vec::new(),

@@ -3,6 +3,7 @@
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use tempfile::NamedTempFile;
 
@@ -36,13 +37,17 @@ pub fn create_folder(path: &Path) -> Result<(), FormatError> {
 /// knows no locks of folders, nobody is kept out.
 ///
 /// # Errors
-/// [`FormatError::Busy`] where another one has it.
+/// [`FormatError::Busy`] where another one has it, and still has it after half a second: one that was killed holds its
+/// locks until the system has taken back its memory.
 pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
     let Ok(folder) = File::open(path) else { return Ok(None) };
-    match folder.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(FormatError::Busy { path: path.to_path_buf() }),
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(Some(folder)),
+    for _ in 0..10 {
+        match folder.try_lock() {
+            Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(50)),
+            Ok(()) | Err(TryLockError::Error(_)) => return Ok(Some(folder)),
+        }
     }
+    Err(FormatError::Busy { path: path.to_path_buf() })
 }
 
 /// A file on its way: a temporary one in the same folder, which takes its name when it is complete and is removed

@@ -1,5 +1,6 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -7,10 +8,10 @@ use ndarray::{Array3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_fit::kept_estimate;
+use super::kept_fit::{forget_kept, kept_estimate};
 use super::live_bounds::{ABOVE, BELOW};
-use super::progress::{Watch, tell};
-use super::simulation::{imaging, open_set};
+use super::progress::{EstimateProgress, Watch, tell};
+use super::simulation::{imaging, open_set_with};
 use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
     BeadBounds, BeadChannel, Beginning, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice,
@@ -18,7 +19,7 @@ use crate::information::{
     PixelCnnRequest, PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
     pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
 };
-use crate::objects::{ObjectSet, Split};
+use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::{Convolver, Noise, Patches};
 
 /// Which density model.
@@ -131,8 +132,9 @@ impl EstimateRequest {
     }
 }
 
-/// Objects that are drawn and measured at a time: enough to keep threads busy, few enough to stay small.
+/// Most objects that are drawn and measured at a time, enough to keep threads busy, and most bytes that they may take.
 const BATCH: usize = 500;
+const BATCH_BYTES: usize = 256 << 20;
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
 pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
@@ -152,7 +154,17 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         engine.open()?;
     }
     tell(watch, "Reading objects", 0, 1)?;
-    let set = open_set(design)?;
+    let set = {
+        let watch = RefCell::new(&mut *watch);
+        let reading = |Progress { done, total }: Progress| {
+            let step = "Reading objects".to_owned();
+            (*watch.borrow_mut())(&EstimateProgress { step, done, total, fit: None })
+        };
+        open_set_with(design, &reading)?
+    };
+    if matches!(request.model, DensityModel::Analytic) && !set.is_stationary() {
+        return Err(EvaluationError::NotStationary { objects: design.objects.to_string() });
+    }
     let imaging = imaging(design, &set)?;
     let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
     let (rows, cols) = convolver.plan().measurement_shape();
@@ -210,6 +222,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     };
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64();
+    forget_kept(request.keep.as_deref());
     Ok(estimate)
 }
 
@@ -446,12 +459,18 @@ impl PatchSource<'_> {
         if count > most {
             return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
         }
+        let set = self.imaging.set;
+        let (field_rows, field_cols) = set.field();
+        let object_bytes = size_of::<f32>() * set.planes() * field_rows * field_cols;
+        let batch = (BATCH_BYTES / object_bytes.max(1)).clamp(1, BATCH);
         let mut clean = Array3::zeros((count, rows, cols));
-        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), BATCH).enumerate() {
-            let first = index * BATCH;
+        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), batch).enumerate() {
+            let first = index * batch;
             tell(watch, step, first, count)?;
             let batch_seed = derived_seed(seed, first as u64);
-            let objects = self.imaging.set.objects(split, part.len_of(Axis(0)), batch_seed)?;
+            // Whole pictures come in one order, so that none comes again before all have come.
+            let (offset, object_seed) = set.whole_pictures(split).map_or((0, batch_seed), |_| (first, seed));
+            let objects = set.objects_from(split, offset, part.len_of(Axis(0)), object_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
             part.assign(&Patches::one_each(encoded.dim(), self.patch, batch_seed)?.cut(encoded.view()));
         }

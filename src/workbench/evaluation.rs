@@ -55,13 +55,27 @@ pub enum EvaluationError {
         /// The mask.
         mask: String,
     },
+    /// The bound that is not fitted holds where mean and covariance are the same everywhere.
+    #[error(
+        "{objects} are whole pictures, which may be brighter in the middle, where gaussian-analytic is no bound; choose \
+         gaussian, which is fitted"
+    )]
+    NotStationary {
+        /// The objects.
+        objects: String,
+    },
 }
 
 impl EvaluationError {
     /// Whether somebody asked to stop.
     pub fn is_cancelled(&self) -> bool {
-        let (Self::Information(error) | Self::Ideal(IdealError::Information(error))) = self else { return false };
-        *error == InformationError::Cancelled
+        match self {
+            Self::Information(error) | Self::Ideal(IdealError::Information(error)) => {
+                *error == InformationError::Cancelled
+            }
+            Self::Objects(error) => matches!(error, ObjectError::Cancelled),
+            _ => false,
+        }
     }
 }
 

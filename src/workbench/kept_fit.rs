@@ -7,8 +7,8 @@ use super::progress::Watch;
 use crate::formats::{read_if_there, write_safely};
 use crate::information::{CausalRequest, FitKeeper, InformationError, Trial, causal_estimate};
 
-/// The estimate of a causal model, with the state of its fit in the file `keep` where one is named; the file is removed in
-/// the end. `what` describes the fit completely.
+/// The estimate of a causal model, with the state of its fit in the file `keep` where one is named; the file stays until
+/// [`forget_kept`]. `what` describes the fit completely.
 ///
 /// # Errors
 /// As [`causal_estimate`].
@@ -21,10 +21,15 @@ pub(super) fn kept_estimate<W: Debug>(
     let kept = keep.map(|path| KeptFit::new(path, &what()));
     let request = CausalRequest { keeper: kept.as_ref().map(|kept| kept as _), ..*request };
     let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
-    if let Some(kept) = &kept {
-        kept.finish();
-    }
     Ok(trial)
+}
+
+/// Removes the file of a fit, once all that follows the fit has come to its end too.
+pub(super) fn forget_kept(keep: Option<&Path>) {
+    if let Some(path) = keep {
+        // A file that stays behind is replaced by the next fit, or refused as that of another one.
+        let _ = std::fs::remove_file(path);
+    }
 }
 
 /// A file that holds the state of one fit while it goes on.
@@ -39,12 +44,6 @@ impl KeptFit {
         let version = env!("CARGO_PKG_VERSION");
         let key = blake3::hash(format!("{version} {what:?}").as_bytes()).to_hex().to_string();
         Self { path: path.to_owned(), key }
-    }
-
-    /// Removes the file: the fit has come to its end.
-    fn finish(&self) {
-        // A file that stays behind is replaced by the next fit, or refused as that of another one.
-        let _ = std::fs::remove_file(&self.path);
     }
 
     fn failed(&self, error: &dyn std::fmt::Display) -> InformationError {

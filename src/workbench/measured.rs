@@ -11,10 +11,10 @@ use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
 use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES};
-use super::kept_fit::kept_estimate;
+use super::kept_fit::{forget_kept, kept_estimate};
 use super::progress::{Watch, tell};
 use crate::design::derived_seed;
-use crate::formats::{FormatError, picture_files, read_picture_or_array};
+use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
     PatchStream, PixelCnnRequest, Provenance, Trial, gaussian_estimate, pixelcnn_estimate,
@@ -54,6 +54,12 @@ pub enum MeasuredError {
         most: usize,
         /// The value given.
         found: usize,
+    },
+    /// The noise of an average of colours is not that of photons.
+    #[error("{path}: expected grey images, found colours, whose average has less noise than photons; give one channel")]
+    Colour {
+        /// The file.
+        path: PathBuf,
     },
     /// The images are as dark as the offset.
     #[error(
@@ -182,11 +188,10 @@ pub struct MeasuredImages {
 }
 
 impl MeasuredImages {
-    /// Reads all images of a file, or of the files of a folder, and turns their grey levels into photons. Colour
-    /// becomes grey.
+    /// Reads all images of a file, or of the files of a folder, and turns their grey levels into photons.
     ///
     /// # Errors
-    /// [`MeasuredError`] for files that cannot be read, images of different shapes, pixels that are not finite, a
+    /// [`MeasuredError`] for files that cannot be read or are in colour, images of different shapes, pixels that are not finite, a
     /// calibration without meaning, and fewer than two images.
     pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
         calibration.check()?;
@@ -196,7 +201,11 @@ impl MeasuredImages {
         let mut whole_levels = true;
         for (index, file) in files.iter().enumerate() {
             tell(watch, "Reading measurements", index, files.len())?;
-            let grey = read_picture_or_array(file)?;
+            let stack = read_stack(file)?;
+            if stack.from_colour {
+                return Err(MeasuredError::Colour { path: file.clone() });
+            }
+            let grey = stack.into_array();
             check_finite(file, &grey)?;
             whole_levels &= grey.iter().all(|level| level.fract() == 0.0);
             let more = calibration.photons(grey.view())?;
@@ -258,6 +267,8 @@ impl MeasuredImages {
         NoiseEntropy::new(noise, request.protocol)?;
         let (images, rows, cols) = self.photons.dim();
         let patch = request.patch.unwrap_or((rows, cols));
+        // A patch that fits no image is told before anything is cut.
+        Patches::draw((images, rows, cols), patch, 0, seed)?;
         let test_images = images.div_ceil(TEST_SHARE);
         // All trials are tested on the same patches: the smallest of estimates on other scenes would be that of the dullest.
         let test_seed = derived_seed(seed, 2);
@@ -290,6 +301,7 @@ impl MeasuredImages {
             );
         }
         estimate.seconds = start.elapsed().as_secs_f64();
+        forget_kept(request.keep.as_deref());
         Ok(estimate)
     }
 

@@ -1,11 +1,13 @@
 //! Objects and their measurements through a design, as many as are asked for, part by part.
 
+use std::ops::ControlFlow;
+
 use ndarray::{Array3, Array4};
 
 use super::design::Design;
 use super::evaluation::EvaluationError;
 use crate::design::Imaging;
-use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Split};
+use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Progress, Split};
 use crate::sensor::Convolver;
 
 /// Objects and what the sensor makes of them.
@@ -62,8 +64,16 @@ impl<'a> Simulator<'a> {
 
 /// The objects of a design.
 pub(super) fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
+    open_set_with(design, &|_| ControlFlow::Continue(()))
+}
+
+/// The objects of a design, telling how far reading is; [`ControlFlow::Break`] stops it.
+pub(super) fn open_set_with(
+    design: &Design,
+    reading: &dyn Fn(Progress) -> ControlFlow<()>,
+) -> Result<ObjectSet, ObjectError> {
     let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
-    ObjectSet::open(&design.objects, &options)
+    ObjectSet::open_with(&design.objects, &options, reading)
 }
 
 /// The optics of a design before a set of objects.

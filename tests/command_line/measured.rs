@@ -65,6 +65,43 @@ fn grey_levels_become_photons_and_the_result_says_how() {
 }
 
 #[test]
+fn colours_and_patches_without_end_are_refused() {
+    let bench = Bench::new();
+    bench.write("photons.npy", npy("(10, 24, 20)", &photons(10)));
+    let side = usize::MAX / 2 + 1;
+    for patch in ["2147483648".to_owned(), side.to_string(), usize::MAX.to_string(), "25x20".into()] {
+        let line = format!("{LINE} --measurements photons.npy").replace("--patch 6", &format!("--patch {patch}"));
+        assert!(bench.refused(&line).contains("24 x 20"), "{}", bench.refused(&line));
+    }
+    // Three equal channels are grey, also as far as the numbers go.
+    let grey: Vec<f32> = photons(2)[..24 * 20].iter().flat_map(|&x| [x; 3]).collect();
+    let mut tinted = grey.clone();
+    tinted[7] += 1.0;
+    for (folder, pixels) in [("grey", &grey), ("tinted", &tinted)] {
+        for index in 0..4 {
+            bench.write(&format!("{folder}/{index}.npy"), npy("(24, 20, 3)", pixels));
+        }
+    }
+    bench.done(&format!("{LINE} --measurements grey"));
+    let sentence = bench.refused(&format!("{LINE} --measurements tinted"));
+    assert!(sentence.contains("tinted") && sentence.contains("give one channel"), "{sentence}");
+}
+
+#[test]
+fn a_gaussian_that_is_not_fitted_bounds_nothing_before_whole_pictures() {
+    let bench = Bench::new();
+    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|pixel| (pixel * 7 % 251) as f32).collect();
+    bench.write("pictures.npy", npy("(12, 40, 40)", &pictures));
+    let line = "estimate --objects stack:pictures.npy --patch 4 --patches-train 60 --patches-test 20";
+    let sentence = bench.refused(&format!("{line} --estimator gaussian-analytic"));
+    assert!(
+        sentence.contains("stack:pictures.npy are whole pictures") && sentence.contains("choose gaussian"),
+        "{sentence}"
+    );
+    bench.done(line);
+}
+
+#[test]
 fn bins_add_up() {
     let bench = Bench::new();
     let photons = photons(6);

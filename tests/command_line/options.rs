@@ -31,6 +31,7 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --resume fit", "--estimator live or full"),
         ("estimate --estimator full --trials 2 --resume fit", "keeps one fit"),
         ("estimate --estimator live --engine cpu", "--estimator pixelcnn"),
+        ("estimate --fresh", "--estimator live, full or bracket"),
         ("estimate --estimator live --protocol paper", "leave it out for live"),
         ("estimate --estimator bracket --trials 2", "fitted once"),
         ("estimate --estimator live --noise none", "unbounded without noise"),

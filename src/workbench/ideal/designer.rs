@@ -13,7 +13,7 @@ use crate::design::{Ideal, IdealProgress, IdealSettings, merged, time_left};
 use crate::information::Estimate;
 use crate::optics::Encoder;
 use crate::workbench::activity::{Activities, ActivityKind, Entry};
-use crate::workbench::simulation::{imaging, open_set};
+use crate::workbench::simulation::{imaging, open_set_with};
 use crate::workbench::threads::{SpareCores, Threads, Wake, lock};
 use crate::workbench::{Design, EvaluationError, estimate};
 
@@ -314,7 +314,7 @@ impl Shared {
             }
             Ok(())
         };
-        let record = run_ideal(&start.design, settings, from.as_deref(), &mut keep, &mut watch)?;
+        let record = run_ideal(&start.design, settings, from.as_deref(), &|_| self.go_on(), &mut keep, &mut watch)?;
         let design = Arc::new(record.design());
         self.change(|run| {
             run.record = Some(Arc::new(record));
@@ -346,7 +346,7 @@ impl Shared {
 
     /// What a design is worth, by models of its own.
     fn score(&self, design: &Design) -> Result<Estimate, EvaluationError> {
-        let set = open_set(design)?;
+        let set = open_set_with(design, &|_| self.go_on())?;
         let patch = imaging(design, &set)?.patch(Some(SCORED_PATCH));
         drop(set);
         estimate(design, &score_request(design, patch), &mut |progress| {

@@ -1,6 +1,7 @@
 //! A run from a design, in the hands of whoever keeps its states.
 
 use std::fs::File;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -9,26 +10,28 @@ use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
 use crate::formats::{create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
+use crate::objects::Progress;
 use crate::optics::LensletArray;
-use crate::workbench::simulation::{imaging, open_set};
+use crate::workbench::simulation::{imaging, open_set_with};
 use crate::workbench::{Design, EvaluationError};
 
 /// Takes a state of a run, which lies between two of its rounds.
 pub(super) type Keep<'a> = &'a mut dyn FnMut(&Ideal<'_>) -> Result<(), EvaluationError>;
 
 /// Lets the mask of a design climb the information of its measurements, from the start or from a state (`from`) of the same
-/// run; `keep` gets the run after every round.
+/// run; `reading` hears how far the objects are read, `keep` gets the run after every round.
 ///
 /// # Errors
-/// Where design, objects, noise and settings allow no run, a state is of another one, or `watch` breaks off.
+/// Where design, objects, noise and settings allow no run, a state is of another one, or `reading` or `watch` break off.
 pub fn run_ideal(
     design: &Design,
     settings: &IdealSettings,
     from: Option<&[u8]>,
+    reading: &dyn Fn(Progress) -> ControlFlow<()>,
     keep: Keep<'_>,
     watch: OnIdeal<'_>,
 ) -> Result<IdealRecord, EvaluationError> {
-    let set = open_set(design)?;
+    let set = open_set_with(design, reading)?;
     let imaging = imaging(design, &set)?;
     let mut ideal = Ideal::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
     if let Some(bytes) = from {

@@ -6,8 +6,9 @@ use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
 use crate::information::Estimator;
 use crate::optics::Encoder;
-use crate::workbench::Design;
+use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
+use crate::workbench::{Design, EvaluationError};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
@@ -16,18 +17,30 @@ const START: &str = "start";
 const PATCH: usize = 32;
 
 /// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
-/// 32 x 32 px and for the whole sensor, with `budget` for each: brackets where the prior of the objects is known, live
-/// estimates otherwise.
-pub fn score_settings(record: &IdealRecord, against: &[usize], budget: Duration) -> StudySettings {
+/// 32 x 32 px (as far as the measurements are as large) and for the whole sensor, with `budget` for each: brackets where the
+/// prior of the objects is known, live estimates otherwise.
+///
+/// # Errors
+/// Where the objects cannot be read any more.
+pub fn score_settings(
+    record: &IdealRecord,
+    against: &[usize],
+    budget: Duration,
+) -> Result<StudySettings, EvaluationError> {
     let start = &record.start;
+    let set = open_set(start)?;
+    let imaging = imaging(start, &set)?;
+    let (patch, sensor) = (imaging.patch(Some((PATCH, PATCH))), imaging.patch(None));
+    let patches = if patch == sensor { vec![None] } else { vec![Some(patch), None] };
+    let against = against.iter().enumerate().filter(|&(index, count)| !against[..index].contains(count));
     let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
     let begun = record.frames.first().map_or_else(|| start.encoder.clone(), mask_of);
     let designs = [named(RESULT, &record.result), named(START, &begun)];
-    StudySettings {
+    Ok(StudySettings {
         kind: StudyKind::Grid,
         objects: vec![StudyObjects::new(start.objects.clone(), None)],
-        designs: designs.into_iter().chain(against.iter().map(|&count| StudyDesign::heuristic(count))).collect(),
-        patches: vec![Some((PATCH, PATCH)), None],
+        designs: designs.into_iter().chain(against.map(|(_, &count)| StudyDesign::heuristic(count))).collect(),
+        patches,
         estimator: judge_of(start),
         budget_seconds: Some(budget.as_secs_f64()),
         patches_train: 0,
@@ -37,7 +50,7 @@ pub fn score_settings(record: &IdealRecord, against: &[usize], budget: Duration)
         mean_photons: start.mean_photons,
         bias_photons: start.bias_photons,
         seed: start.seed,
-    }
+    })
 }
 
 /// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
@@ -122,7 +135,8 @@ mod tests {
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
         let ideal = Ideal::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
-        let mut settings = score_settings(&IdealRecord::new(&design, &ideal), &[1, 3], Duration::from_millis(300));
+        let mut settings =
+            score_settings(&IdealRecord::new(&design, &ideal), &[1, 3, 1], Duration::from_millis(300)).unwrap();
         assert_eq!((settings.estimator, settings.cells()), (Estimator::Bracket, 8));
         settings.patches = vec![Some((6, 6))];
         settings.patches_test = 20;

@@ -265,6 +265,7 @@ impl StudySettings {
             ("budget", self.budget_seconds.map_or("none".into(), |seconds| format!("{seconds} s"))),
             ("training patches", self.patches_train.to_string()),
             ("test patches", self.patches_test.to_string()),
+            ("fits from the beginning", if self.fresh { "yes" } else { "no" }.into()),
             ("noise", self.noise.to_string()),
             ("mean photons per pixel", self.mean_photons.to_string()),
             ("background photons per pixel", self.bias_photons.to_string()),
