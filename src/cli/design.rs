@@ -323,6 +323,48 @@ fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::information::Estimator;
+    use crate::objects::ObjectSource;
+    use crate::sensor::Noise;
+    use crate::workbench::study::{StudyDesign, StudyKind, StudyObjects};
+
+    #[test]
+    fn a_comparison_of_another_result_moves_out_of_the_way() {
+        let run = tempfile::tempdir().unwrap();
+        let settings = |lenslets| StudySettings {
+            kind: StudyKind::Grid,
+            objects: vec![StudyObjects::new(ObjectSource::Beads { density: 0.05 }, None)],
+            designs: vec![StudyDesign::heuristic(lenslets)],
+            patches: vec![Some((4, 4))],
+            estimator: Estimator::GaussianStationary,
+            budget_seconds: None,
+            patches_train: 60,
+            patches_test: 20,
+            fresh: false,
+            noise: Noise::Shot,
+            mean_photons: 100.0,
+            bias_photons: 10.0,
+            seed: 1,
+        };
+        let score = |lenslets| {
+            let mut study = open_score(settings(lenslets), run.path()).unwrap();
+            study.run(&mut |_| ControlFlow::Continue(())).unwrap();
+            study.record().clone()
+        };
+        let names = || {
+            let folders = std::fs::read_dir(run.path()).unwrap().map(|entry| entry.unwrap().file_name());
+            let mut names: Vec<String> = folders.map(|name| name.into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        let first = score(2);
+        assert_eq!((score(2), names()), (first, vec!["score".to_owned()]), "it is the same comparison");
+        score(3);
+        score(4);
+        assert_eq!(names(), ["score", "score-1", "score-2"]);
+        let kept = std::fs::read_to_string(run.path().join("score-1/study.json")).unwrap();
+        assert!(kept.contains("heuristic:2"), "the earliest is the first");
+    }
 
     #[test]
     fn parameters_are_read_from_their_names() {

@@ -92,22 +92,6 @@ fn a_run_that_was_killed_ends_as_one_that_was_not() {
 }
 
 #[test]
-fn a_comparison_of_another_result_moves_out_of_the_way() {
-    let bench = Bench::new();
-    let line = format!("{TINY} --bias 12 --out a --score 0.1s --against 1,1");
-    let cells = |name: &str| read(&bench, name)["cells"].as_array().unwrap().len();
-    assert_eq!(bench.json(&format!("{line} --steps 6"))["verdict"].as_array().unwrap().len(), 4);
-    assert_eq!(cells("a/score/study.json"), 6);
-    let first = std::fs::read(bench.path("a/score/study.json")).unwrap();
-    bench.done(&format!("{line} --steps 6"));
-    assert!(!bench.path("a/score-1").exists(), "the same comparison is there already");
-    let told = bench.json(&format!("{line} --steps 12"));
-    assert_eq!(told["end"]["step"], json!(12));
-    assert!(std::fs::read(bench.path("a/score-1/study.json")).unwrap() == first, "the earlier one is kept");
-    assert_eq!(cells("a/score/study.json"), 6);
-}
-
-#[test]
 fn what_allows_no_run_is_refused_in_a_sentence() {
     let bench = Bench::new();
     bench.write("taken", "a file");
