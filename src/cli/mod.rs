@@ -1,7 +1,7 @@
 //! The command line: the same computations and files as the window, without one.
 //!
-//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 2 bad input or usage,
-//! 1 anything else.
+//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 2 bad input or usage or a
+//! file that cannot be read or written, 1 done but not all of it.
 
 mod choices;
 mod design;
@@ -154,6 +154,8 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
     }
     match crate::studio::open_window(design.clone(), arguments.design, arguments.renderer, arguments.reset_ui) {
         Ok(()) => Ok(()),
+        // What was edited in it is not the design that the program was started with.
+        Err(error @ crate::studio::WindowError::Lost { .. }) => Err(Failure::Incomplete(error.into())),
         Err(error) => {
             output::tell(format_args!("{error}; the design is computed here instead."));
             headless::run(&design)

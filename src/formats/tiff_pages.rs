@@ -50,6 +50,7 @@ pub(super) fn read_equal_pages(path: &Path) -> Result<PixelStack, FormatError> {
         }
         stack.pages += 1;
         stack.from_colour |= page.from_colour;
+        stack.white = stack.white.filter(|_| stack.white == page.white);
         stack.samples.append(page.samples);
         Ok(())
     })?;

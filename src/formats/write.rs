@@ -3,6 +3,7 @@
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use tempfile::NamedTempFile;
@@ -33,6 +34,9 @@ pub fn create_folder(path: &Path) -> Result<(), FormatError> {
     fs::create_dir_all(path).map_err(|error| FormatError::from_write(path, error))
 }
 
+/// Time that another program has to give back a lock.
+const GRACE: Duration = Duration::from_millis(500);
+
 /// Keeps other programs out of a folder until the file is dropped or the process ends, however it ends. Where the system
 /// knows no locks of folders, nobody is kept out.
 ///
@@ -41,13 +45,13 @@ pub fn create_folder(path: &Path) -> Result<(), FormatError> {
 /// locks until the system has taken back its memory.
 pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
     let Ok(folder) = File::open(path) else { return Ok(None) };
-    for _ in 0..10 {
-        match folder.try_lock() {
-            Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(50)),
-            Ok(()) | Err(TryLockError::Error(_)) => return Ok(Some(folder)),
-        }
-    }
-    Err(FormatError::Busy { path: path.to_path_buf() })
+    let Err(TryLockError::WouldBlock) = folder.try_lock() else { return Ok(Some(folder)) };
+    let (tell, told) = channel();
+    // Where nobody waits any more, the lock goes as soon as it comes.
+    let wait = move || drop(folder.lock().map(|()| tell.send(folder)));
+    let waiting = std::thread::Builder::new().name("lenslet-lock".into()).spawn(wait);
+    let locked = waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok());
+    locked.map(Some).ok_or_else(|| FormatError::Busy { path: path.to_path_buf() })
 }
 
 /// A file on its way: a temporary one in the same folder, which takes its name when it is complete and is removed

@@ -197,7 +197,8 @@ impl Studio {
         state.estimates = state.bench.estimates();
         let current = |revision| revision == state.bench.revision();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
-            state.trail.note(information.revision, &information.value, state.bench.design());
+            let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
+            state.trail.note(information.revision, &information.value, state.bench.design(), &objects);
         }
         if let Some(live) = &state.estimates.live {
             state.trail.note_live(live.revision, live.value.bits_per_pixel);

@@ -13,7 +13,7 @@ use super::layout::{Pane, restored};
 use super::window::RendererChoice;
 use crate::formats::{FormatError, create_folder, read_json, write_json, write_safely};
 use crate::information::EngineChoice;
-use crate::workbench::FileChange;
+use crate::workbench::{FileChange, FileText};
 
 /// Designs that are remembered.
 const RECENT: usize = 10;
@@ -101,7 +101,7 @@ pub struct Home {
     /// What the files hold.
     preferences: Preferences,
     layout: String,
-    orders: Option<Sender<(PathBuf, Option<String>)>>,
+    orders: Option<Sender<(PathBuf, Option<FileText>)>>,
     failures: Receiver<String>,
     thread: Option<JoinHandle<()>>,
 }
@@ -119,7 +119,7 @@ impl Home {
         }
         preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
         let layout = read_json(&folder.join(LAYOUT)).ok().and_then(restored);
-        let (orders, ordered) = channel::<(PathBuf, Option<String>)>();
+        let (orders, ordered) = channel::<(PathBuf, Option<FileText>)>();
         let (tell, failures) = channel();
         let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
             for (path, text) in ordered {
@@ -128,6 +128,7 @@ impl Home {
                     let _ = std::fs::remove_file(&path);
                     continue;
                 };
+                let Some(text) = text() else { continue };
                 if let Err(error) = write_safely(&path, |file| file.write_all(text.as_bytes())) {
                     // Without a window nobody listens.
                     let _ = tell.send(error.to_string());
@@ -193,10 +194,10 @@ impl Home {
     }
 
     fn write(&self, name: &str, text: String) {
-        self.order(self.folder.join(name), Some(text));
+        self.order(self.folder.join(name), Some(Box::new(|| Some(text))));
     }
 
-    fn order(&self, path: PathBuf, text: Option<String>) {
+    fn order(&self, path: PathBuf, text: Option<FileText>) {
         if let Some(orders) = &self.orders {
             // The thread ends with this.
             let _ = orders.send((path, text));

@@ -79,7 +79,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
             "settled": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
         })
     });
-    let (upper, upper_from) = known.upper();
+    let (upper, upper_from) = known.upper_bound().unzip();
     let design = state.bench.design();
     let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let numbers = json!({
@@ -276,7 +276,7 @@ fn warning(ui: &mut Ui, known: &Known<'_>) {
 
 /// All bounds on one axis that starts at 0; where the truth can be is filled.
 fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
-    let (upper, _) = known.upper();
+    let upper = known.upper_bound().map(|(bits, _)| bits);
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
     let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
@@ -297,7 +297,9 @@ fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let bar = |from: f64, to: f64| egui::Rect::from_min_max(pos2(at(from), top), pos2(at(to), top + 12.0));
     let weak = ui.visuals().weak_text_color();
     painter.rect_filled(bar(0.0, end), 2.0, ui.visuals().extreme_bg_color);
-    painter.rect_filled(bar(lower.unwrap_or(0.0), upper), 2.0, ui.visuals().selection.bg_fill);
+    if let Some(upper) = upper {
+        painter.rect_filled(bar(lower.unwrap_or(0.0), upper), 2.0, ui.visuals().selection.bg_fill);
+    }
     for (_, bits, colour) in &marks {
         painter.vline(at(*bits), top - 3.0..=top + 15.0, Stroke::new(2.0, *colour));
     }

@@ -211,8 +211,9 @@ pub struct TrailPoint {
 impl Trail {
     const KEPT: usize = 400;
 
-    /// Notes the information of a revision of `design`, once; of an older revision than the last one never.
-    pub fn note(&mut self, revision: u64, information: &LiveInformation, design: &Design) {
+    /// Notes the information of a revision of `design`, once; of an older revision than the last one never. `objects` is the
+    /// fingerprint of what it images.
+    pub fn note(&mut self, revision: u64, information: &LiveInformation, design: &Design, objects: &str) {
         let last = self.points.last().copied();
         if last.is_some_and(|last| last.revision >= revision) {
             return;
@@ -221,7 +222,7 @@ impl Trail {
             self.points.remove(0);
         }
         let setting = format!(
-            "{} {} {} {} {}",
+            "{objects} {} {} {} {} {}",
             design.objects, design.mean_photons, design.bias_photons, design.noise, design.seed
         );
         let changed = usize::from(self.setting != setting);

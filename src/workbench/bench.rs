@@ -43,6 +43,8 @@ pub struct Workbench {
     pub(super) designer: Designer,
     pub(super) watched: WatchedRun,
     autosave: Option<Autosave>,
+    /// In the folder before, until its design is kept in the new one.
+    earlier_autosave: Option<Autosave>,
 }
 
 impl Workbench {
@@ -76,6 +78,7 @@ impl Workbench {
             activities,
             watched: WatchedRun::default(),
             autosave: None,
+            earlier_autosave: None,
         })
     }
 
@@ -289,10 +292,9 @@ impl Workbench {
     /// Where the folder cannot be written to.
     pub fn keep_unsaved_in(&mut self, folder: &Path) -> Result<Vec<Recovered>, FormatError> {
         let (autosave, found) = Autosave::in_folder(folder)?;
-        if let Some(mut earlier) = self.autosave.replace(autosave) {
-            // What it has kept is kept here from now on.
-            earlier.close();
-        }
+        // What was kept elsewhere stays until it is kept here.
+        let earlier = self.autosave.replace(autosave);
+        self.earlier_autosave = self.earlier_autosave.take().or(earlier);
         Ok(found)
     }
 
@@ -310,12 +312,19 @@ impl Workbench {
     pub fn note_unsaved(&mut self) -> Option<String> {
         let unsaved = (self.contents, self.is_dirty());
         let design = self.open.as_ref().unwrap_or(&self.design);
-        self.autosave.as_mut()?.note(design, unsaved, self.path.as_deref())
+        let autosave = self.autosave.as_mut()?;
+        let failure = autosave.note(design, unsaved, self.path.as_deref());
+        if autosave.is_done()
+            && let Some(mut earlier) = self.earlier_autosave.take()
+        {
+            earlier.close();
+        }
+        failure
     }
 
     /// The window is being closed, and whoever closes it was asked about unsaved changes.
     pub fn close(&mut self) {
-        if let Some(autosave) = &mut self.autosave {
+        for autosave in self.autosave.iter_mut().chain(&mut self.earlier_autosave) {
             autosave.close();
         }
     }

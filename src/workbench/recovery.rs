@@ -54,6 +54,8 @@ struct Slot {
     /// Files whose contents are in the next one that is written.
     superseded: Vec<Recovered>,
     stop: bool,
+    /// Whether the newest order is done.
+    done: bool,
     /// Why the last file was not written, where it has not been told.
     failure: Option<String>,
 }
@@ -104,10 +106,17 @@ impl Autosave {
         if self.noted != Some((contents, unsaved)) {
             self.noted = Some((contents, unsaved));
             let order = if unsaved { Order::Keep(Arc::clone(design), path.map(Path::to_owned)) } else { Order::Forget };
-            lock(&self.slot.0).order = Some(order);
+            let mut slot = lock(&self.slot.0);
+            (slot.order, slot.done) = (Some(order), false);
+            drop(slot);
             self.slot.1.notify_all();
         }
         lock(&self.slot.0).failure.take()
+    }
+
+    /// Whether the design that was noted last is kept, or need not be.
+    pub fn is_done(&self) -> bool {
+        lock(&self.slot.0).done
     }
 
     /// The design need not be kept any more: whoever closed it was asked about unsaved changes. Where this is not called, a
@@ -179,6 +188,7 @@ fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
             None => {}
         }
         guard = lock(slot);
+        guard.done = failed.is_none() && guard.order.is_none();
         let Some((reason, order)) = failed else {
             superseded.into_iter().for_each(Recovered::discard);
             told = None;

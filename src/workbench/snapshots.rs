@@ -43,6 +43,8 @@ pub struct Snapshot {
     pub optics: Option<Arc<Optics>>,
     /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols); or why there is none.
     pub measurement: Option<Result<Array2<f32>, String>>,
+    /// Fingerprint of the objects that the numbers below are of.
+    objects: Option<String>,
     /// Mean Tamura coefficient of its measurements.
     pub tamura: Option<f64>,
     /// Gaussian bound, or approximation.
@@ -141,6 +143,7 @@ impl Snapshot {
 
     fn kept(&self) -> Numbers {
         Numbers {
+            objects: self.objects.clone(),
             tamura: self.tamura,
             gaussian: self.gaussian,
             gaussian_is_bound: self.gaussian_is_bound,
@@ -155,6 +158,15 @@ impl Snapshot {
     fn take_up_numbers(&mut self, revision: u64, live: &Live, estimates: &Estimates) {
         if let Some(optics) = live.optics.as_ref().filter(|optics| optics.revision == revision) {
             self.optics = Some(Arc::clone(&optics.value));
+        }
+        if let Some(scene) = live.scene.as_ref().filter(|scene| scene.revision == revision) {
+            let found = Some(scene.value.set.fingerprint());
+            if self.objects.is_some() && self.objects != found {
+                // What was in the files before says nothing of what is there now.
+                (self.live, self.sampled, self.lower, self.bracket) = (None, None, None, None);
+                self.measurement = None;
+            }
+            self.objects = found;
         }
         if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
             if self.measurement.is_none() {
@@ -197,8 +209,10 @@ impl Snapshot {
 }
 
 /// What was computed of a snapshot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Numbers {
+    #[serde(default)]
+    objects: Option<String>,
     tamura: Option<f64>,
     gaussian: Option<Bits>,
     #[serde(default)]
@@ -214,7 +228,7 @@ struct Numbers {
 #[derive(Serialize, Deserialize)]
 struct Kept {
     name: String,
-    design: Design,
+    design: Arc<Design>,
     /// [`Numbers`]; those of another version are left out, and come again when the design is opened.
     #[serde(flatten)]
     numbers: serde_json::Value,
@@ -232,8 +246,11 @@ pub struct Snapshots {
     written: Option<Instant>,
 }
 
+/// What makes the text of a file, away from the window: masks that are pictures have millions of numbers.
+pub type FileText = Box<dyn FnOnce() -> Option<String> + Send>;
+
 /// What is to become of a file: its new text, or none where it is to go.
-pub type FileChange = (String, Option<String>);
+pub type FileChange = (String, Option<FileText>);
 
 impl Snapshots {
     /// Most designs that are kept.
@@ -267,6 +284,7 @@ impl Snapshots {
             asked: false,
             optics: None,
             measurement: None,
+            objects: None,
             tamura: None,
             gaussian: None,
             gaussian_is_bound: None,
@@ -300,12 +318,13 @@ impl Snapshots {
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
             let numbers = serde_json::from_value(numbers).unwrap_or_default();
-            let Numbers { tamura, gaussian, gaussian_is_bound, ceiling, live, sampled, lower, bracket } = numbers;
+            let Numbers { objects, tamura, gaussian, gaussian_is_bound, ceiling, live, sampled, lower, bracket } =
+                numbers;
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
                 scene: scene_of(&design),
-                design: Arc::new(design),
+                design,
                 revision: None,
                 file: file.to_string_lossy().into_owned(),
                 changed: false,
@@ -313,6 +332,7 @@ impl Snapshots {
                 asked: false,
                 optics: None,
                 measurement: None,
+                objects,
                 tamura,
                 gaussian,
                 gaussian_is_bound,
@@ -349,10 +369,12 @@ impl Snapshots {
             std::mem::take(&mut self.deleted).into_iter().map(|file| (file, None)).collect();
         for snapshot in self.entries.iter_mut().filter(|snapshot| snapshot.changed) {
             snapshot.changed = false;
-            let (name, design) = (snapshot.name.clone(), Design::clone(&snapshot.design));
-            let numbers = serde_json::to_value(snapshot.kept());
-            let text = numbers.and_then(|numbers| serde_json::to_string(&Kept { name, design, numbers })).ok();
-            changes.extend(text.map(|text| (snapshot.file.clone(), Some(text))));
+            let (name, design, numbers) = (snapshot.name.clone(), Arc::clone(&snapshot.design), snapshot.kept());
+            let text = move || {
+                let numbers = serde_json::to_value(numbers).ok()?;
+                serde_json::to_string(&Kept { name, design, numbers }).ok()
+            };
+            changes.push((snapshot.file.clone(), Some(Box::new(text))));
         }
         if !changes.is_empty() {
             self.written = Some(Instant::now());

@@ -474,7 +474,8 @@ fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Option<Result
         (shared.wake)();
         let mailbox = lock(&shared.mailbox);
         let stop = mailbox.quit || shared.cancelled.load(Ordering::Relaxed);
-        has_given_way.set(!stop && mailbox.evaluate.is_some());
+        // What has been read is not read again.
+        has_given_way.set(!stop && progress.done < progress.total && mailbox.evaluate.is_some());
         if stop || has_given_way.get() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let scene = Scene::open(design, &watch);

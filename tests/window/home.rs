@@ -151,6 +151,28 @@ fn changes_kept_in_the_usual_folder_are_offered_once_the_chosen_one_is_there_aga
 }
 
 #[test]
+fn what_was_kept_stays_until_it_is_kept_in_the_new_folder() {
+    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let mut window = at_home(folder.path());
+    click(&mut window, "Add lenslet");
+    until(&mut window, || kept(folder.path()) == 1);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
+    window.run_steps(3);
+    click(&mut window, "Other folder...");
+    answer(&mut window, elsewhere.path(), "Use");
+    let there = |folder: &Path| {
+        let files = std::fs::read_dir(folder).unwrap().filter_map(|file| Some(file.ok()?.path()));
+        files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count()
+    };
+    until(&mut window, || there(elsewhere.path()) == 1);
+    until(&mut window, || kept(folder.path()) == 0);
+    close(&mut window);
+    click(&mut window, "Discard");
+    drop(window);
+    assert_eq!((kept(folder.path()), there(elsewhere.path())), (0, 0));
+}
+
+#[test]
 fn theme_and_rooms_come_back_and_can_be_reset() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());

@@ -31,7 +31,9 @@ pub fn score_settings(
     let set = open_set(start)?;
     let imaging = imaging(start, &set)?;
     let (patch, sensor) = (imaging.patch(Some((PATCH, PATCH))), imaging.patch(None));
-    let patches = if patch == sensor { vec![None] } else { vec![Some(patch), None] };
+    // Those of heuristic layouts are larger where this grid is larger than theirs.
+    let is_sensor = patch == sensor && start.encoder.grid() == (PATCH, PATCH);
+    let patches = if is_sensor { vec![None] } else { vec![Some(patch), None] };
     let against = against.iter().enumerate().filter(|&(index, count)| !against[..index].contains(count));
     let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
     let begun = record.frames.first().map_or_else(|| start.encoder.clone(), mask_of);
