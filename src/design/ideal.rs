@@ -323,7 +323,15 @@ impl<'a> Ideal<'a> {
             let pair =
                 closest(&lenslets).filter(|&(one, other, distance)| distance < 1.0 && !locked(one) && !locked(other));
             let out = if let Some((one, other, _)) = pair {
-                state.array.lenslets[kept[one]] = joined(lenslets[one], lenslets[other]);
+                let (before, mut after) = (lenslets[one], joined(lenslets[one], lenslets[other]));
+                // What may not change does not, here either.
+                if !self.settings.free.positions {
+                    (after.x, after.y) = (before.x, before.y);
+                }
+                if !self.settings.free.widths {
+                    after.spot = before.spot;
+                }
+                state.array.lenslets[kept[one]] = after;
                 kept[other]
             } else {
                 let free = (0..kept.len()).filter(|&at| !locked(at));

@@ -105,8 +105,9 @@ pub(super) fn project(array: &mut LensletArray, settings: &IdealSettings, limits
             lenslets.map(|(_, lenslet)| lenslet.weight).sum::<f64>()
         };
         let (kept, free) = (sum(array, true), sum(array, false));
-        if free > 0.0 && kept < 1.0 {
-            let scale = (1.0 - kept) / free;
+        if free > 0.0 {
+            // Locked lenslets that hold all the light leave none.
+            let scale = (1.0 - kept).max(0.0) / free;
             for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
                 if !locked(index) {
                     lenslet.weight *= scale;
@@ -169,6 +170,16 @@ mod tests {
 
     fn settings() -> IdealSettings {
         IdealSettings::new(Preset::Default, Objective::Density, 1)
+    }
+
+    #[test]
+    fn locked_lenslets_that_hold_all_the_light_leave_none() {
+        let mut array = heuristic_layout(3);
+        for (lenslet, weight) in array.lenslets.iter_mut().zip([0.6, 0.4, 0.1]) {
+            lenslet.weight = weight;
+        }
+        project(&mut array, &IdealSettings { locked: vec![0, 1], ..settings() }, &Limits::default());
+        assert_eq!(array.lenslets.iter().map(|lenslet| lenslet.weight).collect::<Vec<_>>(), [0.6, 0.4, 0.0]);
     }
 
     #[test]

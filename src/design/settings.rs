@@ -1,5 +1,6 @@
 //! What a run of IDEAL does, by presets and in detail.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
@@ -317,11 +318,12 @@ impl IdealSettings {
         if let Some(index) = self.locked.iter().find(|&&index| index >= count) {
             return wrong("locked", (index + 1).to_string(), "numbers of lenslets that the mask has");
         }
-        if self.lenslets.is_some_and(|kept| kept == 0 || kept < self.locked.len()) {
+        let locked = self.locked.iter().collect::<BTreeSet<_>>().len();
+        if self.lenslets.is_some_and(|kept| kept == 0 || kept < locked) {
             return wrong("lenslets", format!("{:?}", self.lenslets), "at least 1, and at least those that are locked");
         }
         let Free { positions, widths, weights } = self.free;
-        if !(positions || widths || weights) || self.locked.len() == count {
+        if !(positions || widths || weights) || locked == count {
             return wrong("free", "nothing".into(), "something that may change");
         }
         Ok(())
@@ -379,6 +381,7 @@ mod tests {
             (told(&|settings| settings.rates.position = f64::NAN), "rates.position is NaN"),
             (told(&|settings| settings.locked = vec![3]), "locked is 4"),
             (told(&|settings| settings.locked = vec![0, 1, 2]), "may change"),
+            (told(&|settings| settings.locked = vec![0, 2, 1, 0]), "may change"),
             (told(&|settings| settings.min_separation_px = 40.0), "min_separation_px is 40"),
             (told(&|settings| settings.lenslets = Some(0)), "at least 1"),
             (
@@ -388,6 +391,8 @@ mod tests {
         ] {
             assert!(told.contains(part), "{part} in {told}");
         }
+        let usual = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
+        IdealSettings { locked: vec![1, 1, 1], lenslets: Some(1), ..usual }.check(&start).unwrap();
     }
 
     #[test]

@@ -216,16 +216,14 @@ impl Lenslet {
             return wrong("plane", self.plane as f64, "0 to 63");
         }
         match self.spot {
-            Spot::Isotropic(sigma) if !(MIN_SIGMA..=MAX_SIGMA).contains(&sigma) => {
-                wrong("sigma_px", sigma, "0.1 to 1000 pixels")
-            }
+            Spot::Isotropic(sigma) if !SIGMAS.contains(&sigma) => wrong("sigma_px", sigma, "0.1 to 1000 pixels"),
             Spot::Anisotropic { xx, xy, yy } => {
                 let determinant = xx * yy - xy * xy;
                 let smallest = self.spot.principal_sigmas().0;
                 let is_definite = xx > 0.0 && yy > 0.0 && determinant > 0.0 && determinant.is_finite();
                 if !is_definite {
                     wrong("covariance_px2 determinant", determinant, "a positive definite covariance")
-                } else if !(MIN_SIGMA..=MAX_SIGMA).contains(&smallest) {
+                } else if !SIGMAS.contains(&smallest) {
                     wrong("smallest width", smallest, "0.1 to 1000 pixels")
                 } else {
                     Ok(())
@@ -239,6 +237,8 @@ impl Lenslet {
 /// Below this the sampled Gaussian is one pixel and its gradient is lost to rounding.
 const MIN_SIGMA: f64 = 0.1;
 const MAX_SIGMA: f64 = 1000.0;
+/// Widths that a lenslet may have; the least one may be lost to rounding where an ellipse is raised to it.
+const SIGMAS: std::ops::RangeInclusive<f64> = MIN_SIGMA * (1.0 - 1e-9)..=MAX_SIGMA;
 const MAX_PLANES: usize = 64;
 
 /// The region and width that can be manufactured; the editor draws it and the optimizer projects onto it.
@@ -315,6 +315,21 @@ mod tests {
         assert!((minor - 0.775).abs() < 1e-12);
         assert!((major - lenslet.spot.principal_sigmas().1).abs() < 1e-12, "the wide axis must not change");
         assert_eq!(limits.project(once, 32, 32), once);
+    }
+
+    #[test]
+    fn ellipses_that_are_raised_to_the_least_width_of_all_are_masks() {
+        let limits = Limits { min_sigma_px: MIN_SIGMA, ..Limits::default() };
+        for step in 0..500 {
+            let angle = 0.013 * f64::from(step);
+            let (sin, cos) = angle.sin_cos();
+            let (large, small) = (0.3 + 0.01 * f64::from(step), 1e-4);
+            let (xx, yy) = (large * cos * cos + small * sin * sin, large * sin * sin + small * cos * cos);
+            let spot = Spot::Anisotropic { xx, xy: (large - small) * sin * cos, yy };
+            let lenslet = limits.project(Lenslet { spot, ..Lenslet::round(16.0, 16.0, 1.0, 1.0) }, 32, 32);
+            let array = LensletArray { rows: 32, cols: 32, lenslets: vec![lenslet] };
+            assert!(array.check().is_ok(), "{lenslet:?}");
+        }
     }
 
     #[test]

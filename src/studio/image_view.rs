@@ -9,7 +9,7 @@ use super::overlays;
 use super::viewport::{Placement, Viewport};
 use crate::workbench::Colormap;
 
-/// Longest side of a texture, pixels: few renderers take longer ones.
+/// Longest side of a texture that is tried, pixels: few renderers take longer ones.
 const LONGEST_TEXTURE: usize = 8192;
 
 /// The colours of every map, made once.
@@ -275,7 +275,7 @@ impl ImageView {
         image: ArrayView2<'_, f32>,
         version: Version,
     ) {
-        let longest = ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE);
+        let longest = longest_texture(ctx);
         let wanted = Drawn { version, colormap: self.colormap, limits: self.limits, longest };
         if self.drawn == Some(wanted) {
             return;
@@ -332,9 +332,14 @@ impl ImageView {
     }
 }
 
+/// Longest side of a texture, pixels.
+pub fn longest_texture(ctx: &egui::Context) -> usize {
+    ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE)
+}
+
 /// Every n-th row and every m-th column of a picture, so that neither side is longer than this. It is drawn as large as
 /// all of the picture would be.
-fn thinned(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
+pub fn thinned(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
     let (rows, cols) = image.dim();
     let step = |count: usize| count.div_ceil(longest.max(1)).max(1) as isize;
     image.slice_move(s![..;step(rows), ..;step(cols)])

@@ -2,7 +2,7 @@
 
 use egui::{Color32, ColorImage, Rect, TextureHandle, TextureOptions, Ui};
 
-use super::image_view::{Shown, name_widget, significant};
+use super::image_view::{Shown, longest_texture, name_widget, significant, thinned};
 use super::state::State;
 use crate::workbench::{Closer, CloserKey, Colormap};
 
@@ -62,6 +62,7 @@ pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) 
             let share = (bits / overlay.most).clamp(0.0, 1.0).sqrt();
             Color32::from_rgba_unmultiplied(r, g, b, (255.0 * MOST_OPAQUE * share) as u8)
         };
+        let map = thinned(map.view(), longest_texture(ui.ctx()));
         let picture = ColorImage::new([map.ncols(), map.nrows()], map.iter().map(colour).collect());
         match &mut overlay.texture {
             Some(texture) => texture.set(picture, TextureOptions::NEAREST),

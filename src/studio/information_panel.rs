@@ -234,7 +234,8 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
             },
         ),
     };
-    let text = RichText::new(text).size(28.0).strong();
+    let text = RichText::new(text).size(28.0);
+    let text = if known.current { text.strong() } else { text.weak() };
     // A number that still changes leans.
     let refining = known.sensor.is_none() && known.sampling().is_some_and(|live| live.remaining.is_some());
     let text = if refining { text.italics() } else { text };
@@ -244,7 +245,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
         ui.allocate_ui_with_layout(room, egui::Layout::left_to_right(egui::Align::Min).with_main_wrap(true), |ui| {
             ui.set_min_width(room.x);
-            ui.label(if known.current { text } else { text.weak() });
+            ui.label(text);
             ui.vertical(|ui| {
                 ui.add_space(4.0);
                 ui.label("bits per pixel");

@@ -153,10 +153,15 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut Levels, logarithmi
         let (low, high) = limits;
         let speed = f64::from(high - low) * 0.005;
         let field = |ui: &mut Ui, value: &mut f32, range: std::ops::RangeInclusive<f32>, what: &str| {
+            let before = *value;
             let field = DragValue::new(value).range(range).speed(speed).max_decimals(6);
             let field = field.custom_formatter(|value, _| significant(value));
             let response = ui.add(field).on_hover_text(format!("The {what} value that has a colour of its own"));
             name_widget(&response, &format!("{name} {what} value"));
+            // A field that is left takes its own text for typed.
+            if response.lost_focus() && significant(f64::from(*value)) == significant(f64::from(before)) {
+                *value = before;
+            }
         };
         ui.weak("from");
         field(ui, &mut limits.0, f32::MIN..=below(high), "lowest");

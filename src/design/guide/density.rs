@@ -1,5 +1,7 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
+use ndarray::{Array3, Axis, concatenate};
+
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
@@ -26,7 +28,8 @@ pub(in crate::design) struct DensityGuide<'a> {
 }
 
 impl<'a> DensityGuide<'a> {
-    /// A model before its fit, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet.
+    /// A model before its fit, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet, on
+    /// whichever plane.
     ///
     /// # Errors
     /// Where objects, noise and patch allow none.
@@ -48,10 +51,16 @@ impl<'a> DensityGuide<'a> {
         let (sample, psf, stream) = drawn(start)?;
         let (x, y) = ((start.cols / 2) as f64, (start.rows / 2) as f64);
         let planes_in_use = start.planes().min(planes);
-        let sharp = |plane| Lenslet { plane, ..Lenslet::round(x, y, limits.min_sigma_px, 1.0) };
-        let sharpest = LensletArray { lenslets: (0..planes_in_use).map(sharp).collect(), ..start.clone() };
-        let (extremes, _, _) = drawn(&sharpest)?;
-        let extremes = extremes.clean.unwrap_or(extremes.noisy);
+        // All the light may come to gather on one plane.
+        let extremes = (0..planes_in_use)
+            .map(|plane| {
+                let sharp = Lenslet { plane, ..Lenslet::round(x, y, limits.min_sigma_px, 1.0) };
+                let (patches, _, _) = drawn(&LensletArray { lenslets: vec![sharp], ..start.clone() })?;
+                Ok(patches.clean.unwrap_or(patches.noisy))
+            })
+            .collect::<Result<Vec<Array3<f32>>, IdealError>>()?;
+        let extremes: Vec<_> = extremes.iter().map(|patches| patches.view()).collect();
+        let extremes = concatenate(Axis(0), &extremes).expect("patches of one shape, of one plane at least");
         let known = moments.of(psf.view())?;
         let first = CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &known, &extremes, seed)?;
         let model = first.clone();

@@ -83,7 +83,9 @@ struct HeldOut {
 
 impl HeldOut {
     fn new(imaging: &Imaging<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
-        Ok(Self { objects: imaging.set.objects(Split::Test, HELD_OUT, derived_seed(seed, 1))?, patch, seed })
+        // A picture that comes again tells nothing new; an interval takes two.
+        let count = imaging.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
+        Ok(Self { objects: imaging.set.objects(Split::Test, count, derived_seed(seed, 1))?, patch, seed })
     }
 
     /// Clean and noisy patches of their measurements, shape (n, rows, cols); the same places and seeds every time.

@@ -40,10 +40,13 @@ impl HeldDensity for CausalModel {
         let mut total = 0.0;
         let pixels = gradient.iter_mut().zip(clean.iter().zip(&normals)).zip(&noisy);
         for (((out, (&x, &e)), &y), ((&nats, &by_value), &through)) in pixels.zip(losses) {
-            let (x, e, y) = (f64::from(x).max(DARKEST), f64::from(e), f64::from(y));
-            let [log, slope_y, slope_x] = self.likelihood(y, x);
+            let (seen, e, y) = (f64::from(x).max(DARKEST), f64::from(e), f64::from(y));
+            let [log, slope_y, slope_x] = self.likelihood(y, seen);
             total += nats + log;
-            *out = slope_x + (slope_y + by_value + f64::from(through)) * noise.slope(x, e);
+            // Darker pixels all count as that dark.
+            let is_dark = f64::from(x) < seen;
+            let slope = || slope_x + (slope_y + by_value + f64::from(through)) * noise.slope(seen, e);
+            *out = if is_dark { 0.0 } else { slope() };
         }
         let share = 1.0 / (noisy.len().max(1) as f64 * std::f64::consts::LN_2);
         gradient *= share;

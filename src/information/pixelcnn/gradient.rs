@@ -36,10 +36,11 @@ impl HeldDensity for HeldPixelCnn<'_> {
         let mut gradient = Array3::zeros(clean.dim());
         let mut total = 0.0;
         for ((out, (&x, &e)), (nats, by_y)) in gradient.iter_mut().zip(clean.iter().zip(&normals)).zip(losses) {
-            let (x, e) = (f64::from(x).max(DARKEST), f64::from(e));
-            let (entropy, by_x) = noise.entropy(x);
+            let (seen, e) = (f64::from(x).max(DARKEST), f64::from(e));
+            let (entropy, by_x) = noise.entropy(seen);
             total += f64::from(nats) - entropy;
-            *out = f64::from(by_y) * noise.slope(x, e) - by_x;
+            // Darker pixels all count as that dark.
+            *out = if f64::from(x) < seen { 0.0 } else { f64::from(by_y) * noise.slope(seen, e) - by_x };
         }
         let share = 1.0 / (noisy.len().max(1) as f64 * std::f64::consts::LN_2);
         gradient *= share;
