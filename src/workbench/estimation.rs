@@ -39,7 +39,7 @@ pub enum DensityModel {
         engine: EngineChoice,
     },
     /// The causal density model over clean levels, fitted to fresh patches for this long; of beads, whose prior is known, the
-    /// smallest of it, the ceiling and posterior sampling, which gets a quarter of the time.
+    /// smallest of it, the ceiling and posterior sampling, which gets three sixteenths of the time.
     Causal {
         /// [`Estimator::Live`] or [`Estimator::Full`].
         estimator: Estimator,
@@ -173,7 +173,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol: request.protocol };
     let channel = imaging.bead_channel(seen_psf(design, &set)?.view(), patch);
-    let density_share = |parts: f64| if channel.is_some() { 1.0 - parts * PART } else { 1.0 };
+    let density_share = |others: f64| if channel.is_some() { 1.0 - others } else { 1.0 };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
     let trials = (0..repetitions as u64)
         .map(|trial| {
@@ -184,10 +184,10 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
                 DensityModel::Analytic => analytic(&source, request, seed, watch),
                 DensityModel::PixelCnn { budget, engine } => network(&source, request, (budget, engine), seed, watch),
                 DensityModel::Causal { estimator, length } => {
-                    causal(&source, request, estimator, share_of(length, density_share(1.0)), seed, watch)
+                    causal(&source, request, estimator, share_of(length, density_share(FOLLOWING_ABOVE)), seed, watch)
                 }
                 DensityModel::Bracket { length } => {
-                    let length = share_of(length, density_share(3.0));
+                    let length = share_of(length, density_share(DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE));
                     causal(&source, request, Estimator::Bracket, length, seed, watch)
                 }
             }
@@ -214,7 +214,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
             Estimate::bracketed(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
         (DensityModel::Causal { length, .. }, Some(channel)) if let Some(decoder) = Decoder::shipped() => {
-            let fit = posterior_fit(design.seed, length, ABOVE);
+            let fit = posterior_fit(design.seed, share_of(length, FOLLOWING_ABOVE), ABOVE);
             let above = posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))?;
             Estimate::at_most(&trials, &above, provenance)?
         }
@@ -319,9 +319,11 @@ fn causal(
 const STEPS_PER_LEVEL: usize = 4;
 const LEVELS: (usize, usize) = (64, 400);
 
-/// Share of the time that the decoder gets where there is a prior, and following the posterior on each side; the rest is
-/// that of the density model.
-const PART: f64 = 0.25;
+/// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
+/// above, which is soon as good as it gets; the rest is that of the density model.
+const DECODING: f64 = 0.25;
+const FOLLOWING_BELOW: f64 = 5.0 / 16.0;
+const FOLLOWING_ABOVE: f64 = 3.0 / 16.0;
 
 /// Stream of random numbers for the decoder, beside those of the posterior.
 const DECODER: u64 = 4;
@@ -344,21 +346,22 @@ fn bead_bounds(
 ) -> Result<BeadBounds, EvaluationError> {
     let start = if fresh { None } else { Decoder::shipped() };
     let (kind, decoder_seed) = (DecoderKind::Autoregressive, derived_seed(seed, DECODER));
-    let fit = match share_of(length, PART) {
+    let fit = match share_of(length, DECODING) {
         FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
     };
     let (bound, decoder) = decoder_lower_bound(channel, &fit, start, &mut |fit| watch(&fit.into()))?;
-    let follow = |stream: u64| posterior_fit(seed, length, stream);
-    let below = posterior_lower_bound(channel, &follow(BELOW), &decoder, &mut |fit| watch(&fit.into()))?;
-    let above = posterior_upper_bound(channel, &follow(ABOVE), &decoder, &mut |fit| watch(&fit.into()))?;
+    let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);
+    let (below, above) = (follow(FOLLOWING_BELOW, BELOW), follow(FOLLOWING_ABOVE, ABOVE));
+    let below = posterior_lower_bound(channel, &below, &decoder, &mut |fit| watch(&fit.into()))?;
+    let above = posterior_upper_bound(channel, &above, &decoder, &mut |fit| watch(&fit.into()))?;
     Ok(BeadBounds { decoder: bound, below, above })
 }
 
-/// How the posterior is followed on one side within an estimate of this length.
+/// How the posterior is followed on one side for this length.
 fn posterior_fit(seed: u64, length: FitLength, stream: u64) -> PosteriorFit {
     let seed = derived_seed(seed, stream);
-    match share_of(length, PART) {
+    match length {
         FitLength::Time(budget) => PosteriorFit::within(budget, seed),
         FitLength::Steps(steps) => PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),
     }

@@ -27,8 +27,6 @@ use crate::network::Pool;
 const REPORT: usize = 4;
 /// Samples that are followed whatever the budget: fewer have no interval to speak of.
 const FEWEST_SAMPLES: usize = 16;
-/// Standard errors to either side of a 95 % interval.
-const NORMAL_95: f64 = 1.96;
 /// The guess is kept within these log odds, or a little beyond those of the prior.
 const MOST_CERTAIN: f64 = 14.0;
 /// Chances to change per level: of every site, and of every bead that is to be expected.
@@ -41,10 +39,17 @@ const TAKEN_OUT: f64 = 0.9;
 /// Levels where there is no budget, and of the few samples by which the time of others is told.
 const USUAL_LEVELS: usize = 400;
 const TRIAL_LEVELS: usize = 32;
-/// Levels that a budget is worth, and samples that it should suffice for.
+/// Levels that a budget is worth.
 const FEWEST_LEVELS: f64 = 64.0;
-const MOST_LEVELS: f64 = 4096.0;
+const MOST_LEVELS: f64 = 16_384.0;
+/// Samples that a budget should suffice for.
 const BUDGETED_SAMPLES: f64 = 48.0;
+/// Levels up to which more levels are worth more than more samples. A walk backwards by one walker gains from every level,
+/// while that from above comes to its end soon: what is left is the looseness of its groups.
+const WORTHY_LEVELS_BELOW: f64 = 1024.0;
+const WORTHY_LEVELS_ABOVE: f64 = 128.0;
+/// Pixels of a patch from which on that number of levels is larger from below: each sample tells more.
+const USUAL_PIXELS: f64 = 1024.0;
 /// Random streams of walks, beside those of samples.
 const WALKS: u64 = 0x7f << 56;
 
@@ -56,7 +61,7 @@ pub struct PosteriorFit {
     pub groups: usize,
     /// Walkers of each group; the lower bound has one.
     pub walkers: usize,
-    /// Steps from guess to posterior; without a number as many as the budget allows for 48 samples.
+    /// Steps from guess to posterior; without a number as many as the budget allows for 16 to 48 samples.
     pub levels: Option<usize>,
     /// Largest number of samples.
     pub samples: usize,
@@ -115,7 +120,7 @@ pub struct PosteriorProgress {
 pub struct PosteriorBound {
     /// The bound, bits per pixel of the patch.
     pub bits_per_pixel: f64,
-    /// 95 % interval (low, high), bits per pixel, from the standard error over samples.
+    /// 95 % interval (low, high), bits per pixel, from the standard error over samples (Student's t).
     pub interval_95: [f64; 2],
     /// Patch shape [rows, cols], pixels.
     pub patch: [usize; 2],
@@ -217,7 +222,18 @@ fn mean_and_half_width(nats: &[f64], pixels: usize) -> (f64, f64) {
     let unit = pixels as f64 * std::f64::consts::LN_2;
     let mean = nats.iter().sum::<f64>() / count;
     let square = nats.iter().map(|nats| (nats - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    (mean / unit, NORMAL_95 * (square / count).sqrt() / unit)
+    (mean / unit, student_95(count - 1.0) * (square / count).sqrt() / unit)
+}
+
+/// Standard errors to either side of a 95 % interval with so many degrees of freedom: the quantile of Student's t expanded
+/// about that of the normal distribution (Hill 1970), within 1 % from three on.
+fn student_95(freedom: f64) -> f64 {
+    let z: f64 = 1.959_964;
+    let (z2, n) = (z * z, freedom.max(1.0));
+    let first = (z2 + 1.0) / 4.0;
+    let second = ((5.0 * z2 + 16.0) * z2 + 3.0) / 96.0;
+    let third = (((3.0 * z2 + 19.0) * z2 + 17.0) * z2 - 15.0) / 384.0;
+    z * (1.0 + (first + (second + third / n) / n) / n)
 }
 
 /// What all samples share.
@@ -284,9 +300,11 @@ impl<'a> Follower<'a> {
     /// Levels for which the time of a fit suffices, from that of a few samples of few levels.
     fn affordable_levels(&self, side: Side, started: Instant) -> usize {
         let Some(budget) = self.fit.budget else { return USUAL_LEVELS };
+        // Samples of their own: what a bound rests on does not decide how it is computed.
+        let trials = self.fit.samples..self.fit.samples + REPORT;
         let time = |levels: usize| {
             let before = Instant::now();
-            self.block(0..REPORT, levels, side);
+            self.block(trials.clone(), levels, side);
             before.elapsed().as_secs_f64() / REPORT as f64
         };
         // The first samples need memory besides.
@@ -294,7 +312,13 @@ impl<'a> Follower<'a> {
         let (fixed, trial) = (time(1), time(1 + TRIAL_LEVELS));
         let each = (trial - fixed).max(1e-9) / TRIAL_LEVELS as f64;
         let left = budget.saturating_sub(started.elapsed()).as_secs_f64();
-        ((left / BUDGETED_SAMPLES - fixed) / each).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
+        let worthy = match side {
+            Side::Above => WORTHY_LEVELS_ABOVE,
+            Side::Below => WORTHY_LEVELS_BELOW * (self.scene.pixels() as f64 / USUAL_PIXELS).max(1.0),
+        };
+        let levels = |samples: f64| (left / samples - fixed) / each;
+        let (most, balanced) = (levels(FEWEST_SAMPLES as f64), levels(BUDGETED_SAMPLES));
+        most.min(balanced.max(worthy)).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
     }
 
     /// What the beads of a sample tell by being more or fewer than expected, nats; its mean is 0 and it varies with what
@@ -348,5 +372,18 @@ impl<'a> Follower<'a> {
     fn exact(&self, sample: &Sample) -> f64 {
         let pixels = sample.noisy.iter().zip(&sample.clean);
         pixels.map(|(&y, &x)| log_likelihood(self.scene.noise, f64::from(y), f64::from(x))).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::student_95;
+
+    #[test]
+    fn intervals_of_few_samples_are_those_of_student() {
+        for (freedom, quantile) in [(3.0, 3.182), (15.0, 2.1314), (47.0, 2.0117), (1e6, 1.95997)] {
+            let found = student_95(freedom);
+            assert!((found / quantile - 1.0).abs() < if freedom < 10.0 { 0.01 } else { 1e-4 }, "{freedom}: {found}");
+        }
     }
 }
