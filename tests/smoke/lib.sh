@@ -11,6 +11,17 @@ wait_for() {
   done
 }
 
+# Starts a display of its own, with the arguments besides; $display is its name, $server its process.
+new_display() {
+  local told="$work/display"
+  rm -f "$told"
+  # Without -noreset the display goes away for a moment when the first program that asks it something ends.
+  Xvfb -displayfd 3 -noreset -screen 0 1300x860x24 "$@" 3>"$told" >"$work/xvfb.log" 2>&1 &
+  server=$!
+  wait_for 20 test -s "$told"
+  display=":$(cat "$told")"
+}
+
 finish() {
   code=$?
   kill "${app:-}" "${manager:-}" "${xvfb:-}" "${xvfb_dark:-}" 2>/dev/null || true

@@ -6,22 +6,21 @@ set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 program=$(realpath "$1")
 work=$(mktemp -d)
-number=$((90 + RANDOM % 400))
 unset WAYLAND_DISPLAY
 export XDG_DATA_HOME="$work/home"
 cd "$work"
 
-Xvfb ":$number" -noreset -screen 0 1300x860x24 >"$work/xvfb.log" 2>&1 &
-xvfb=$!
-# Neither GLX nor, for lack of a driver, EGL: no OpenGL.
-dark=$((number + 1))
-Xvfb ":$dark" -noreset -extension GLX -screen 0 1300x860x24 >"$work/dark.log" 2>&1 &
-xvfb_dark=$!
 no_egl=__EGL_VENDOR_LIBRARY_FILENAMES=/nonexistent
 # An interface that this system does not have.
 no_wgpu=WGPU_BACKEND=metal
 what="smoke test of the renderers"
 . "$here/lib.sh"
+
+new_display
+xvfb=$server usual=$display
+# Neither GLX nor, for lack of a driver, EGL: no OpenGL.
+new_display -extension GLX
+xvfb_dark=$server dark=$display
 
 # Not the first window, in a theme whose notices are of a known colour.
 mkdir -p "$work/home/lenslet-studio"
@@ -53,8 +52,7 @@ the_other_draws() {
   wait "$app" 2>/dev/null || true
 }
 
-export DISPLAY=":$dark"
-wait_for 20 xdotool getdisplaygeometry
+export DISPLAY=$dark
 the_other_draws glow "$no_egl"
 
 env "$no_egl" "$no_wgpu" timeout 60 "$program" --renderer wgpu >"$work/out.log" 2>"$work/app.log"
@@ -62,7 +60,6 @@ grep -q '^no window could be opened (wgpu: .*; OpenGL (glow): .*); .*; the desig
 grep -q 'Gaussian bound' "$work/out.log"
 test -s "$work/lenslet-studio-export/design.json"
 
-export DISPLAY=":$number"
-wait_for 20 xdotool getdisplaygeometry
+export DISPLAY=$usual
 the_other_draws wgpu "$no_wgpu"
 echo "smoke test of the renderers: each stands in for the other, and the command line for both"

@@ -6,12 +6,12 @@ program=$(realpath "$1")
 mkdir -p "$2"
 shots=$(realpath "$2")
 work=$(mktemp -d)
-export DISPLAY=:$((90 + RANDOM % 400)) XDG_DATA_HOME="$work/home"
 unset WAYLAND_DISPLAY
-Xvfb "$DISPLAY" -noreset -screen 0 1300x860x24 >/dev/null 2>&1 &
-xvfb=$!
-trap 'kill "${app:-}" "${manager:-}" "$xvfb" 2>/dev/null || true; rm -rf "$work"' EXIT
-sleep 2
+what=screenshots
+. "$(dirname "$0")/lib.sh"
+new_display
+xvfb=$server
+export DISPLAY=$display XDG_DATA_HOME="$work/home"
 openbox >/dev/null 2>&1 &
 manager=$!
 # Not the first window: that one asks what to start from.

@@ -7,16 +7,16 @@ program=$(realpath "$1")
 minutes=$2
 renderer=${3:-glow}
 work=$(mktemp -d)
-export DISPLAY=:$((90 + RANDOM % 400))
 unset WAYLAND_DISPLAY
+what="soak test"
+. "$(dirname "$(realpath "$0")")/lib.sh"
+new_display
+xvfb=$server
+export DISPLAY=$display
 # Nothing that chance types as a path leaves this folder.
 export XDG_DATA_HOME="$work/home"
 cd "$work"
 
-Xvfb "$DISPLAY" -noreset -screen 0 1300x860x24 >/dev/null 2>&1 &
-xvfb=$!
-trap 'kill "${app:-}" "${manager:-}" "$xvfb" 2>/dev/null || true; rm -rf "$work"' EXIT
-until xdotool getdisplaygeometry >/dev/null 2>&1; do sleep 0.1; done
 openbox >/dev/null 2>&1 &
 manager=$!
 

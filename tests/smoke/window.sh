@@ -7,16 +7,13 @@ program=$(realpath "$1")
 renderer=$2
 shots=${3:-}
 work=$(mktemp -d)
-export DISPLAY=:$((90 + RANDOM % 400))
 unset WAYLAND_DISPLAY
-
-# Without -noreset the display goes away for a moment when the first program that asks it something ends.
-Xvfb "$DISPLAY" -noreset -screen 0 1300x860x24 >"$work/xvfb.log" 2>&1 &
-xvfb=$!
 what="window smoke test ($renderer)"
 . "$here/lib.sh"
 
-wait_for 20 xdotool getdisplaygeometry
+new_display
+xvfb=$server
+export DISPLAY=$display
 openbox >/dev/null 2>&1 &
 manager=$!
 cd "$work"
