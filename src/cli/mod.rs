@@ -91,6 +91,9 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
+/// Exit code of a bug, the one that a panic has by itself.
+const PANICKED: u8 = 101;
+
 /// Runs the program with the arguments it was started with.
 pub fn run() -> ExitCode {
     let arguments = match Arguments::try_parse() {
@@ -100,7 +103,7 @@ pub fn run() -> ExitCode {
     // A panic is a bug: its message is printed by the default hook, and the code is not one that means something else.
     match std::panic::catch_unwind(|| dispatch(arguments)) {
         Ok(result) => finish(result),
-        Err(_) => ExitCode::FAILURE,
+        Err(_) => ExitCode::from(PANICKED),
     }
 }
 
@@ -169,4 +172,34 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
     let design = headless::design(arguments.design.as_deref())?;
     output::tell("This build has no window; the design is computed here instead.");
     headless::run(&design)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the README tells people to type: lines of its blocks, and commands within sentences.
+    fn commands() -> Vec<String> {
+        let readme = include_str!("../../README.md");
+        let mut found = Vec::new();
+        for (index, part) in readme.split("```").enumerate() {
+            let spans: Vec<&str> =
+                if index % 2 == 1 { part.lines().collect() } else { part.split('`').skip(1).step_by(2).collect() };
+            let of_program = spans.into_iter().filter(|span| span.starts_with("lenslet-studio "));
+            found.extend(of_program.map(|line| line.split('#').next().unwrap_or_default().to_owned()));
+        }
+        found
+    }
+
+    #[test]
+    fn commands_of_the_readme_are_understood() {
+        let commands = commands();
+        assert!(commands.len() > 20, "{commands:#?}");
+        for command in commands {
+            let filled = command.replace("SEED", "1").replace("SET", "mnist").replace("heuristic:N", "heuristic:9");
+            let words = filled.replace("objects FILE", "objects idx:FILE");
+            let result = Arguments::try_parse_from(words.split_whitespace());
+            assert!(result.is_ok(), "{command}: {}", result.unwrap_err());
+        }
+    }
 }
