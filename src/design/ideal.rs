@@ -13,7 +13,7 @@ use super::movement::project;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
 use super::watched::Watched;
-use crate::information::{CausalModel, InformationError, QuickLowerBound};
+use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLowerBound};
 use crate::network::read_detail;
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
@@ -130,8 +130,7 @@ impl<'a> Ideal<'a> {
         let settings = IdealSettings { steps: 0, ..self.settings.clone() };
         let start = &self.start;
         let imaging = (self.imaging.set.fingerprint(), self.imaging.bias, self.imaging.noise, self.patch);
-        let version = env!("CARGO_PKG_VERSION");
-        blake3::hash(format!("{version} {settings:?} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
+        blake3::hash(format!("{NUMBERS_VERSION} {settings:?} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
             .to_hex()
             .to_string()
     }

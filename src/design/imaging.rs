@@ -1,16 +1,23 @@
 //! What a mask is designed for: objects, sensor and noise, and the measurements that they make together.
 
-use ndarray::{Array2, Array3, ArrayView3, s};
+use std::ops::Range;
+
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, s};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::error::IdealError;
-use crate::information::{AnalyticGaussian, BeadChannel, InformationError, Moments, PatchBatch, PatchStream};
-use crate::objects::{ObjectSet, Split};
+use crate::information::{
+    AnalyticGaussian, BeadChannel, InformationError, Moments, PatchBatch, PatchStream, SharedPictures,
+};
+use crate::objects::{ObjectSet, PlacedPicture, Split};
 use crate::sensor::{Convolution, Convolver, Noise, Patches, SensorError};
 
 /// Patches that are cut from one measurement while a model is fitted: drawing objects costs more than cutting.
 const PATCHES_PER_OBJECT: usize = 4;
+
+/// Least share of the light of a patch that makes a base image one of those that it shows.
+const LEAST_SHARE: f64 = 1e-3;
 
 /// A seed of its own for each purpose of a run.
 pub fn derived_seed(seed: u64, purpose: u64) -> u64 {
@@ -75,6 +82,29 @@ impl<'a> Imaging<'a> {
         Some(BeadChannel { spot, probability: prior.probability, bias: self.bias, noise: self.noise, patch })
     }
 
+    /// Which base images patches at `places` show through a point spread function of shape (planes, rows, cols), whose
+    /// measurements are those of objects `first` and so on of a part and seed; `None` for beads.
+    pub fn shared_pictures(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        patch: (usize, usize),
+        (split, first, seed): (Split, usize, u64),
+        places: &Patches,
+    ) -> Option<SharedPictures> {
+        let corners = places.corners();
+        let objects = corners.iter().map(|corner| corner.0 + 1).max().unwrap_or(0);
+        let pictures = self.set.pictures_from(split, first, objects, seed)?;
+        let footprint = Footprint::new(psf.index_axis(Axis(0), 0), patch);
+        let shown = |&(object, row, col): &(usize, usize, usize)| {
+            let light = |placed: &PlacedPicture| (placed.picture, footprint.light(placed, (row, col)));
+            let light: Vec<(u32, f64)> = pictures[object].iter().map(light).collect();
+            let all: f64 = light.iter().map(|(_, light)| light).sum();
+            let seen = light.into_iter().filter(|&(_, light)| light > LEAST_SHARE * all);
+            seen.map(|(picture, light)| (picture, light / all)).collect()
+        };
+        Some(SharedPictures::new(corners.iter().map(shown).collect()))
+    }
+
     /// Fresh patches of measurements of one part of the objects.
     pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream<'a> {
         MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
@@ -93,6 +123,57 @@ impl<'a> Imaging<'a> {
         let covariance = AnalyticGaussian::new(&self.set.autocovariance(reach), grid, patch)?;
         Ok(KnownMoments { set: self.set, bias: self.bias, noise: self.noise, covariance })
     }
+}
+
+/// How much of the light of a patch comes from which part of an object, if that is evenly bright.
+struct Footprint {
+    /// Entry [r, c]: that of all object pixels above and left of (r, c), counted from the patch's corner.
+    above: Array2<f64>,
+}
+
+impl Footprint {
+    /// Of a patch (rows, cols) through a point spread function.
+    fn new(psf: ArrayView2<'_, f64>, patch: (usize, usize)) -> Self {
+        let (rows, cols) = (patch.0 + psf.nrows() - 1, patch.1 + psf.ncols() - 1);
+        // The PSF is turned round; a box of the patch's size around each of its pixels.
+        let turned = summed(psf.nrows(), psf.ncols(), |r, c| psf[[psf.nrows() - 1 - r, psf.ncols() - 1 - c]]);
+        let inside =
+            |at: usize, side: usize, length: usize| ((at + 1).saturating_sub(side).min(length), (at + 1).min(length));
+        let light = |r: usize, c: usize| {
+            let (top, bottom) = inside(r, patch.0, psf.nrows());
+            let (left, right) = inside(c, patch.1, psf.ncols());
+            over(&turned, (top, bottom), (left, right))
+        };
+        Self { above: summed(rows, cols, light) }
+    }
+
+    /// Of a patch with this corner, what comes from a base image.
+    fn light(&self, placed: &PlacedPicture, (row, col): (usize, usize)) -> f64 {
+        let (rows, cols) = (self.above.nrows() as isize - 1, self.above.ncols() as isize - 1);
+        let span = |range: &Range<isize>, corner: usize, length: isize| {
+            let at = |place: isize| (place - corner as isize).clamp(0, length) as usize;
+            (at(range.start), at(range.end))
+        };
+        over(&self.above, span(&placed.rows, row, rows), span(&placed.cols, col, cols))
+    }
+}
+
+/// Entry [r, c]: the sum of `value` over all rows above r and columns left of c.
+fn summed(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f64) -> Array2<f64> {
+    let mut sums = Array2::zeros((rows + 1, cols + 1));
+    for r in 0..rows {
+        let mut along = 0.0;
+        for c in 0..cols {
+            along += value(r, c);
+            sums[[r + 1, c + 1]] = sums[[r, c + 1]] + along;
+        }
+    }
+    sums
+}
+
+/// The sum over rows and columns (first, end) of such sums.
+fn over(sums: &Array2<f64>, (top, bottom): (usize, usize), (left, right): (usize, usize)) -> f64 {
+    sums[[bottom, right]] - sums[[top, right]] - sums[[bottom, left]] + sums[[top, left]]
 }
 
 /// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
@@ -146,6 +227,24 @@ impl MeasurementStream<'_> {
         self.batch(count, seed, |measurements| Patches::one_each(measurements, self.patch, seed))
     }
 
+    /// Which base images the patches of [`MeasurementStream::draw_one_each`] show through the mask's point spread function,
+    /// shape (planes, rows, cols); `None` for beads.
+    ///
+    /// # Errors
+    /// As [`PatchStream::draw`].
+    pub fn shared_pictures(
+        &self,
+        imaging: &Imaging<'_>,
+        psf: ArrayView3<'_, f64>,
+        count: usize,
+        seed: u64,
+    ) -> Result<Option<SharedPictures>, InformationError> {
+        let (rows, cols) = self.convolver.plan().measurement_shape();
+        let places = Patches::one_each((count, rows, cols), self.patch, seed);
+        let places = places.map_err(|error| InformationError::Stream { reason: error.to_string() })?;
+        Ok(imaging.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
+    }
+
     /// Patches of the measurements of so many objects.
     fn batch(
         &self,
@@ -166,7 +265,12 @@ impl MeasurementStream<'_> {
 
 impl PatchStream for MeasurementStream<'_> {
     fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
-        let objects = count.div_ceil(PATCHES_PER_OBJECT);
+        let objects = if self.convolver.plan().measurement_shape() == self.patch {
+            // Whole measurements, of which every object has one.
+            count
+        } else {
+            count.div_ceil(PATCHES_PER_OBJECT)
+        };
         self.batch(objects, seed, |measurements| Patches::draw(measurements, self.patch, count, seed))
     }
 }
@@ -174,8 +278,32 @@ impl PatchStream for MeasurementStream<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::objects::ObjectOptions;
+    use crate::objects::{ObjectOptions, ObjectSource};
     use crate::optics::{heuristic_layout, render_psf};
+
+    #[test]
+    fn the_light_of_a_patch_is_that_of_the_pictures_it_shows() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("images.idx");
+        // Picture k is k + 1 everywhere, as large as a tile.
+        let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 12, 0, 0, 0, 32, 0, 0, 0, 32];
+        bytes.extend((1..=12).flat_map(|level| [level; 32 * 32]));
+        std::fs::write(&path, bytes).unwrap();
+        let (field, psf) = ((100, 90), render_psf(&heuristic_layout(3), 1).unwrap());
+        let options = ObjectOptions { field, mean_photons: 6.5 };
+        let set = ObjectSet::open(&ObjectSource::Idx(path), &options).unwrap();
+        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::All, (20, 26));
+        let clean = stream.draw_one_each(40, 5).unwrap().clean.unwrap();
+        let shared = stream.shared_pictures(&imaging, psf.view(), 40, 5).unwrap().unwrap();
+        assert_eq!(shared.pictures(), 12);
+        for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
+            let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
+            let found = f64::from(patch.mean().unwrap()) - 10.0;
+            // What is left out of the shares is a thousandth of the light of each picture.
+            assert!((found - expected).abs() < 0.02, "{found} {expected}");
+        }
+    }
 
     #[test]
     fn independent_patches_of_a_seed_begin_alike() {

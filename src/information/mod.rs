@@ -25,10 +25,15 @@ mod poisson_gaussian;
 mod power_spectrum;
 mod progress;
 mod reparameterised;
+mod shared_pictures;
 mod stationary;
 #[cfg(test)]
 mod test_beads;
 mod trial;
+
+/// Version of the numbers: that of the program, and how often the same settings have come to give other numbers. It stands in all
+/// records; numbers of different versions do not belong into one table, nor does a fit go on from that of another.
+pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+1");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
@@ -61,5 +66,6 @@ pub use pixelcnn::{
 pub use poisson::poisson_entropy;
 pub use power_spectrum::{PowerSpectrum, power_spectrum};
 pub use progress::{FitProgress, OnProgress};
+pub use shared_pictures::SharedPictures;
 pub use stationary::StationaryGaussian;
 pub use trial::{Estimator, Trial, TrialSettings};

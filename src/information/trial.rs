@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::{EngineChoice, GaussianBound, InformationError, Protocol, bootstrap_interval, paired_interval};
+use super::{
+    EngineChoice, GaussianBound, InformationError, Protocol, SharedPictures, bootstrap_interval, paired_interval,
+};
 use crate::sensor::Noise;
 
 /// The density model behind an estimate. The serialised names are stable.
@@ -79,11 +81,16 @@ pub struct Trial {
     patches_test: usize,
     entropy_y: f64,
     entropy_y_given_x: f64,
+    /// What each held-out patch tells, bits per pixel.
+    information: Vec<f64>,
     interval_95: [f64; 2],
     seconds: f64,
     engine: Option<EngineChoice>,
     notes: Vec<String>,
 }
+
+/// Pictures below which an interval rests on too few to be sure of.
+const FEW_PICTURES: usize = 10;
 
 impl Trial {
     /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each.
@@ -153,10 +160,34 @@ impl Trial {
             }
         }
         let interval_95 = bootstrap_interval(entropy_y, entropy_y_given_x, settings.seed)?;
+        // A bound without samples has one entropy for all patches.
+        let information = entropy_y.iter().cycle().zip(entropy_y_given_x).map(|(y, noise)| y - noise).collect();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let (patches_test, entropy_y, entropy_y_given_x) =
             (entropy_y_given_x.len(), mean(entropy_y), mean(entropy_y_given_x));
-        Ok(Self { settings, patches_test, entropy_y, entropy_y_given_x, interval_95, seconds, engine: None, notes })
+        let engine = None;
+        Ok(Self {
+            settings,
+            patches_test,
+            entropy_y,
+            entropy_y_given_x,
+            information,
+            interval_95,
+            seconds,
+            engine,
+            notes,
+        })
+    }
+
+    /// The same trial, with an interval that counts pictures which several held-out patches show.
+    #[must_use]
+    pub fn sharing(mut self, pictures: &SharedPictures) -> Self {
+        self.interval_95 = pictures.widened(&self.information, self.bits_per_pixel(), self.interval_95);
+        let found = pictures.pictures();
+        if found < FEW_PICTURES && found < self.patches_test {
+            self.notes.push(format!("test patches show {found} pictures in all, so the interval may be too narrow"));
+        }
+        self
     }
 
     /// The same trial, computed by this engine.
@@ -170,7 +201,7 @@ impl Trial {
         self.entropy_y - self.entropy_y_given_x
     }
 
-    /// Its 95 % interval (low, high), bits per pixel; see [`bootstrap_interval`] for what it covers.
+    /// Its 95 % interval (low, high), bits per pixel; see [`bootstrap_interval`] and [`Trial::sharing`] for what it covers.
     pub fn interval_95(&self) -> [f64; 2] {
         self.interval_95
     }

@@ -58,25 +58,37 @@ impl Mosaic {
         self.tile
     }
 
-    /// Fills `object` with tiles drawn from `members`. A grid that is larger than the object is cropped at random.
-    pub(super) fn draw(&self, generator: &mut impl Rng, members: &[u32], mut object: ArrayViewMut2<f32>) {
-        let (rows, cols) = object.dim();
+    /// Draws tiles from `members` for an object of so many (rows, cols): images and the first row and column of their tiles. A
+    /// grid that is larger than the object is cropped at random.
+    pub(super) fn tiles(
+        &self,
+        generator: &mut impl Rng,
+        members: &[u32],
+        (rows, cols): (usize, usize),
+    ) -> Vec<(u32, isize, isize)> {
         let (grid_rows, grid_cols) = (rows.div_ceil(self.tile), cols.div_ceil(self.tile));
         let mut crop = |grid: usize, length: usize| match grid * self.tile - length {
             0 => 0,
             spare => generator.random_range(0..=spare as u64) as usize,
         };
-        let (top, left) = (crop(grid_rows, rows), crop(grid_cols, cols));
-        for grid_row in 0..grid_rows {
-            for grid_col in 0..grid_cols {
-                let image = members[generator.random_range(0..members.len() as u32) as usize];
-                self.for_each_pixel(image as usize, |row, col, photons| {
-                    let target = (grid_row * self.tile + row, grid_col * self.tile + col);
-                    if let Some(pixel) = object.get_mut((target.0.wrapping_sub(top), target.1.wrapping_sub(left))) {
-                        *pixel = photons as f32;
-                    }
-                });
-            }
+        let (top, left) = (crop(grid_rows, rows) as isize, crop(grid_cols, cols) as isize);
+        let places = (0..grid_rows).flat_map(|row| (0..grid_cols).map(move |col| (row, col)));
+        let tile = |(row, col): (usize, usize)| {
+            let image = members[generator.random_range(0..members.len() as u32) as usize];
+            (image, (row * self.tile) as isize - top, (col * self.tile) as isize - left)
+        };
+        places.map(tile).collect()
+    }
+
+    /// Fills `object` with tiles drawn from `members`.
+    pub(super) fn draw(&self, generator: &mut impl Rng, members: &[u32], mut object: ArrayViewMut2<f32>) {
+        for (image, top, left) in self.tiles(generator, members, object.dim()) {
+            self.for_each_pixel(image as usize, |row, col, photons| {
+                let place = (top.wrapping_add_unsigned(row) as usize, left.wrapping_add_unsigned(col) as usize);
+                if let Some(pixel) = object.get_mut(place) {
+                    *pixel = photons as f32;
+                }
+            });
         }
     }
 

@@ -1,7 +1,7 @@
 //! A set of objects, opened once and drawn from as often as needed.
 
 use std::fmt;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::path::Path;
 
 use ndarray::{Array2, Array4, ArrayViewMut2};
@@ -22,6 +22,8 @@ use super::{BeadPrior, ObjectError, ObjectSource, Split};
 const LONGEST_TILE_PX: usize = 1024;
 /// Longest side of an object, px.
 const LONGEST_FIELD_PX: usize = 16_384;
+/// Most pixels of a picture that is an object: transforms of it take some forty bytes each.
+const MOST_FIELD_PIXELS: usize = 1 << 26;
 
 /// How objects are made from their source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,6 +72,17 @@ enum Content {
     Beads(Beads),
     Mosaic(Mosaic, Parts),
     Whole(WholePictures, Parts),
+}
+
+/// A base image within an object; its tile may reach beyond.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlacedPicture {
+    /// Number of the base image in the set.
+    pub picture: u32,
+    /// Rows of the object that its tile covers.
+    pub rows: Range<isize>,
+    /// Columns of the object that its tile covers.
+    pub cols: Range<isize>,
 }
 
 /// A set of objects. It is large and never changes: share it in an `Arc`.
@@ -163,10 +176,17 @@ impl ObjectSet {
         }
     }
 
-    /// Whether mean and covariance are the same everywhere in the field, as those of beads and of mosaics at random places
-    /// are; whole pictures may be brighter in the middle.
-    pub fn is_stationary(&self) -> bool {
-        !matches!(self.content, Content::Whole(..))
+    /// Whether mean and covariance are the same everywhere in patches of so many (rows, cols) at random places, as those of
+    /// beads are. Those of mosaics are where patches see every part of a tile as often: whole tiles. Whole pictures may be
+    /// brighter in the middle.
+    pub fn is_stationary(&self, patch: (usize, usize)) -> bool {
+        match &self.content {
+            Content::Beads(_) => true,
+            Content::Mosaic(mosaic, _) => {
+                patch.0.is_multiple_of(mosaic.tile()) && patch.1.is_multiple_of(mosaic.tile())
+            }
+            Content::Whole(..) => false,
+        }
     }
 
     /// What the user should know about the files: those left out, pixels changed.
@@ -257,6 +277,45 @@ impl ObjectSet {
         Array4::from_shape_vec((count, planes, rows, cols), photons).map_err(|_| too_many())
     }
 
+    /// The base images in objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws, and where each
+    /// lies; `None` for beads, which are new in each object.
+    pub fn pictures_from(
+        &self,
+        split: Split,
+        first: usize,
+        count: usize,
+        seed: u64,
+    ) -> Option<Vec<Vec<PlacedPicture>>> {
+        let objects = first..first.saturating_add(count);
+        match &self.content {
+            Content::Beads(_) => None,
+            Content::Mosaic(mosaic, parts) => {
+                let (members, side) = (parts.members(split), mosaic.tile() as isize);
+                let tiles = |index: usize| {
+                    let mut generator = split.generator(seed, index as u64);
+                    let tiles = mosaic.tiles(&mut generator, members, self.field).into_iter();
+                    tiles.map(|(picture, row, col)| PlacedPicture {
+                        picture,
+                        rows: row..row + side,
+                        cols: col..col + side,
+                    })
+                };
+                Some(if members.is_empty() {
+                    Vec::new()
+                } else {
+                    objects.map(|index| tiles(index).collect()).collect()
+                })
+            }
+            Content::Whole(_, parts) => {
+                let order = WholePictures::order(parts.members(split), split, seed);
+                let (rows, cols) = (self.field.0 as isize, self.field.1 as isize);
+                let whole =
+                    |index: usize| PlacedPicture { picture: order[index % order.len()], rows: 0..rows, cols: 0..cols };
+                Some(if order.is_empty() { Vec::new() } else { objects.map(|index| vec![whole(index)]).collect() })
+            }
+        }
+    }
+
     /// Mean over the set, photons per pixel. For beads it is the expectation with the light lost at the border.
     pub fn mean(&self) -> f64 {
         self.mean
@@ -329,6 +388,11 @@ fn mosaic(path: &Path, stacks: Vec<PixelStack>, mean: f64) -> Result<Content, Ob
 }
 
 fn whole(path: &Path, stack: PixelStack, mean: f64) -> Result<Content, ObjectError> {
+    if stack.rows.max(stack.cols) > LONGEST_FIELD_PX || stack.rows * stack.cols > MOST_FIELD_PIXELS {
+        let expected = format!("pictures of at most {LONGEST_FIELD_PX} px a side and {MOST_FIELD_PIXELS} pixels");
+        let found = format!("{} x {} px", stack.rows, stack.cols);
+        return Err(FormatError::malformed(path, expected, found, "crop or shrink them").into());
+    }
     let pictures = WholePictures::new(stack, mean).ok_or_else(|| dark(path))?;
     let parts = Parts::new(pictures.images());
     Ok(Content::Whole(pictures, parts))

@@ -58,6 +58,11 @@ impl Patches {
         Ok(patches)
     }
 
+    /// (image, first row, first column) of each patch.
+    pub fn corners(&self) -> &[(usize, usize, usize)] {
+        &self.corners
+    }
+
     /// Cuts the patches out of a stack of the dimensions they were drawn for; shape (count, rows, cols).
     ///
     /// # Panics

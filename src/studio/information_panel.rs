@@ -11,7 +11,7 @@ use super::image_view::{name_widget, placeholder, significant};
 use super::menus;
 use super::messages::Severity;
 use super::state::State;
-use crate::information::{Bracket, NamedBound};
+use crate::information::{Bracket, NUMBERS_VERSION, NamedBound};
 use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, Stamped};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
@@ -85,7 +85,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     let numbers = json!({
         "format": "lenslet-studio/numbers",
         "format_version": 1,
-        "program_version": env!("CARGO_PKG_VERSION"),
+        "program_version": NUMBERS_VERSION,
         "encoder": design.encoder.describe(),
         "design": &**design,
         "current": known.current,
@@ -220,7 +220,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         _ if known.upper_bound().is_none() => (
             format!("\u{2248} {upper:.3}"),
             from,
-            format!("No bound for {rows} x {cols} px patches: whole pictures may be brighter in the middle."),
+            format!("No bound for {rows} x {cols} px patches: they see some parts of the pictures more often."),
         ),
         _ => (
             format!("\u{2264} {upper:.3}"),
@@ -361,8 +361,8 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             format!("{} {}", rounded(bound.bits_per_pixel), interval(known.bounds.interval_95)),
             Some(GAUSSIAN),
             "Entropy of the Gaussian with the measurements' covariance, less the noise entropy; 95 % interval. \
-             It needs no samples but for the noise entropy, and is loose for sparse objects. For whole pictures, which may \
-             be brighter in the middle, it is no bound.",
+             It needs no samples but for the noise entropy, and is loose for sparse objects. Where patches see some \
+             parts of the pictures more often than others, as of whole pictures, it is no bound.",
         );
         match known.bounds.ceiling_bits() {
             Some(ceiling) => line(

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, ArrayView3, Axis};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
@@ -16,8 +16,8 @@ use crate::design::{Imaging, MeasurementStream, derived_seed, mean_measurement};
 use crate::information::{
     BeadBounds, BeadChannel, Beginning, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice,
     Estimate, Estimator, FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch,
-    PixelCnnRequest, PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
-    pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
+    PixelCnnRequest, PosteriorFit, Protocol, Provenance, SharedPictures, Trial, TrialSettings, decoder_lower_bound,
+    gaussian_estimate, pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
 };
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::{Convolver, Noise, Patches};
@@ -141,8 +141,9 @@ pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
 /// Estimates the information of a design's measurements.
 ///
-/// Every patch is cut from an object of its own, so that patches are independent but where whole pictures are repeated. Under the default protocol no base
-/// image is in both training and test; under the paper's all are in both, as published.
+/// Every patch is cut from an object of its own; where objects show the same base images, intervals are the wider for it. Under
+/// the default protocol no base image is in both training and test; under the paper's all are in both, and patches count as
+/// independent, as published.
 ///
 /// # Errors
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
@@ -162,7 +163,8 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         };
         open_set_with(design, &reading)?
     };
-    if matches!(request.model, DensityModel::Analytic) && !set.is_stationary() {
+    let analytic_alone = matches!(request.model, DensityModel::Analytic);
+    if analytic_alone && set.whole_pictures(Split::All).is_some() {
         return Err(EvaluationError::NotStationary { objects: design.objects.to_string() });
     }
     let imaging = imaging(design, &set)?;
@@ -178,7 +180,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let trials = (0..repetitions as u64)
         .map(|trial| {
             let seed = design.seed.wrapping_add(trial);
-            match request.model {
+            let trial = match request.model {
                 DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, watch),
                 DensityModel::Full => fitted(&source, request, Covariance::Full, seed, watch),
                 DensityModel::Analytic => analytic(&source, request, seed, watch),
@@ -190,9 +192,17 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
                     let length = share_of(length, density_share(DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE));
                     causal(&source, request, Estimator::Bracket, length, seed, watch)
                 }
-            }
+            };
+            let split = if matches!(request.model, DensityModel::Analytic) { Split::All } else { source.splits().1 };
+            source.sharing(trial?, split, request.patches_test, seed)
         })
         .collect::<Result<Vec<_>, _>>()?;
+    // Fitted Gaussians see such patches as they are.
+    let phases = (analytic_alone && !set.is_stationary(patch)).then(|| {
+        "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and one only for \
+         whole tiles"
+            .to_owned()
+    });
     let psf = design.psf(set.planes())?;
     let ceiling = ceiling_of(design, &set, psf.view(), patch)?.map(|ceiling| ceiling.bits_per_pixel);
     let provenance = Provenance {
@@ -201,15 +211,16 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         objects_fingerprint: set.fingerprint(),
         encoder: design.encoder.describe(),
         ceiling,
-        notes: set.notices().iter().cloned().chain(repeated_pictures(&source, request.patches_test)).collect(),
+        notes: set.notices().iter().cloned().chain(phases).collect(),
     };
     let mut estimate = match (request.model, &channel) {
         (DensityModel::Bracket { length }, channel) => {
-            let upper = if set.is_stationary() {
-                analytic(&source, request, design.seed, watch)?
+            let (upper, split) = if set.is_stationary(patch) {
+                (analytic(&source, request, design.seed, watch)?, Split::All)
             } else {
-                fitted(&source, request, Covariance::Stationary, design.seed, watch)?
+                (fitted(&source, request, Covariance::Stationary, design.seed, watch)?, source.splits().1)
             };
+            let upper = source.sharing(upper, split, request.patches_test, design.seed)?;
             let beads = channel.as_ref().map(|channel| bead_bounds(channel, design.seed, length, request.fresh, watch));
             Estimate::bracketed(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
@@ -224,17 +235,6 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     estimate.seconds = start.elapsed().as_secs_f64();
     forget_kept(request.keep.as_deref());
     Ok(estimate)
-}
-
-/// What is to be said where test patches come from fewer pictures than there are patches.
-fn repeated_pictures(source: &PatchSource<'_>, patches: usize) -> Option<String> {
-    let (_, test) = source.splits();
-    source.imaging.set.whole_pictures(test).filter(|&pictures| pictures < patches).map(|pictures| {
-        format!(
-            "test patches were cut from {pictures} pictures; those of one picture are not independent, so the interval may \
-             be too narrow"
-        )
-    })
 }
 
 fn fitted(
@@ -390,8 +390,9 @@ fn analytic(
 ) -> Result<Trial, EvaluationError> {
     let start = std::time::Instant::now();
     let (design, patch) = (source.design, source.patch);
-    let (_, test) = source.splits();
-    let (clean, _) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
+    // The covariance is that of all images, and so must be the noise: nothing is fitted.
+    let (patches, test_seed) = (request.patches_test, source.test_seed(seed));
+    let (clean, _) = source.draw(Split::All, patches, test_seed, "Test patches", watch)?;
     tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
@@ -443,6 +444,55 @@ impl PatchSource<'_> {
         self.imaging.stream(self.convolver.clone(), split, self.patch)
     }
 
+    /// Objects that are drawn at a time.
+    fn batch(&self) -> usize {
+        let set = self.imaging.set;
+        let (rows, cols) = set.field();
+        let object_bytes = size_of::<f32>() * set.planes() * rows * cols;
+        (BATCH_BYTES / object_bytes.max(1)).clamp(1, BATCH)
+    }
+
+    /// How the objects of a batch are drawn.
+    fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
+        let first = index * self.batch();
+        let place_seed = derived_seed(seed, first as u64);
+        // Whole pictures come in one order, so that none comes again before all have come.
+        match self.imaging.set.whole_pictures(split) {
+            Some(_) => Batch { first, object_seed: seed, place_seed },
+            None => Batch { first: 0, object_seed: place_seed, place_seed },
+        }
+    }
+
+    /// A trial with an interval that counts the base images which its test patches share; under the paper's protocol they
+    /// count as independent.
+    fn sharing(&self, trial: Trial, split: Split, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
+        let set = self.imaging.set;
+        if self.protocol == Protocol::Paper || set.base_images().is_none() {
+            return Ok(trial);
+        }
+        let psf = seen_psf(self.design, set)?;
+        Ok(trial.sharing(&self.shared(psf.view(), split, patches, self.test_seed(seed))?))
+    }
+
+    /// The base images that the patches show which are drawn of a part with a seed.
+    fn shared(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        split: Split,
+        patches: usize,
+        seed: u64,
+    ) -> Result<SharedPictures, EvaluationError> {
+        let (rows, cols) = self.convolver.plan().measurement_shape();
+        let mut shared = SharedPictures::default();
+        for (index, first) in (0..patches).step_by(self.batch()).enumerate() {
+            let Batch { first: object, object_seed, place_seed } = self.part(split, index, seed);
+            let places = Patches::one_each((self.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
+            let part = self.imaging.shared_pictures(psf, self.patch, (split, object, object_seed), &places);
+            shared = shared.and(part.unwrap_or_default());
+        }
+        Ok(shared)
+    }
+
     /// Noiseless and noisy patches, each of an object of its own.
     fn draw(
         &self,
@@ -462,20 +512,13 @@ impl PatchSource<'_> {
         if count > most {
             return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
         }
-        let set = self.imaging.set;
-        let (field_rows, field_cols) = set.field();
-        let object_bytes = size_of::<f32>() * set.planes() * field_rows * field_cols;
-        let batch = (BATCH_BYTES / object_bytes.max(1)).clamp(1, BATCH);
         let mut clean = Array3::zeros((count, rows, cols));
-        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), batch).enumerate() {
-            let first = index * batch;
-            tell(watch, step, first, count)?;
-            let batch_seed = derived_seed(seed, first as u64);
-            // Whole pictures come in one order, so that none comes again before all have come.
-            let (offset, object_seed) = set.whole_pictures(split).map_or((0, batch_seed), |_| (first, seed));
-            let objects = set.objects_from(split, offset, part.len_of(Axis(0)), object_seed)?;
+        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.batch()).enumerate() {
+            tell(watch, step, index * self.batch(), count)?;
+            let batch = self.part(split, index, seed);
+            let objects = self.imaging.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
-            part.assign(&Patches::one_each(encoded.dim(), self.patch, batch_seed)?.cut(encoded.view()));
+            part.assign(&Patches::one_each(encoded.dim(), self.patch, batch.place_seed)?.cut(encoded.view()));
         }
         let mut noisy = self.design.noise.draw(clean.view(), derived_seed(seed, u64::MAX));
         if self.protocol == Protocol::Paper && matches!(self.design.noise, Noise::Read { .. }) {
@@ -486,7 +529,57 @@ impl PatchSource<'_> {
     }
 }
 
+/// How a batch of objects is drawn, and a patch cut from each.
+struct Batch {
+    /// Number of the first object.
+    first: usize,
+    object_seed: u64,
+    place_seed: u64,
+}
+
 /// What patches of a step are for, in messages.
 fn step_model(step: &str) -> &'static str {
     if step.starts_with("Train") { "the fit" } else { "the test" }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::*;
+    use crate::objects::ObjectSource;
+
+    #[test]
+    fn intervals_know_the_pictures_that_test_patches_show() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("images.idx");
+        // Picture k is k + 1 everywhere, as large as a tile.
+        let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 50, 0, 0, 0, 32, 0, 0, 0, 32];
+        bytes.extend((1..=50).flat_map(|level| [level; 32 * 32]));
+        std::fs::write(&path, bytes).unwrap();
+        let mosaics = Design { objects: ObjectSource::Idx(path), ..Design::default() };
+        let pages = folder.path().join("pages.npy");
+        let page = |(page, _, _)| page as f32 + 1.0;
+        crate::formats::write_array(&pages, Array3::from_shape_fn((50, 40, 40), page).view()).unwrap();
+        let whole = Design { objects: ObjectSource::Stack(pages), ..mosaics.clone() };
+        for (design, grid) in [(mosaics, (32, 32)), (whole, (16, 16))] {
+            let set = open_set_with(&design, &|_| ControlFlow::Continue(())).unwrap();
+            let imaging = Imaging::new(&set, grid, 10.0, design.noise).unwrap();
+            let mut psf = Array3::zeros((1, grid.0, grid.1));
+            psf[[0, 9, 4]] = 1.0;
+            let convolver = imaging.convolver(psf.view()).unwrap();
+            let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
+            let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol };
+            let count = 2 * BATCH + 7;
+            let (clean, _) =
+                source.draw(Split::Test, count, 3, "Test patches", &mut |_| ControlFlow::Continue(())).unwrap();
+            let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();
+            assert_eq!((shared.shares().len(), shared.pictures()), (count, 10));
+            for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
+                let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
+                let found = (f64::from(patch.mean().unwrap()) - 10.0) * 25.5 / 100.0;
+                assert!((found - expected).abs() < 0.15, "{found} {expected}");
+            }
+        }
+    }
 }

@@ -281,7 +281,7 @@ impl SceneOptics {
             }
             None => None,
         };
-        let gaussian_is_bound = scene.set.is_stationary();
+        let gaussian_is_bound = scene.set.is_stationary(self.patch);
         Ok(LiveInformation { gaussian, gaussian_is_bound, interval_95, ceiling, patch: self.patch })
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::progress::Watch;
 use crate::formats::{read_if_there, write_safely};
-use crate::information::{CausalRequest, FitKeeper, InformationError, Trial, causal_estimate};
+use crate::information::{CausalRequest, FitKeeper, InformationError, NUMBERS_VERSION, Trial, causal_estimate};
 
 /// The estimate of a causal model, with the state of its fit in the file `keep` where one is named; the file stays until
 /// [`forget_kept`]. `what` describes the fit completely.
@@ -41,8 +41,8 @@ struct KeptFit {
 impl KeptFit {
     /// The file at `path`, for the fit that `what` describes completely.
     fn new(path: &Path, what: &dyn Debug) -> Self {
-        let version = env!("CARGO_PKG_VERSION");
-        let key = blake3::hash(format!("{version} {what:?}").as_bytes()).to_hex().to_string();
+        // The alternate form writes out arrays of any length.
+        let key = blake3::hash(format!("{NUMBERS_VERSION} {what:#?}").as_bytes()).to_hex().to_string();
         Self { path: path.to_owned(), key }
     }
 
@@ -66,5 +66,21 @@ impl FitKeeper for KeptFit {
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
         write_safely(&self.path, |out| out.write_all(state)).map_err(|error| self.failed(&error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+
+    use super::KeptFit;
+
+    #[test]
+    fn what_differs_in_the_middle_of_a_picture_is_another_fit() {
+        let mut picture = Array2::<f32>::zeros((64, 64));
+        let key = |picture: &Array2<f32>| KeptFit::new("fit".as_ref(), picture).key;
+        let dark = key(&picture);
+        picture[[32, 32]] = 1.0;
+        assert_ne!(dark, key(&picture));
     }
 }

@@ -11,7 +11,7 @@ use super::evaluation::{EvaluationError, Scene};
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
 use super::repeat::anywhere;
 use crate::formats::{FormatError, create_folder, read_json, write_json};
-use crate::information::{CausalStart, NamedBound};
+use crate::information::{CausalStart, NUMBERS_VERSION, NamedBound};
 use crate::objects::Progress;
 
 /// What such a file says of itself.
@@ -110,7 +110,7 @@ impl LiveRecord {
         Self {
             format: FORMAT.to_owned(),
             format_version: FORMAT_VERSION,
-            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            program_version: NUMBERS_VERSION.to_owned(),
             design: Design { objects: anywhere(&design.objects), ..design.clone() },
             objects_fingerprint: scene.set.fingerprint(),
             numbers: LiveNumbers::of(live),
@@ -185,7 +185,7 @@ impl LiveRecord {
         if scene.set.fingerprint() != self.objects_fingerprint {
             notes.push("the objects are no longer those of the record".to_owned());
         }
-        if self.program_version != env!("CARGO_PKG_VERSION") {
+        if self.program_version != NUMBERS_VERSION {
             notes.push(format!("the record was written by version {}", self.program_version));
         }
         Ok(Repeated { same: numbers == self.numbers, numbers, recorded: self.numbers.clone(), notes })

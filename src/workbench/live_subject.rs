@@ -11,7 +11,7 @@ use super::refinement::{LiveEstimate, LiveRecipe};
 use crate::design::{Imaging, MeasurementStream, derived_seed};
 use crate::information::{
     BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
-    NoiseEntropy, PatchBatch, PatchStream, Protocol, causal_model, information_map, paired_interval,
+    NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map, paired_interval,
 };
 use crate::objects::Split;
 use crate::sensor::Convolver;
@@ -33,6 +33,7 @@ pub(super) struct Subject<'a> {
     convolver: Convolver,
     pub channel: Option<BeadChannel>,
     entropy: NoiseEntropy,
+    psf: Array3<f64>,
 }
 
 impl<'a> Subject<'a> {
@@ -42,22 +43,35 @@ impl<'a> Subject<'a> {
         let convolver = imaging.convolver(psf.view())?;
         let channel = imaging.bead_channel(psf.view(), patch);
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-        Ok(Self { design, imaging, patch, convolver, channel, entropy })
+        Ok(Self { design, imaging, patch, convolver, channel, entropy, psf })
     }
 
     pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
         self.imaging.stream(self.convolver.clone(), split, self.patch)
     }
 
-    /// So many held-out patches, each of an object of its own, so that they are independent. Fewer are the first of more, so
-    /// that one score differs from the next by little.
+    /// So many held-out patches, each of an object of its own. Fewer are the first of more, so that one score differs from the
+    /// next by little.
     pub fn test(&self, count: usize) -> Result<PatchBatch, InformationError> {
         let stream = self.stream(Split::Test);
-        let some = stream.draw_one_each(count.min(SCORED), derived_seed(self.design.seed, 2))?;
-        if count <= SCORED {
-            return Ok(some);
-        }
-        joined(&some, &stream.draw_one_each(count - SCORED, derived_seed(self.design.seed, 5))?)
+        let (first, more) = self.parts(count);
+        let some = stream.draw_one_each(first.0, first.1)?;
+        if more.0 == 0 { Ok(some) } else { joined(&some, &stream.draw_one_each(more.0, more.1)?) }
+    }
+
+    /// Numbers and seeds of the two parts of so many held-out patches.
+    fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
+        let first = count.min(SCORED);
+        ((first, derived_seed(self.design.seed, 2)), (count - first, derived_seed(self.design.seed, 5)))
+    }
+
+    /// The base images that so many held-out patches show.
+    fn shared(&self, count: usize) -> Result<SharedPictures, InformationError> {
+        let stream = self.stream(Split::Test);
+        let (first, more) = self.parts(count);
+        let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.imaging, self.psf.view(), count, seed);
+        let some = of(first)?.unwrap_or_default();
+        Ok(if more.0 == 0 { some } else { some.and(of(more)?.unwrap_or_default()) })
     }
 
     /// The model before its fit.
@@ -102,10 +116,12 @@ impl<'a> Subject<'a> {
         let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let (bits_per_pixel, entropy_y_given_x) = (mean(&information), mean(&per_patch));
+        let independent = paired_interval(&information, self.design.seed)?;
+        let interval_95 = self.shared(information.len())?.widened(&information, bits_per_pixel, independent);
         let shown = s![..SHOWN.min(maps.len_of(Axis(0))), .., ..];
         Ok(LiveEstimate {
             bits_per_pixel,
-            interval_95: paired_interval(&information, self.design.seed)?,
+            interval_95,
             entropy_y: bits_per_pixel + entropy_y_given_x,
             entropy_y_given_x,
             patch: model.patch(),

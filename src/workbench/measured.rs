@@ -17,7 +17,7 @@ use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
-    PatchStream, PixelCnnRequest, Provenance, Trial, gaussian_estimate, pixelcnn_estimate,
+    PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -280,8 +280,7 @@ impl MeasuredImages {
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = self.notes.clone();
         notes.push(format!(
-            "test patches were cut from {test_images} images and training patches from {} others; those of one image \
-             are not independent, so the interval may be too narrow",
+            "test patches were cut from {test_images} images and training patches from {} others",
             images - test_images
         ));
         let provenance = Provenance {
@@ -314,7 +313,7 @@ impl MeasuredImages {
         (test_seed, seed): (u64, u64),
         watch: Watch<'_>,
     ) -> Result<Trial, MeasuredError> {
-        let test = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
+        let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
         if let DensityModel::Causal { estimator, length } = request.model {
             // Images are few, so that long fits would learn them by heart.
             let (validation, train) =
@@ -323,7 +322,7 @@ impl MeasuredImages {
             let validation = match validation {
                 [] => None,
                 images => {
-                    let noisy = self.cut(images, patch, VALIDATION_PATCHES, derived_seed(seed, 4), "the fit")?;
+                    let (noisy, _) = self.cut(images, patch, VALIDATION_PATCHES, derived_seed(seed, 4), "the fit")?;
                     Some(PatchBatch { noisy, clean: None })
                 }
             };
@@ -341,14 +340,14 @@ impl MeasuredImages {
             };
             let what =
                 || (self.fingerprint(), patch, noise, estimator, length, request.patches_test, request.fresh, seed);
-            return Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?);
+            return Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?.sharing(&shown));
         }
-        let train = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
+        let (train, _) = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
         tell(watch, "Fitting", 0, 1)?;
         let (train, test, protocol) = (train.view(), test.view(), request.protocol);
         let gaussian =
             |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
-        Ok(match request.model {
+        let trial = match request.model {
             DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
             DensityModel::Full => gaussian_estimate(&gaussian(Covariance::Full))?,
             DensityModel::PixelCnn { budget, engine } => {
@@ -370,10 +369,12 @@ impl MeasuredImages {
             DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
                 return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });
             }
-        })
+        };
+        // The paper's protocol takes patches as independent.
+        Ok(if request.protocol == Protocol::Paper { trial } else { trial.sharing(&shown) })
     }
 
-    /// Patches at random places of the given images.
+    /// Patches at random places of the given images, and which image each shows.
     fn cut(
         &self,
         images: &[usize],
@@ -381,7 +382,7 @@ impl MeasuredImages {
         count: usize,
         seed: u64,
         model: &'static str,
-    ) -> Result<Array3<f32>, MeasuredError> {
+    ) -> Result<(Array3<f32>, SharedPictures), MeasuredError> {
         let (rows, cols) = patch;
         let pixels = rows.saturating_mul(cols);
         if count == 0 {
@@ -392,7 +393,9 @@ impl MeasuredImages {
             return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
         }
         let part = self.photons.select(Axis(0), images);
-        Ok(Patches::draw(part.dim(), patch, count, seed)?.cut(part.view()))
+        let places = Patches::draw(part.dim(), patch, count, seed)?;
+        let shown = SharedPictures::one_each(places.corners().iter().map(|&(image, ..)| image as u32));
+        Ok((places.cut(part.view()), shown))
     }
 }
 

@@ -15,7 +15,7 @@ pub(super) use posterior::PosteriorGuide;
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::imaging::{Imaging, derived_seed};
-use crate::information::{CausalModel, paired_interval};
+use crate::information::{CausalModel, SharedPictures, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
 use crate::sensor::Patches;
@@ -73,10 +73,15 @@ pub(super) trait Guide {
     }
 }
 
+/// Purpose of the seed of the places of held-out patches.
+const PLACES: u64 = 3;
+
 /// Objects that neither a density model nor its mask has seen.
 struct HeldOut {
     /// Shape (n, planes, rows, cols).
     objects: Array4<f32>,
+    /// Which base images the patches show.
+    shared: SharedPictures,
     patch: (usize, usize),
     seed: u64,
 }
@@ -85,14 +90,21 @@ impl HeldOut {
     fn new(imaging: &Imaging<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
         // A picture that comes again tells nothing new; an interval takes two.
         let count = imaging.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
-        Ok(Self { objects: imaging.set.objects(Split::Test, count, derived_seed(seed, 1))?, patch, seed })
+        let object_seed = derived_seed(seed, 1);
+        let objects = imaging.set.objects(Split::Test, count, object_seed)?;
+        // The mask will change; on the whole every part of its grid is as bright.
+        let ((field_rows, field_cols), (rows, cols)) = (imaging.set.field(), imaging.plan().measurement_shape());
+        let flat = Array3::ones((1, field_rows + 1 - rows, field_cols + 1 - cols));
+        let places = Patches::one_each((count, rows, cols), patch, derived_seed(seed, PLACES))?;
+        let shared = imaging.shared_pictures(flat.view(), patch, (Split::Test, 0, object_seed), &places);
+        Ok(Self { objects, shared: shared.unwrap_or_default(), patch, seed })
     }
 
     /// Clean and noisy patches of their measurements, shape (n, rows, cols); the same places and seeds every time.
     fn measured(&self, imaging: &Imaging<'_>, array: &LensletArray) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
         let psf = render_psf(array, imaging.set.planes())?;
         let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
-        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, 3))?.cut(encoded.view());
+        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, PLACES))?.cut(encoded.view());
         let noisy = imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
         Ok((clean, noisy))
     }
@@ -100,6 +112,6 @@ impl HeldOut {
     /// Mean and 95 % interval of what a model says of each patch, bits per pixel.
     fn value(&self, information: &[f64]) -> Result<(f64, [f64; 2]), IdealError> {
         let mean = information.iter().sum::<f64>() / information.len() as f64;
-        Ok((mean, paired_interval(information, self.seed)?))
+        Ok((mean, self.shared.widened(information, mean, paired_interval(information, self.seed)?)))
     }
 }

@@ -377,7 +377,7 @@ mod tests {
     use ndarray::Array3;
 
     #[test]
-    fn likelihoods_of_counts_sum_to_one_however_bright_the_scene() {
+    fn likelihoods_of_counts_sum_to_one_at_most_however_bright_the_scene() {
         for brightest in [200.0, 50_000.0, 3e6] {
             let levels = Levels::spanning(Noise::Shot, LevelSpan { low: 0.0, high: brightest, counts: true });
             for level in 0..levels.count().min(12) {

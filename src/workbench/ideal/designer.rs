@@ -262,8 +262,10 @@ impl Shared {
                 *lock(&self.kept) = None;
                 self.change(|run| {
                     let (ranked, settings) = (std::mem::take(&mut run.ranked), run.settings.clone());
-                    let start_number = (index + 1, starts.len());
-                    *run = DesignRun { start_number, ranked, ..DesignRun::new(&start.design, settings, starts.len()) };
+                    // Between two starts it may just have been paused.
+                    let (start_number, status) = ((index + 1, starts.len()), run.status.clone());
+                    let fresh = DesignRun::new(&start.design, settings, starts.len());
+                    *run = DesignRun { status, start_number, ranked, ..fresh };
                 });
             }
             match self.run_one(start, settings) {

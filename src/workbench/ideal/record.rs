@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, Objective, merged};
 use crate::formats::{FormatError, write_json};
+use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::workbench::study::Machine;
 use crate::workbench::{Curve, Design};
@@ -47,7 +48,7 @@ impl IdealRecord {
         Self {
             format: FORMAT.into(),
             format_version: FORMAT_VERSION,
-            program_version: env!("CARGO_PKG_VERSION").into(),
+            program_version: NUMBERS_VERSION.into(),
             machine: Machine::here(),
             start: start.clone(),
             objects_fingerprint: ideal.objects_fingerprint(),

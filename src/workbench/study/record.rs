@@ -10,12 +10,10 @@ use super::published::Published;
 use super::settings::{PlannedCell, StudySettings, patch_name};
 use super::summary::StudySummary;
 use crate::formats::{FormatError, read_json, write_json};
-use crate::information::Estimate;
+use crate::information::{Estimate, NUMBERS_VERSION};
 
 const FORMAT: &str = "lenslet-studio/study";
 const FORMAT_VERSION: u64 = 1;
-/// Numbers of different versions of the program do not belong into one table.
-const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// A study as it stands in its file. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -143,7 +141,7 @@ impl StudyRecord {
         Self {
             format: FORMAT.into(),
             format_version: FORMAT_VERSION,
-            program_version: PROGRAM_VERSION.into(),
+            program_version: NUMBERS_VERSION.into(),
             settings,
             cells: Vec::new(),
             summary,

@@ -39,6 +39,8 @@ const TAKEN_OUT: f64 = 0.9;
 /// Levels where there is no budget, and of the few samples by which the time of others is told.
 const USUAL_LEVELS: usize = 400;
 const TRIAL_LEVELS: usize = 32;
+/// The first of those samples, far from the others.
+const FIRST_TRIAL: usize = 1 << 31;
 /// Levels that a budget is worth.
 const FEWEST_LEVELS: f64 = 64.0;
 const MOST_LEVELS: f64 = 16_384.0;
@@ -301,7 +303,7 @@ impl<'a> Follower<'a> {
     fn affordable_levels(&self, side: Side, started: Instant) -> usize {
         let Some(budget) = self.fit.budget else { return USUAL_LEVELS };
         // Samples of their own: what a bound rests on does not decide how it is computed.
-        let trials = self.fit.samples..self.fit.samples + REPORT;
+        let trials = FIRST_TRIAL..FIRST_TRIAL + REPORT;
         let time = |levels: usize| {
             let before = Instant::now();
             self.block(trials.clone(), levels, side);
