@@ -155,3 +155,24 @@ fn a_file_that_is_read_late_does_not_take_the_place_of_edits() {
     assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::Opened { .. })]));
     assert_eq!((bench.design().seed, bench.path()), (7, Some(file.as_path())));
 }
+
+#[test]
+fn what_is_read_late_is_not_used_for_another_design() {
+    let folder = tempfile::tempdir().unwrap();
+    let objects = folder.path().join("objects.npy");
+    lenslet_studio::formats::write_array(&objects, ndarray::Array3::<f32>::ones((3, 96, 96)).view()).unwrap();
+    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    bench.open_objects(ObjectSource::Stack(objects.clone()));
+    let psf = folder.path().join("psf.npy");
+    lenslet_studio::formats::write_array(&psf, ndarray::Array2::<f32>::ones((64, 64)).view()).unwrap();
+    bench.import_psf(psf, Some(32));
+    bench.start_from(Design { seed: 8, ..Design::default() });
+    let told = answers(&mut bench);
+    assert_eq!(told.len(), 2);
+    assert!(told.iter().all(|told| told.as_ref().is_err_and(|reason| reason.contains("opened meanwhile"))), "{told:?}");
+    assert_eq!(**bench.design(), Design { seed: 8, ..Design::default() });
+    assert!(!bench.is_dirty());
+    bench.open_objects(ObjectSource::Stack(objects.clone()));
+    assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::ObjectsOpened { .. })]));
+    assert_eq!(bench.design().objects, ObjectSource::Stack(objects));
+}

@@ -74,6 +74,9 @@ pub fn import_psf(path: &Path, side: Option<usize>) -> Result<PsfImage, PsfError
     }
     let picture = stack.index_axis_move(ndarray::Axis(0), 0);
     check_pixels(picture.view(), &origin)?;
+    if let Some(side) = side.filter(|&side| side > LensletArray::MAX_SIDE) {
+        return Err(PsfError::Shape { origin, rows: side, cols: side });
+    }
     let picture = match side {
         Some(side) if side > 0 && !picture.is_empty() => resample_square(picture.view(), side),
         _ => picture,

@@ -19,7 +19,7 @@ use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
 use crate::workbench::{
-    Activity, ActivityState, Design, EvaluationError, Job, Outcome, Recovered, RunStatus, Snapshots, Workbench,
+    Activity, ActivityState, Design, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench,
 };
 
 /// Least time between two frames that the worker asks for.
@@ -364,7 +364,7 @@ impl Studio {
                     self.dropped = None;
                 }
                 if ui.button("As PSF").clicked() {
-                    self.state.bench.submit(Job::ImportPsf { path, side: None });
+                    self.state.bench.import_psf(path, None);
                     self.dropped = None;
                 }
                 if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape)) {

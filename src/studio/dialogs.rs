@@ -329,7 +329,7 @@ fn answer(state: &mut State, question: &Question) {
         Purpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
         Purpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
-            state.bench.submit(Job::ImportPsf { path, side });
+            state.bench.import_psf(path, side);
         }
         Purpose::ExportDesign => {
             state.bench.submit(Job::ExportDesign { design: state.bench.design().clone(), folder: path });

@@ -122,18 +122,26 @@ impl Home {
         let (orders, ordered) = channel::<(PathBuf, Option<FileText>)>();
         let (tell, failures) = channel();
         let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
+            let write = |path: &Path, text: &str| write_safely(path, |file| file.write_all(text.as_bytes()));
+            // What could not be written is tried again when something else could, and in the end.
+            let mut failed: BTreeMap<PathBuf, String> = BTreeMap::new();
             for (path, text) in ordered {
+                failed.remove(&path);
                 let Some(text) = text else {
                     // It may never have been written.
                     let _ = std::fs::remove_file(&path);
                     continue;
                 };
                 let Some(text) = text() else { continue };
-                if let Err(error) = write_safely(&path, |file| file.write_all(text.as_bytes())) {
+                if let Err(error) = write(&path, &text) {
                     // Without a window nobody listens.
                     let _ = tell.send(error.to_string());
+                    failed.insert(path, text);
+                } else {
+                    failed.retain(|path, text| write(path, text).is_err());
                 }
             }
+            failed.retain(|path, text| write(path, text).is_err());
         });
         let thread = Some(thread.map_err(|error| FormatError::from_write(folder, error))?);
         let home = Self {

@@ -361,7 +361,12 @@ impl Workbench {
     /// Reads objects; the design images them once they are known to be good.
     pub fn open_objects(&self, source: ObjectSource) {
         let design = Design { objects: source, ..Design::clone(self.open_design()) };
-        self.submit(Job::OpenObjects { design: Arc::new(design) });
+        self.submit(Job::OpenObjects { design: Arc::new(design), document: self.document });
+    }
+
+    /// Reads a PSF picture, resampled to `side` pixels where that is given; it takes the place of the mask.
+    pub fn import_psf(&self, path: PathBuf, side: Option<usize>) {
+        self.submit(Job::ImportPsf { path, side, document: self.document });
     }
 
     /// Whether a job has not been answered yet.
@@ -390,6 +395,13 @@ impl Workbench {
                     }
                     None
                 }
+                Ok(Outcome::ObjectsOpened { source, document, .. }) if *document != self.document => {
+                    Some(format!("{source} is not used: another design has been opened meanwhile. Open it again."))
+                }
+                Ok(Outcome::PsfImported { encoder, document }) if *document != self.document => Some(format!(
+                    "{} is not used: another design has been opened meanwhile. Import it again.",
+                    encoder.describe()
+                )),
                 Ok(Outcome::ObjectsOpened { source, .. }) => {
                     let before = self.revision;
                     let refused = self.apply(&Command::SetObjects(source.clone())).err();
@@ -399,7 +411,7 @@ impl Workbench {
                     }
                     refused.map(|error| error.to_string())
                 }
-                Ok(Outcome::PsfImported { encoder }) => {
+                Ok(Outcome::PsfImported { encoder, .. }) => {
                     let command = Command::ReplaceEncoder { name: encoder.describe(), encoder: encoder.clone() };
                     self.apply(&command).err().map(|error| error.to_string())
                 }

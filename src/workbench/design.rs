@@ -150,14 +150,15 @@ impl Design {
         Ok(design)
     }
 
-    /// Writes a design file, with the PSF it renders to for other programs; safely, so that the file is either the
-    /// old one or the new one, whole.
+    /// Writes a design file, with the PSF it renders to for other programs where that is of moderate size; safely, so that the
+    /// file is either the old one or the new one, whole.
     ///
     /// # Errors
     /// [`DesignFileError`] where the design cannot be rendered or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), DesignFileError> {
         let psf = self.psf(1)?;
-        Ok(write_json(path, &DesignFile::new(self, Some(rows_of(&psf))))?)
+        let written = (psf.len() <= MOST_PSF_NUMBERS).then(|| rows_of(&psf));
+        Ok(write_json(path, &DesignFile::new(self, written))?)
     }
 
     /// The text of a design file on one line, without the PSF.
@@ -184,6 +185,8 @@ impl Design {
 }
 
 const FORMAT: &str = "lenslet-studio/design";
+/// Most numbers of a PSF that are written into a design file.
+const MOST_PSF_NUMBERS: usize = 1 << 20;
 const FORMAT_VERSION: u64 = 1;
 
 /// What stands in a design file. The PSF is for other programs: opening renders it anew from the encoder.

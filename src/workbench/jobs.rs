@@ -42,6 +42,8 @@ pub enum Job {
     OpenObjects {
         /// The design as it would be.
         design: Arc<Design>,
+        /// Number of its document.
+        document: u64,
     },
     /// Measures the first live object of a design that was put aside.
     MeasureSnapshot {
@@ -58,6 +60,8 @@ pub enum Job {
         path: PathBuf,
         /// Rows and columns to resample to.
         side: Option<usize>,
+        /// Number of the document that it is for.
+        document: u64,
     },
     /// Writes the PSF in every format, the design and the lenslets into a folder.
     ExportDesign {
@@ -147,6 +151,8 @@ pub enum Outcome {
     ObjectsOpened {
         /// Their source.
         source: ObjectSource,
+        /// Number of the document that was open when they were asked for.
+        document: u64,
         /// What the reader of the files should know.
         notices: Vec<String>,
     },
@@ -168,6 +174,8 @@ pub enum Outcome {
     PsfImported {
         /// The encoder made of it.
         encoder: Encoder,
+        /// Number of the document that was open when it was asked for.
+        document: u64,
     },
     /// Files were written.
     Exported {
@@ -186,7 +194,7 @@ impl Outcome {
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
             Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
-            Self::PsfImported { encoder } => format!("Using {}", encoder.describe()),
+            Self::PsfImported { encoder, .. } => format!("Using {}", encoder.describe()),
             Self::Exported { files } => match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
                 files => {
@@ -204,7 +212,7 @@ impl Job {
         match self {
             Self::OpenDesign { path, .. } => format!("Open {}", path.display()),
             Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
-            Self::OpenObjects { design } => format!("Read {}", design.objects),
+            Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
@@ -233,18 +241,18 @@ impl Job {
                 design.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Saved { document: *document, contents: *contents, path: path.clone() })
             }
-            Self::OpenObjects { design } => {
+            Self::OpenObjects { design, document } => {
                 let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string())?;
                 let notices = scene.set.notices().to_vec();
-                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices })
+                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document: *document, notices })
             }
             Self::MeasureSnapshot { number, name, design } => {
                 let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string());
                 Ok(measured_snapshot((*number, name), design, scene.as_ref().map_err(Clone::clone)))
             }
-            Self::ImportPsf { path, side } => {
+            Self::ImportPsf { path, side, document } => {
                 let image = import_psf(path, *side).map_err(|error| error.to_string())?;
-                Ok(Outcome::PsfImported { encoder: Encoder::Image(image) })
+                Ok(Outcome::PsfImported { encoder: Encoder::Image(image), document: *document })
             }
             Self::ExportDesign { design, folder } => {
                 let files = export::export_design(design, folder).map_err(|error| error.to_string())?;

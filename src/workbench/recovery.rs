@@ -229,7 +229,7 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
             let lock = lock.ok().filter(|lock| lock.try_lock().is_ok())?;
             let kept: Kept = read_json(&file).ok()?;
             kept.design.check().ok()?;
-            let kept_at = UNIX_EPOCH + Duration::from_secs(kept.seconds);
+            let kept_at = UNIX_EPOCH.checked_add(Duration::from_secs(kept.seconds))?;
             Some(Recovered { design: kept.design, path: kept.path, kept_at, file, lock })
         })
         .collect();

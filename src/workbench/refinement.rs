@@ -205,7 +205,10 @@ impl Refiner {
             beads.follow(FOLLOWED_LAST, stop);
             publish(with_bounds(&beads, estimate));
         }
-        self.last = Some((Arc::clone(scene), Arc::new(CausalStart::from(&model))));
+        // Weights of a fit that went astray would lead the next one astray, too.
+        if matches!(fitted, Ok(_) | Err(InformationError::Cancelled)) {
+            self.last = Some((Arc::clone(scene), Arc::new(CausalStart::from(&model))));
+        }
         Ok(fitted.map(|_| ())?)
     }
 

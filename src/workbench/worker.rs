@@ -437,7 +437,7 @@ impl Evaluator {
     fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Option<Result<Outcome, String>> {
         match job {
             // The one job that leaves something behind for evaluations: the objects, if they can be opened.
-            Job::OpenObjects { design } => Some(self.open_objects(design, entry, shared)),
+            Job::OpenObjects { design, document } => Some(self.open_objects((design, *document), entry, shared)),
             Job::MeasureSnapshot { number, name, design } => {
                 let known = self.scene.clone().filter(|scene| scene.serves(design));
                 let scene = known.map_or_else(|| other_scene(design, entry, shared), |scene| Some(Ok(scene)))?;
@@ -447,7 +447,12 @@ impl Evaluator {
         }
     }
 
-    fn open_objects(&mut self, design: &Design, entry: &Entry, shared: &Shared) -> Result<Outcome, String> {
+    fn open_objects(
+        &mut self,
+        (design, document): (&Design, u64),
+        entry: &Entry,
+        shared: &Shared,
+    ) -> Result<Outcome, String> {
         let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
         // Who opens a file again wants what is in it now.
         let earlier = self.scene.take_if(|_| design.objects.is_read());
@@ -459,7 +464,8 @@ impl Evaluator {
         })?;
         Convolution::new(scene.set.field(), design.encoder.grid())
             .map_err(|error| format!("{}: {error}", design.objects))?;
-        Ok(Outcome::ObjectsOpened { source: design.objects.clone(), notices: scene.set.notices().to_vec() })
+        let notices = scene.set.notices().to_vec();
+        Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document, notices })
     }
 }
 
