@@ -265,12 +265,11 @@ impl MeasurementStream<'_> {
 
 impl PatchStream for MeasurementStream<'_> {
     fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
-        let objects = if self.convolver.plan().measurement_shape() == self.patch {
-            // Whole measurements, of which every object has one.
-            count
-        } else {
-            count.div_ceil(PATCHES_PER_OBJECT)
-        };
+        if self.convolver.plan().measurement_shape() == self.patch {
+            // Of whole measurements every object has one.
+            return self.draw_one_each(count, seed);
+        }
+        let objects = count.div_ceil(PATCHES_PER_OBJECT);
         self.batch(objects, seed, |measurements| Patches::draw(measurements, self.patch, count, seed))
     }
 }

@@ -20,9 +20,17 @@ pub struct SharedPictures {
 }
 
 impl SharedPictures {
-    /// Of these patches, each with the numbers of its pictures and their shares.
+    /// Of these patches, each with the numbers of its pictures and their shares; a picture that comes twice in a patch has the sum of
+    /// both.
     pub fn new(shares: Vec<Vec<(u32, f64)>>) -> Self {
-        Self { shares }
+        let merged = |patch: Vec<(u32, f64)>| {
+            let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
+            for (picture, share) in patch {
+                *sums.entry(picture).or_default() += share;
+            }
+            sums.into_iter().collect()
+        };
+        Self { shares: shares.into_iter().map(merged).collect() }
     }
 
     /// Of patches that show one picture each.
@@ -105,7 +113,7 @@ mod tests {
 
     use super::*;
 
-    /// Values about 0 of patches that show `shown` of `pictures` pictures at random shares.
+    /// Values about 0 of patches that show two of `pictures` pictures at random shares.
     fn drawn(pictures: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedPictures, Vec<f64>) {
         // Uniform numbers of variance 1.
         let mut uniform = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
@@ -152,6 +160,12 @@ mod tests {
         assert_eq!(SharedPictures::one_each([7; 5]).added_variance(&values), 0.0);
         assert_eq!(SharedPictures::default().added_variance(&values), 0.0);
         assert_eq!(SharedPictures::one_each([7, 8, 7]).and(SharedPictures::one_each([9])).pictures(), 3);
+    }
+
+    #[test]
+    fn a_picture_that_comes_twice_in_a_patch_is_one() {
+        let tiles = vec![vec![(1, 0.25), (2, 0.5), (1, 0.25)], vec![(3, 1.0)]];
+        assert_eq!(SharedPictures::new(tiles).shares(), [vec![(1, 0.5), (2, 0.5)], vec![(3, 1.0)]]);
     }
 
     #[test]

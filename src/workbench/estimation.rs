@@ -177,6 +177,11 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let channel = imaging.bead_channel(seen_psf(design, &set)?.view(), patch);
     let density_share = |others: f64| if channel.is_some() { 1.0 - others } else { 1.0 };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
+    if matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch) && request.patches_train < 2 {
+        // The Gaussian of the bracket is fitted; better told before the density model is.
+        let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
+        return Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 }.into());
+    }
     let trials = (0..repetitions as u64)
         .map(|trial| {
             let seed = design.seed.wrapping_add(trial);
@@ -193,8 +198,8 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
                     causal(&source, request, Estimator::Bracket, length, seed, watch)
                 }
             };
-            let split = if matches!(request.model, DensityModel::Analytic) { Split::All } else { source.splits().1 };
-            source.sharing(trial?, split, request.patches_test, seed)
+            // The analytic Gaussian is that of all images, of which its patches are a fair draw.
+            if analytic_alone { trial } else { source.sharing(trial?, request.patches_test, seed) }
         })
         .collect::<Result<Vec<_>, _>>()?;
     // Fitted Gaussians see such patches as they are.
@@ -215,12 +220,12 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     };
     let mut estimate = match (request.model, &channel) {
         (DensityModel::Bracket { length }, channel) => {
-            let (upper, split) = if set.is_stationary(patch) {
-                (analytic(&source, request, design.seed, watch)?, Split::All)
+            let upper = if set.is_stationary(patch) {
+                analytic(&source, request, design.seed, watch)?
             } else {
-                (fitted(&source, request, Covariance::Stationary, design.seed, watch)?, source.splits().1)
+                let fitted = fitted(&source, request, Covariance::Stationary, design.seed, watch)?;
+                source.sharing(fitted, request.patches_test, design.seed)?
             };
-            let upper = source.sharing(upper, split, request.patches_test, design.seed)?;
             let beads = channel.as_ref().map(|channel| bead_bounds(channel, design.seed, length, request.fresh, watch));
             Estimate::bracketed(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
@@ -463,11 +468,10 @@ impl PatchSource<'_> {
         }
     }
 
-    /// A trial with an interval that counts the base images which its test patches share; under the paper's protocol they
-    /// count as independent.
-    fn sharing(&self, trial: Trial, split: Split, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
-        let set = self.imaging.set;
-        if self.protocol == Protocol::Paper || set.base_images().is_none() {
+    /// A trial with an interval that counts the base images which its test patches share ([`Trial::sharing`]).
+    fn sharing(&self, trial: Trial, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
+        let (set, (_, split)) = (self.imaging.set, self.splits());
+        if set.base_images().is_none() {
             return Ok(trial);
         }
         let psf = seen_psf(self.design, set)?;

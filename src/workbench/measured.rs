@@ -17,7 +17,7 @@ use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
-    PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, gaussian_estimate, pixelcnn_estimate,
+    PatchStream, PixelCnnRequest, Provenance, SharedPictures, Trial, gaussian_estimate, pixelcnn_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -347,7 +347,7 @@ impl MeasuredImages {
         let (train, test, protocol) = (train.view(), test.view(), request.protocol);
         let gaussian =
             |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
-        let trial = match request.model {
+        Ok(match request.model {
             DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
             DensityModel::Full => gaussian_estimate(&gaussian(Covariance::Full))?,
             DensityModel::PixelCnn { budget, engine } => {
@@ -369,9 +369,8 @@ impl MeasuredImages {
             DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
                 return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });
             }
-        };
-        // The paper's protocol takes patches as independent.
-        Ok(if request.protocol == Protocol::Paper { trial } else { trial.sharing(&shown) })
+        }
+        .sharing(&shown))
     }
 
     /// Patches at random places of the given images, and which image each shows.

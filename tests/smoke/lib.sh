@@ -24,7 +24,7 @@ new_display() {
 
 finish() {
   code=$?
-  kill "${app:-}" "${manager:-}" "${xvfb:-}" "${xvfb_dark:-}" 2>/dev/null || true
+  kill "${app:-}" "${manager:-}" "${xvfb:-}" "${xvfb_dark:-}" "${server:-}" 2>/dev/null || true
   if [ $code -ne 0 ]; then
     echo "$what failed; the program said:"
     cat "$work/app.log" 2>/dev/null || true

@@ -312,7 +312,8 @@ impl<'a> Follower<'a> {
         // The first samples need memory besides.
         time(1);
         let (fixed, trial) = (time(1), time(1 + TRIAL_LEVELS));
-        let each = (trial - fixed).max(1e-9) / TRIAL_LEVELS as f64;
+        // Where timing is too coarse to tell, levels are not for free.
+        let each = (trial - fixed).max(0.1 * trial).max(1e-9) / TRIAL_LEVELS as f64;
         let left = budget.saturating_sub(started.elapsed()).as_secs_f64();
         let worthy = match side {
             Side::Above => WORTHY_LEVELS_ABOVE,
