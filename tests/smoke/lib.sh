@@ -5,8 +5,12 @@
 wait_for() {
   local limit=$((SECONDS + $1))
   shift
-  until "$@" >/dev/null 2>&1; do
-    [ $SECONDS -lt $limit ] || { echo "waited in vain for: $*"; return 1; }
+  until "$@" >"$work/attempt.log" 2>&1; do
+    if [ $SECONDS -ge $limit ]; then
+      echo "waited in vain for: $*; the last attempt said:"
+      cat "$work/attempt.log"
+      return 1
+    fi
     sleep 0.1
   done
 }
@@ -16,19 +20,47 @@ new_display() {
   local told="$work/display"
   rm -f "$told"
   # Without -noreset the display goes away for a moment when the first program that asks it something ends.
-  Xvfb -displayfd 3 -noreset -screen 0 1300x860x24 "$@" 3>"$told" >"$work/xvfb.log" 2>&1 &
+  Xvfb -displayfd 3 -noreset -screen 0 1300x860x24 "$@" 3>"$told" >>"$work/xvfb.log" 2>&1 &
   server=$!
   wait_for 20 test -s "$told"
   display=":$(cat "$told")"
 }
 
+# Finds the program's window anew: one that was found at first may go away again.
+find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
+
+# The mask is drawn when its yellow peaks are.
+drawn() {
+  local colours
+  find_window && import -window "$window" "$work/now.png" &&
+    colours=$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:) &&
+    echo "window $window is $(xdotool getwindowgeometry "$window" | tr '\n' ' ') and has $colours colours" &&
+    [ "$colours" -gt 8 ]
+}
+
+# What the program and the display were doing when something failed.
+report() {
+  echo "$what failed; the program said:"
+  cat "$work/app.log" || true
+  if kill -0 "${app:-}"; then
+    echo "it goes on, with these threads:"
+    for thread in /proc/"$app"/task/*; do
+      echo "$(cat "$thread/comm"): $(sed 's/.*) //' "$thread/stat" | cut -d' ' -f1) in $(cat "$thread/wchan")"
+    done
+    echo "its windows: $(xdotool search --pid "$app" 2>&1 | tr '\n' ' ')"
+  elif [ -n "${app:-}" ]; then
+    local ended=0
+    wait "$app" || ended=$?
+    echo "it ended with code $ended"
+  fi
+  echo "display $display said:"
+  cat "$work/xvfb.log" || true
+} 2>/dev/null
+
 finish() {
   code=$?
+  [ $code -eq 0 ] || report
   kill "${app:-}" "${manager:-}" "${xvfb:-}" "${xvfb_dark:-}" "${server:-}" 2>/dev/null || true
-  if [ $code -ne 0 ]; then
-    echo "$what failed; the program said:"
-    cat "$work/app.log" 2>/dev/null || true
-  fi
   rm -rf "$work"
 }
 trap finish EXIT

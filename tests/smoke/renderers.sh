@@ -25,19 +25,12 @@ xvfb_dark=$server dark=$display
 # Not the first window, in a theme whose notices are of a known colour.
 mkdir -p "$work/home/lenslet-studio"
 echo '{"welcomed": true, "theme": "Dark", "live": false}' >"$work/home/lenslet-studio/preferences.json"
-find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
-# A window that is found at first may go away again.
-picture() { find_window && import -window "$window" "$work/now.png"; }
 # Pixels of notices in the status bar, at the lower edge.
 notices() {
-  picture && convert "$work/now.png" -crop 900x24+0+776 -fill black +opaque '#ff8f00' -fill white -opaque '#ff8f00' \
+  find_window && import -window "$window" "$work/now.png" && convert "$work/now.png" -crop 900x24+0+776 -fill black +opaque '#ff8f00' -fill white -opaque '#ff8f00' \
     -format '%[fx:int(w*h*mean+0.5)]' info:
 }
 noticed() { [ "$(notices)" -gt 50 ]; }
-# The mask is drawn when its yellow peaks are.
-drawn() {
-  picture && [ "$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:)" -gt 8 ]
-}
 
 # Opens the window by renderer $1 on a display where that cannot start, as the rest of the arguments see to.
 the_other_draws() {
@@ -45,8 +38,8 @@ the_other_draws() {
   shift
   env "$@" "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
   app=$!
-  wait_for 60 noticed
-  wait_for 30 drawn
+  wait_for 120 noticed
+  wait_for 120 drawn
   kill -0 "$app"
   kill "$app"
   wait "$app" 2>/dev/null || true

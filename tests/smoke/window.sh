@@ -21,22 +21,31 @@ cd "$work"
 export XDG_DATA_HOME="$work/home"
 "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
 app=$!
-find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
 
+mask=440x440+8+88
 picture() { import -window "$window" "$1"; }
-# The picture is there when the mask's yellow peaks are. A window that is found before may go away again.
-drawn() {
-  find_window && picture "$work/now.png" &&
-    [ "$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:)" -gt 8 ]
+# How many pixels differ between two pictures, within $3.
+pixels_between() {
+  local differing
+  differing=$(compare -metric AE "$work/$1.png[$3]" "$work/$2.png[$3]" null: 2>&1 || true)
+  echo "${differing%%[. ]*}"
 }
-wait_for 60 drawn
+wait_for 120 drawn
 focus() { xdotool windowactivate --sync "$window" || xdotool windowfocus "$window"; }
 wait_for 20 focus
-# The first window asks what to start from; Escape leaves that open.
+# Waits until the mask's room is another than in picture $2 and rests, but for a caret; $1 is then its picture.
+became_still() {
+  is_still() {
+    picture "$work/earlier.png" && sleep 0.5 && picture "$work/$1.png" &&
+      [ "$(pixels_between "$2" "$1" $mask)" -gt 10000 ] && [ "$(pixels_between earlier "$1" $mask)" -lt 200 ]
+  }
+  wait_for 120 is_still "$@"
+}
+
+# The first window asks what to start from, over a mask that is dimmed; Escape leaves that open.
+picture "$work/dimmed.png"
 xdotool key --window "$window" Escape
-sleep 1
-wait_for 60 drawn
-picture "$work/before.png"
+became_still before dimmed
 
 # The first lenslet stands at column 16, row 16 of the 32x32 mask, which lies in the room at the upper left.
 from_x=231 from_y=310
@@ -51,15 +60,15 @@ done
 there="28x28+$((from_x + 42))+$((from_y - 54))"
 arrived() {
   picture "$work/after.png"
-  difference=$(compare -metric AE "$work/before.png[$there]" "$work/after.png[$there]" null: 2>&1 || true)
-  [ "${difference%%.*}" -gt 200 ]
+  [ "$(pixels_between before after "$there")" -gt 200 ]
 }
-wait_for 60 arrived
+wait_for 120 arrived
 xdotool mouseup 1
 sleep 1
 
+picture "$work/dragged.png"
 xdotool key --window "$window" ctrl+e
-sleep 0.5
+became_still sheet dragged
 xdotool key --window "$window" ctrl+a
 xdotool type --delay 15 "$work/out"
 xdotool key Return
@@ -76,13 +85,13 @@ fi
 [ "$(wc -l <"$work/out/lenslets.csv")" -eq 10 ]
 grep -q '^9.0,7.0,0.8,' "$work/out/lenslets.csv" || { echo "the second lenslet should not have moved"; exit 1; }
 
-picture "$work/end.png"
+became_still end sheet
 if [ -n "$shots" ]; then
   mkdir -p "$shots"
   cp "$work/end.png" "$shots/window-$renderer.png"
 fi
 # Closing asks about the unsaved change instead of losing it.
 xdotool key --window "$window" ctrl+q
-sleep 1
+became_still question end
 kill -0 "$app" 2>/dev/null || { echo "the window closed over unsaved changes"; exit 1; }
 echo "window smoke test ($renderer): dragged, exported, compared"
