@@ -20,8 +20,6 @@ cd "$work"
 openbox >/dev/null 2>&1 &
 manager=$!
 
-find_window() { xdotool search --pid "$app" --name "Lenslet Studio" 2>/dev/null | tail -n 1; }
-
 # Opens the window and starts a run in it.
 open_window() {
   "$program" --renderer "$renderer" >>"$work/app.log" 2>&1 &
@@ -30,7 +28,7 @@ open_window() {
   while [ -z "$window" ]; do
     sleep 0.2
     kill -0 "$app"
-    window=$(find_window) || true
+    find_window || true
   done
   sleep 4
   xdotool windowactivate --sync "$window" 2>/dev/null || true
