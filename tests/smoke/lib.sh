@@ -1,5 +1,5 @@
-# What smoke tests share: waiting, and an end that leaves nothing behind. Sourced, with $what for what failed and $work for
-# the folder that goes.
+# What smoke tests share: displays, waiting for what the window shows, and an end that tells what failed and leaves nothing
+# behind. Sourced, with $what for what failed and $work for the folder that goes.
 
 # Waits up to $1 seconds until the rest of the arguments succeed.
 wait_for() {
@@ -15,13 +15,14 @@ wait_for() {
   done
 }
 
-# Starts a display of its own, with the arguments besides; $display is its name, $server its process.
+servers=()
+# Starts a display of its own, with the arguments besides; $display is its name.
 new_display() {
   local told="$work/display"
   rm -f "$told"
   # Without -noreset the display goes away for a moment when the first program that asks it something ends.
   Xvfb -displayfd 3 -noreset -screen 0 1300x860x24 "$@" 3>"$told" >>"$work/xvfb.log" 2>&1 &
-  server=$!
+  servers+=($!)
   wait_for 20 test -s "$told"
   display=":$(cat "$told")"
 }
@@ -29,11 +30,14 @@ new_display() {
 # Finds the program's window anew: one that was found at first may go away again.
 find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
 
+# The mask's room in a picture of the window.
+mask=440x440+8+88
+
 # The mask is drawn when its yellow peaks are.
 drawn() {
   local colours
   find_window && import -window "$window" "$work/now.png" &&
-    colours=$(convert "$work/now.png" -crop 440x440+8+88 -format '%k' info:) &&
+    colours=$(convert "$work/now.png" -crop "$mask" -format '%k' info:) &&
     echo "window $window is $(xdotool getwindowgeometry "$window" | tr '\n' ' ') and has $colours colours" &&
     [ "$colours" -gt 8 ]
 }
@@ -60,7 +64,7 @@ report() {
 finish() {
   code=$?
   [ $code -eq 0 ] || report
-  kill "${app:-}" "${manager:-}" "${xvfb:-}" "${xvfb_dark:-}" "${server:-}" 2>/dev/null || true
+  kill "${app:-}" "${manager:-}" "${servers[@]}" 2>/dev/null || true
   rm -rf "$work"
 }
 trap finish EXIT

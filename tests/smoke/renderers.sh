@@ -17,18 +17,19 @@ what="smoke test of the renderers"
 . "$here/lib.sh"
 
 new_display
-xvfb=$server usual=$display
+usual=$display
 # Neither GLX nor, for lack of a driver, EGL: no OpenGL.
 new_display -extension GLX
-xvfb_dark=$server dark=$display
+dark=$display
 
 # Not the first window, in a theme whose notices are of a known colour.
 mkdir -p "$work/home/lenslet-studio"
 echo '{"welcomed": true, "theme": "Dark", "live": false}' >"$work/home/lenslet-studio/preferences.json"
 # Pixels of notices in the status bar, at the lower edge.
 notices() {
-  find_window && import -window "$window" "$work/now.png" && convert "$work/now.png" -crop 900x24+0+776 -fill black +opaque '#ff8f00' -fill white -opaque '#ff8f00' \
-    -format '%[fx:int(w*h*mean+0.5)]' info:
+  find_window && import -window "$window" "$work/now.png" &&
+    convert "$work/now.png" -crop 900x24+0+776 -fill black +opaque '#ff8f00' -fill white -opaque '#ff8f00' \
+      -format '%[fx:int(w*h*mean+0.5)]' info:
 }
 noticed() { [ "$(notices)" -gt 50 ]; }
 

@@ -10,7 +10,6 @@ unset WAYLAND_DISPLAY
 what=screenshots
 . "$(dirname "$0")/lib.sh"
 new_display
-xvfb=$server
 export DISPLAY=$display XDG_DATA_HOME="$work/home"
 openbox >/dev/null 2>&1 &
 manager=$!

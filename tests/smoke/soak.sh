@@ -11,7 +11,6 @@ unset WAYLAND_DISPLAY
 what="soak test"
 . "$(dirname "$(realpath "$0")")/lib.sh"
 new_display
-xvfb=$server
 export DISPLAY=$display
 # Nothing that chance types as a path leaves this folder.
 export XDG_DATA_HOME="$work/home"

@@ -12,7 +12,6 @@ what="window smoke test ($renderer)"
 . "$here/lib.sh"
 
 new_display
-xvfb=$server
 export DISPLAY=$display
 openbox >/dev/null 2>&1 &
 manager=$!
@@ -22,7 +21,6 @@ export XDG_DATA_HOME="$work/home"
 "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
 app=$!
 
-mask=440x440+8+88
 picture() { import -window "$window" "$1"; }
 # How many pixels differ between two pictures, within $3.
 pixels_between() {
@@ -34,12 +32,10 @@ wait_for 120 drawn
 focus() { xdotool windowactivate --sync "$window" || xdotool windowfocus "$window"; }
 wait_for 20 focus
 # Waits until the mask's room is another than in picture $2 and rests, but for a caret; $1 is then its picture.
-became_still() {
-  is_still() {
-    picture "$work/earlier.png" && sleep 0.5 && picture "$work/$1.png" &&
-      [ "$(pixels_between "$2" "$1" $mask)" -gt 10000 ] && [ "$(pixels_between earlier "$1" $mask)" -lt 200 ]
-  }
-  wait_for 120 is_still "$@"
+became_still() { wait_for 120 is_still "$@"; }
+is_still() {
+  picture "$work/earlier.png" && sleep 0.5 && picture "$work/$1.png" &&
+    [ "$(pixels_between "$2" "$1" "$mask")" -gt 10000 ] && [ "$(pixels_between earlier "$1" "$mask")" -lt 200 ]
 }
 
 # The first window asks what to start from, over a mask that is dimmed; Escape leaves that open.
