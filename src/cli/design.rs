@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
 use super::design_args::{SceneArgs, open_design};
+use super::output::Meter;
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealProgress, IdealSettings, Objective, Preset, Rates, time_left};
@@ -141,17 +142,14 @@ impl Arguments {
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
         let from = kept.load()?;
-        let bar = output::step_bar(settings.steps);
+        let meter = Meter::new();
         let mut going_on = from.is_some();
         let mut watch = |progress: &IdealProgress<'_>| {
             if std::mem::take(&mut going_on) {
                 let (folder, step) = (self.out.display(), progress.state.step);
-                bar.suspend(|| {
-                    output::tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
-                });
+                meter.tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
             }
-            bar.set_position(progress.state.step as u64);
-            bar.set_message(message(progress, &settings));
+            meter.show(progress.state.step, settings.steps, &message(progress, &settings));
             ControlFlow::Continue(())
         };
         let reading = |_| ControlFlow::Continue(());
@@ -159,7 +157,7 @@ impl Arguments {
             run_ideal(&design, &settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
                 .map_err(|error| about_objects(&design, error))
                 .with_context(|| format!("{}: the run ended", self.out.display()))?;
-        bar.finish_and_clear();
+        meter.finish();
         self.finish(&record)
     }
 

@@ -53,8 +53,8 @@ pub struct SceneArgs {
 }
 
 impl DesignArgs {
-    /// The design, with the scene replaced where `scene` says so.
-    pub fn design(&self, scene: Option<&SceneArgs>) -> anyhow::Result<Design> {
+    /// The design, with the scene replaced by what `scene` gives.
+    pub fn design(&self, scene: &SceneArgs) -> anyhow::Result<Design> {
         let mut design = match &self.design {
             Some(path) => open_design(path)?,
             None => Design::default(),
@@ -65,9 +65,7 @@ impl DesignArgs {
         if let Some(choice) = &self.lenslets {
             design.encoder = choice.encoder(design.seed)?;
         }
-        if let Some(scene) = scene {
-            scene.replace_in(&mut design);
-        }
+        scene.replace_in(&mut design);
         design.check()?;
         Ok(design)
     }

@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_patches};
 use super::design_args::{DesignArgs, SceneArgs};
+use super::output::Meter;
 use super::{Failure, output};
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
@@ -147,7 +148,7 @@ impl Arguments {
                 return Err(anyhow::anyhow!(advice).into());
             }
         }
-        let design = self.design.design(Some(&self.scene))?;
+        let design = self.design.design(&self.scene)?;
         let model = DensityModel::new(estimator, budget, self.engine.unwrap_or_default());
         let request = EstimateRequest {
             model: self.steps.map_or(model, |steps| model.of_steps(steps)),
@@ -159,11 +160,9 @@ impl Arguments {
             trials: self.trials,
             keep: self.resume.clone(),
         };
-        let bar = output::progress_bar();
+        let meter = Meter::new();
         let mut watch = |progress: &EstimateProgress| {
-            bar.set_message(progress.step.clone());
-            bar.set_length(progress.total as u64);
-            bar.set_position(progress.done as u64);
+            meter.show(progress.done, progress.total, &progress.step);
             ControlFlow::Continue(())
         };
         let result = match &self.measured.measurements {
@@ -178,7 +177,7 @@ impl Arguments {
             }
             None => estimate(&design, &request, &mut watch).map_err(|error| about_objects(&design, error))?,
         };
-        bar.finish_and_clear();
+        meter.finish();
         if self.json {
             return output::print_json(&result);
         }

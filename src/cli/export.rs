@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{check_folder, names_of};
-use super::design_args::DesignArgs;
+use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::workbench::{Colormap, export_design};
 
@@ -15,6 +15,9 @@ use crate::workbench::{Colormap, export_design};
 pub struct Arguments {
     #[command(flatten)]
     design: DesignArgs,
+
+    #[command(flatten)]
+    scene: SceneArgs,
 
     /// Folder to write into; it is made if need be.
     #[arg(long, value_name = "FOLDER")]
@@ -40,7 +43,7 @@ struct Exported {
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
-        let design = self.design.design(None)?;
+        let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
         let mut files = export_design(&design, &self.out)?;
         if let Some(colormap) = self.colormap {

@@ -28,7 +28,7 @@ pub struct Arguments {
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
-        let look = Look::at(&self.design.design(Some(&self.scene))?)?;
+        let look = Look::at(&self.design.design(&self.scene)?)?;
         if self.json {
             return output::print_json(&look);
         }

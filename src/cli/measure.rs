@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::choices::{about_objects, check_count, check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs};
+use super::output::Meter;
 use super::tamura::Summary;
 use super::{Failure, output};
 use crate::workbench::{MeasurementFormat, Simulator, measure_into};
@@ -58,17 +59,15 @@ impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
         check_count("--count", self.count, 1..=MOST_OBJECTS)?;
-        let design = self.design.design(Some(&self.scene))?;
+        let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
         let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
         let format = if self.tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
-        let bar = output::progress_bar();
-        bar.set_message("Measuring");
-        bar.set_length(self.count as u64);
+        let meter = Meter::new();
         let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {
-            bar.set_position(done as u64);
+            meter.show(done, self.count, "Measuring");
         })?;
-        bar.finish_and_clear();
+        meter.finish();
         let set = simulator.set();
         let result = Measured {
             objects: design.objects.to_string(),

@@ -2,11 +2,14 @@
 
 use std::fmt::Display;
 use std::io::{self, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Failure;
+use crate::workbench::spoken;
 
 /// Prints a result, followed by the end of a line.
 ///
@@ -26,22 +29,53 @@ pub fn tell(text: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{text}");
 }
 
-/// A bar on standard error for what takes long; nothing is drawn where that is no terminal.
-pub fn progress_bar() -> ProgressBar {
-    ProgressBar::new(1).with_style(
-        // The template is fixed and valid; a default bar is as good.
-        ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {elapsed}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    )
+/// Progress of what takes long, on standard error: a bar on a terminal, a line a minute elsewhere, as in the log of a
+/// cluster's job.
+pub struct Meter {
+    bar: ProgressBar,
+    /// Whole minutes until the last line.
+    minutes: AtomicU64,
 }
 
-/// A bar for so many steps of something that tells much about each.
-pub fn step_bar(steps: usize) -> ProgressBar {
-    ProgressBar::new(steps as u64).with_style(
-        // The template is fixed and valid; a default bar is as good.
-        ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    )
+impl Meter {
+    /// Begins at nothing.
+    pub fn new() -> Self {
+        let bar = ProgressBar::new(1).with_style(
+            // The template is fixed and valid; a default bar is as good.
+            ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
+        Self { bar, minutes: AtomicU64::new(0) }
+    }
+
+    /// Shows that `done` of `total` steps are done, and what goes on.
+    pub fn show(&self, done: usize, total: usize, message: &str) {
+        if self.bar.is_hidden() {
+            let elapsed = self.bar.elapsed();
+            let minutes = elapsed.as_secs() / 60;
+            if self.minutes.fetch_max(minutes, Ordering::Relaxed) < minutes {
+                tell(line(elapsed, done, total, message));
+            }
+            return;
+        }
+        self.bar.set_length(total as u64);
+        self.bar.set_position(done as u64);
+        self.bar.set_message(message.to_owned());
+    }
+
+    /// Tells something for good.
+    pub fn tell(&self, text: impl Display) {
+        self.bar.suspend(|| tell(text));
+    }
+
+    /// Leaves the place to the result.
+    pub fn finish(self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+fn line(elapsed: Duration, done: usize, total: usize, message: &str) -> String {
+    format!("{}: {done} of {total}{}{message}", spoken(elapsed), if message.is_empty() { "" } else { "; " })
 }
 
 fn write_to(writer: &mut dyn Write, text: &str) -> Result<(), Failure> {
@@ -59,6 +93,13 @@ fn write_to(writer: &mut dyn Write, text: &str) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_of_progress_tells_time_and_place() {
+        let told = |message| line(Duration::from_secs(190), 120, 1600, message);
+        assert_eq!(told("9 lenslets"), "3 min: 120 of 1600; 9 lenslets");
+        assert_eq!(told(""), "3 min: 120 of 1600");
+    }
 
     struct Broken(io::ErrorKind);
 

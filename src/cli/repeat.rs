@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::choices::about_objects;
 use super::look::Look;
+use super::output::Meter;
 use super::{Failure, output};
 use crate::information::NamedBound;
 use crate::workbench::{LiveNumbers, LiveRecord, Repeated};
@@ -34,13 +35,13 @@ impl Arguments {
     pub fn run(self) -> std::result::Result<(), Failure> {
         let record = LiveRecord::open(&self.record)?;
         let look = Look::at(&record.design)?;
-        let bar = output::step_bar(record.steps());
+        let (meter, total) = (Meter::new(), record.steps());
         let repeated = record.repeat(&|steps| {
-            bar.set_position(steps as u64);
+            meter.show(steps, total, "");
             true
         });
         let repeated = repeated.map_err(|error| about_objects(&record.design, error))?;
-        bar.finish_and_clear();
+        meter.finish();
         let (same, notes) = (repeated.same, repeated.notes.join("; "));
         let printed = if self.json {
             output::print_json(&Result { repeated, look })

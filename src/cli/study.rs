@@ -7,6 +7,7 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_patches};
 use super::design_args::{DesignArgs, SceneArgs};
+use super::output::Meter;
 use super::{Failure, output};
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
@@ -207,7 +208,7 @@ impl Grid {
 
 impl Patches {
     fn settings(&self) -> anyhow::Result<StudySettings> {
-        let design = self.design.design(Some(&self.scene))?;
+        let design = self.design.design(&self.scene)?;
         Ok(StudySettings {
             patches: self.sides.iter().map(|side| side.shape()).collect(),
             estimator: self.estimator.estimator(),
@@ -271,21 +272,19 @@ impl Common {
 /// Computes what is missing, with a bar on standard error and a line for every cell.
 pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
     output::tell(announcement(study));
-    let bar = output::step_bar(study.record().settings.cells());
+    let meter = Meter::new();
     study.run(&mut |event| {
         match event {
             StudyEvent::Step(step) => {
-                bar.set_position(step.number as u64 - 1);
-                bar.set_message(working(step));
+                meter.show(step.number - 1, step.cells, &working(step));
             }
             StudyEvent::Done { number, cells, cell } => {
-                bar.set_position(*number as u64);
-                bar.suspend(|| output::tell(finished(*number, *cells, cell)));
+                meter.tell(finished(*number, *cells, cell));
             }
         }
         ControlFlow::Continue(())
     })?;
-    bar.finish_and_clear();
+    meter.finish();
     Ok(())
 }
 

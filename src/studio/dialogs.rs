@@ -13,7 +13,9 @@ use ndarray::{Array2, Array3, Axis};
 use super::messages::Severity;
 use super::state::State;
 use crate::objects::ObjectSource;
-use crate::workbench::{Colormap, Curve, IdealRecord, Job, LiveRecord, MeasurementFormat};
+use crate::workbench::{
+    Colormap, Curve, DESIGN_FILES, IdealRecord, Job, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+};
 
 /// What a path is asked for.
 #[derive(Clone, Debug)]
@@ -134,6 +136,21 @@ impl Purpose {
         }
     }
 
+    /// Extension of the file that is written where none is typed; none where no file is asked for.
+    fn extension(&self) -> Option<&'static str> {
+        match self {
+            Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
+            Self::ExportView { .. } | Self::ExportPicture { .. } => Some("png"),
+            Self::ExportCurve { .. } => Some("csv"),
+            Self::OpenDesign
+            | Self::OpenObjects
+            | Self::ImportPsf
+            | Self::KeepUnsaved
+            | Self::ExportDesign
+            | Self::ExportMeasurements => None,
+        }
+    }
+
     /// What stands in the path field at first.
     fn suggestion(&self, beside: Option<&Path>) -> String {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
@@ -173,28 +190,48 @@ struct Question {
     path: String,
     /// Pixels to resample an imported PSF to; 0 leaves it as it is.
     resample: usize,
-    /// Write TIFF instead of NPY.
-    tiff: bool,
+    /// What measurements are written as.
+    format: MeasurementFormat,
     /// Answer of the system's dialog, while it is open.
     system: Option<Receiver<Option<PathBuf>>>,
     /// The path field takes the keyboard once.
     focus: bool,
-    /// The file that may be replaced: the system's dialog or this one has asked whether it may.
-    replaced: Option<PathBuf>,
+    /// Files that may be replaced: the system's dialog or this one has asked whether they may.
+    replaced: Vec<PathBuf>,
 }
 
 impl Question {
-    /// The file or folder that the path stands for: a design file always has an extension.
+    /// The file or folder that the path stands for: a file that is written always has an extension.
     fn target(&self) -> PathBuf {
         let path = PathBuf::from(self.path.trim());
-        let is_bare = matches!(self.purpose, Purpose::SaveAs) && path.extension().is_none();
-        if is_bare { path.with_extension("json") } else { path }
+        match self.purpose.extension() {
+            Some(extension) if path.extension().is_none() => path.with_extension(extension),
+            _ => path,
+        }
     }
 
-    /// Whether saving would replace another file than the design's `own`.
-    fn replaces(&self, own: Option<&Path>) -> bool {
+    /// Files that are there and would be replaced, but for the design's `own`, where that is what is written.
+    fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
         let target = self.target();
-        matches!(self.purpose, Purpose::SaveAs) && own != Some(target.as_path()) && target.exists()
+        let mut files = match self.purpose {
+            Purpose::ExportDesign => DESIGN_FILES.map(|name| target.join(name)).to_vec(),
+            Purpose::ExportMeasurements => MEASUREMENT_STACKS.map(|name| self.format.file(&target, name)).to_vec(),
+            _ if self.purpose.extension().is_some() => vec![target],
+            _ => Vec::new(),
+        };
+        let is_design = matches!(self.purpose, Purpose::SaveAs | Purpose::ExportDesign);
+        files.retain(|file| file.exists() && !(is_design && own == Some(file)));
+        files
+    }
+
+    /// Asks whether these files may be replaced.
+    fn ask_to_replace(files: &[PathBuf]) -> Option<String> {
+        let (first, others) = files.split_first()?;
+        let first = first.display();
+        Some(match others.len() {
+            0 => format!("{first} is there already. Replace it?"),
+            more => format!("{first} and {more} more are there already. Replace them?"),
+        })
     }
 }
 
@@ -202,8 +239,8 @@ impl Dialogs {
     /// Asks for a path. `beside` is the design's file, near which suggestions lie.
     pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
-        let (system, replaced) = (None, None);
-        self.open = Some(Question { purpose, path, resample: 0, tiff: false, system, focus: true, replaced });
+        let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
+        self.open = Some(Question { purpose, path, resample: 0, format, system, focus: true, replaced });
     }
 
     /// Whether a question is open.
@@ -215,13 +252,15 @@ impl Dialogs {
 /// Shows the open question and does what it is answered.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(mut question) = state.dialogs.open.take() else { return };
+    let own = state.bench.path();
     if let Some(system) = &question.system {
         match system.try_recv() {
             Ok(Some(path)) => {
                 question.path = path.display().to_string();
                 question.system = None;
                 // It has asked about a file of this very name.
-                question.replaced = question.replaces(state.bench.path()).then_some(path);
+                let has_asked = question.purpose.picker() == Picker::Save && question.target() == path;
+                question.replaced = if has_asked { question.would_replace(own) } else { Vec::new() };
             }
             Ok(None) | Err(TryRecvError::Disconnected) => question.system = None,
             Err(TryRecvError::Empty) => {}
@@ -250,12 +289,13 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
                 question.system = browse_system(ui.ctx(), question.purpose.picker(), &question.path);
             }
         });
-        let asked = question.replaced.as_ref().filter(|replaced| **replaced == question.target());
-        if let Some(file) = asked {
-            let text = format!("{} is there already. Replace it?", file.display());
+        let mut action = question.purpose.action();
+        if let Some(text) = Question::ask_to_replace(&question.replaced)
+            && question.replaced == question.would_replace(own)
+        {
             ui.colored_label(ui.visuals().warn_fg_color, text);
+            action = "Replace";
         }
-        let action = if asked.is_some() { "Replace" } else { question.purpose.action() };
         match question.purpose {
             Purpose::ImportPsf => {
                 ui.horizontal(|ui| {
@@ -272,8 +312,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             }
             Purpose::ExportMeasurements => {
                 ui.horizontal(|ui| {
-                    ui.radio_value(&mut question.tiff, false, "NPY");
-                    ui.radio_value(&mut question.tiff, true, "TIFF, 32-bit float");
+                    ui.radio_value(&mut question.format, MeasurementFormat::Npy, "NPY");
+                    ui.radio_value(&mut question.format, MeasurementFormat::Tiff, "TIFF, 32-bit float");
                 });
             }
             _ => {}
@@ -285,9 +325,10 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             cancelled |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape));
         });
     });
-    if done && question.replaces(state.bench.path()) && question.replaced.as_ref() != Some(&question.target()) {
-        question.replaced = Some(question.target());
-        done = false;
+    if done {
+        let there = question.would_replace(own);
+        done = there.iter().all(|file| question.replaced.contains(file));
+        question.replaced = there;
     }
     if done {
         answer(state, &question);
@@ -334,7 +375,7 @@ fn answer(state: &mut State, question: &Question) {
         Purpose::ExportDesign => {
             state.bench.submit(Job::ExportDesign { design: state.bench.design().clone(), folder: path });
         }
-        Purpose::ExportMeasurements => export_measurements(state, path, question.tiff),
+        Purpose::ExportMeasurements => export_measurements(state, path, question.format),
         Purpose::ExportView { image, limits, colormap, .. } => {
             let image = image.clone();
             state.bench.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
@@ -351,14 +392,13 @@ fn answer(state: &mut State, question: &Question) {
     }
 }
 
-fn export_measurements(state: &mut State, folder: PathBuf, tiff: bool) {
+fn export_measurements(state: &mut State, folder: PathBuf, format: MeasurementFormat) {
     let scene = state.live.scene.as_ref().filter(|scene| state.is_current(scene.revision));
     let (Some(scene), Some(measurements)) = (scene, state.current_measurements()) else {
         let refusal = "There are no measurements of this design yet; wait until they are computed.";
         state.messages.push(Severity::Failure, refusal);
         return;
     };
-    let format = if tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
     state.bench.submit(Job::ExportMeasurements {
         objects: scene.value.objects.sum_axis(Axis(1)),
         noiseless: measurements.value.noiseless.clone(),

@@ -27,6 +27,9 @@ pub enum ExportError {
     Evaluation(#[from] EvaluationError),
 }
 
+/// The files of an exported design; the last one is of lenslets alone.
+pub const DESIGN_FILES: [&str; 6] = ["psf.npy", "psf.tiff", "psf.png", "psf16.png", "design.json", "lenslets.csv"];
+
 /// Writes a design into `folder`, which is made if need be: `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
 /// `psf16.png` (0 to the PSF's maximum), `design.json`, and `lenslets.csv` where there are lenslets.
 ///
@@ -40,22 +43,18 @@ pub fn export_design(design: &Design, folder: &Path) -> Result<Vec<PathBuf>, Exp
     let image = psf.sum_axis(Axis(0));
     let peak = image.iter().copied().fold(0.0, f32::max);
     formats::create_folder(folder)?;
-    let mut files = Vec::new();
-    let mut file = |name: &str| {
-        let path = folder.join(name);
-        files.push(path.clone());
-        path
-    };
+    let [npy, tiff, png8, png16, json, csv] = DESIGN_FILES.map(|name| folder.join(name));
     let stack = psf.view();
     if psf.len_of(Axis(0)) == 1 {
-        formats::write_array(&file("psf.npy"), stack.index_axis(Axis(0), 0))?;
+        formats::write_array(&npy, stack.index_axis(Axis(0), 0))?;
     } else {
-        formats::write_array(&file("psf.npy"), stack)?;
+        formats::write_array(&npy, stack)?;
     }
-    formats::write_tiff(&file("psf.tiff"), psf.view())?;
-    formats::write_png8(&file("psf.png"), image.view(), 0.0, peak)?;
-    formats::write_png16(&file("psf16.png"), image.view(), 0.0, peak)?;
-    design.save(&file("design.json"))?;
+    formats::write_tiff(&tiff, psf.view())?;
+    formats::write_png8(&png8, image.view(), 0.0, peak)?;
+    formats::write_png16(&png16, image.view(), 0.0, peak)?;
+    design.save(&json)?;
+    let mut files = vec![npy, tiff, png8, png16, json];
     if let Some(array) = design.encoder.lenslets() {
         let header = ["x_px", "y_px", "sigma_px", "weight", "plane", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2"];
         let rows = array.lenslets.iter().map(|lenslet| {
@@ -66,7 +65,8 @@ pub fn export_design(design: &Design, folder: &Path) -> Result<Vec<PathBuf>, Exp
             };
             vec![lenslet.x, lenslet.y, sigma, lenslet.weight, lenslet.plane as f64, xx, xy, yy]
         });
-        formats::write_csv(&file("lenslets.csv"), &header, rows)?;
+        formats::write_csv(&csv, &header, rows)?;
+        files.push(csv);
     }
     Ok(files)
 }

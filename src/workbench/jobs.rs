@@ -12,7 +12,7 @@ use super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use super::export::{self, Curve};
 use super::ideal::IdealRecord;
 use super::live_record::LiveRecord;
-use super::stacks::{self, MeasurementFormat};
+use super::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::formats::write_png_rgb;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, import_psf};
@@ -259,11 +259,9 @@ impl Job {
                 Ok(Outcome::Exported { files })
             }
             Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {
-                let stacks = [
-                    ("objects", objects.view().into_dyn()),
-                    ("noiseless", noiseless.view().into_dyn()),
-                    ("measurements", noisy.view().into_dyn()),
-                ];
+                let [first, second, third] = MEASUREMENT_STACKS;
+                let stacks = [(first, objects), (second, noiseless), (third, noisy)];
+                let stacks = stacks.map(|(name, stack)| (name, stack.view().into_dyn()));
                 let files = stacks::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files })
             }

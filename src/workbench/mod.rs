@@ -44,7 +44,7 @@ pub use estimator::{EstimateOrder, Estimates, FinishedEstimate, RunningEstimate}
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
-pub use export::{Curve, ExportError, export_design};
+pub use export::{Curve, DESIGN_FILES, ExportError, export_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, patches_of, run_ideal, score_settings,
@@ -61,5 +61,5 @@ pub use repeat::{estimate_command, look_command, repeat_command, run_command};
 pub use samples::{SAMPLES, Sample};
 pub use simulation::{Simulated, Simulator};
 pub use snapshots::{Bits, FileChange, FileText, Snapshot, Snapshots};
-pub use stacks::{MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
+pub use stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

@@ -19,6 +19,20 @@ pub enum MeasurementFormat {
     Tiff,
 }
 
+impl MeasurementFormat {
+    /// The file of the stack of this name.
+    pub fn file(self, folder: &Path, name: &str) -> PathBuf {
+        let extension = match self {
+            Self::Npy => "npy",
+            Self::Tiff => "tiff",
+        };
+        folder.join(format!("{name}.{extension}"))
+    }
+}
+
+/// Names of the stacks of an export: objects, encoded images, and noisy measurements.
+pub const MEASUREMENT_STACKS: [&str; 3] = ["objects", "noiseless", "measurements"];
+
 /// Bytes of objects and measurements that are in memory at a time, about.
 const BATCH_BYTES: usize = 64 << 20;
 
@@ -36,16 +50,12 @@ enum Writer {
 impl StackWriter {
     /// Starts `folder/name.npy` or `folder/name.tiff` of this shape: (n, rows, cols) or (n, planes, rows, cols).
     fn create(folder: &Path, name: &str, format: MeasurementFormat, shape: &[usize]) -> Result<Self, FormatError> {
-        Ok(match format {
-            MeasurementFormat::Npy => {
-                let path = folder.join(format!("{name}.npy"));
-                Self { writer: Writer::Npy(ArrayWriter::create(&path, shape)?), path }
-            }
-            MeasurementFormat::Tiff => {
-                let path = folder.join(format!("{name}.tiff"));
-                Self { writer: Writer::Tiff(PageWriter::create(&path, pages_of(shape))?), path }
-            }
-        })
+        let path = format.file(folder, name);
+        let writer = match format {
+            MeasurementFormat::Npy => Writer::Npy(ArrayWriter::create(&path, shape)?),
+            MeasurementFormat::Tiff => Writer::Tiff(PageWriter::create(&path, pages_of(shape))?),
+        };
+        Ok(Self { path, writer })
     }
 
     fn append(&mut self, part: ArrayViewD<'_, f32>) -> Result<(), FormatError> {

@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use serde_json::Value;
 
 use super::{Bench, idx, npy, text};
 
@@ -132,6 +133,10 @@ fn paths_may_have_spaces_and_any_letters() {
     done(&["tamura", &name("out put/objects.npy")]);
     done(&["export", "--lenslets", &format!("design:{}", name("again/design.json")), "--out", &name("export")]);
     done(&["export", "--lenslets", &format!("psf:{}@16", name("export/psf.npy")), "--out", &name("small")]);
+    done(&["export", "--objects", &objects, "--bias", "3", "--noise", "read:2", "--out", &name("scene")]);
+    let scene: Value = serde_json::from_slice(&std::fs::read(name("scene/design.json")).unwrap()).unwrap();
+    assert_eq!((&scene["objects"], &scene["noise"]), (&Value::from(objects.as_str()), &Value::from("read:2")));
+    assert_eq!(scene["bias_photons"], 3.0);
     // A name that begins with a dash is a file after two dashes.
     bench.write("-x.npy", npy("(8, 9)", &(0..72).map(|value| value as f32).collect::<Vec<_>>()));
     done(&["tamura", "--", "-x.npy"]);

@@ -232,6 +232,34 @@ fn a_design_is_exported_saved_and_opened_again() {
 }
 
 #[test]
+fn files_of_an_earlier_export_are_replaced_after_a_question_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let psf = out.join("psf.npy");
+    let mut window = open(Design::default());
+    menu(&mut window, &["File", "Export design..."]);
+    answer(&mut window, &out, "Export");
+    let first = std::fs::read(&psf).unwrap();
+    click(&mut window, "Add lenslet");
+    menu(&mut window, &["File", "Export design..."]);
+    answer(&mut window, &out, "Export");
+    assert_eq!(std::fs::read(&psf).unwrap(), first);
+    window.get_by_label(&format!("{} and 5 more are there already. Replace them?", psf.display()));
+    click(&mut window, "Replace");
+    settle(&mut window);
+    assert_ne!(std::fs::read(&psf).unwrap(), first);
+    // A picture's name is given its extension, and is asked about with it.
+    let picture = folder.path().join("measured.png");
+    for written in [false, true] {
+        assert_eq!(picture.is_file(), written);
+        menu(&mut window, &["File", "Export view", "Measurement..."]);
+        answer(&mut window, &folder.path().join("measured"), "Export");
+        assert!(picture.is_file());
+    }
+    window.get_by_label(&format!("{} is there already. Replace it?", picture.display()));
+}
+
+#[test]
 fn a_file_of_another_design_is_replaced_after_a_question_alone() {
     let folder = tempfile::tempdir().unwrap();
     let (file, free) = (folder.path().join("other.json"), folder.path().join("free.json"));
