@@ -134,7 +134,7 @@ fn bead_autocovariance_is_that_of_the_objects() {
     let objects = set.objects(Split::All, 150, 2).unwrap();
     let prior = set.bead_prior().unwrap();
     let interior = prior.probability * prior.spot.sum();
-    let expected = set.autocovariance(12);
+    let expected = set.autocovariance(Split::All, 12);
     let variance = expected[[12, 12]];
     for lag in [(0, 0), (0, 1), (1, 1), (2, 0), (3, 3), (1, 4), (0, 12)] {
         let value = sample_covariance(&objects, interior, 8..76, 8..76, lag);
@@ -150,7 +150,7 @@ fn mosaic_autocovariance_is_that_of_the_objects() {
     // Five tiles a side: the first pixels run over four whole ones, so that every place in a tile counts alike.
     let set = with_field(&source, (160, 160));
     let objects = set.objects(Split::All, 60, 2).unwrap();
-    let expected = set.autocovariance(32);
+    let expected = set.autocovariance(Split::All, 32);
     let variance = expected[[32, 32]];
     for lag in [(0, 0), (0, 1), (5, 3), (16, 0), (0, 31), (32, 0), (32, 32)] {
         let value = sample_covariance(&objects, set.mean(), 0..128, 0..128, lag);
@@ -304,7 +304,7 @@ fn real_images_become_mosaics_of_the_mean_that_was_asked_for() {
         let tamuras = objects.outer_iter().map(|object| tamura(&object.index_axis(Axis(0), 0)));
         let measured = tamuras.sum::<f64>() / 400.0;
         assert!((measured - numpy_tamura).abs() < 0.02, "{name}: {measured}");
-        let covariance = set.autocovariance(32);
+        let covariance = set.autocovariance(Split::All, 32);
         let variance = covariance[[32, 32]];
         for lag in [(0, 0), (0, 3), (3, 0), (8, 8)] {
             let value = sample_covariance(&objects, set.mean(), 0..64, 0..64, lag);

@@ -158,6 +158,12 @@ impl Arguments {
                 .map_err(|error| about_objects(&design, error))
                 .with_context(|| format!("{}: the run ended", self.out.display()))?;
         meter.finish();
+        if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
+            let (folder, taken) = (self.out.display(), end.step);
+            output::tell(format_args!(
+                "{folder}: the run that is there has taken {taken} steps already, and stays as it is"
+            ));
+        }
         self.finish(&record)
     }
 

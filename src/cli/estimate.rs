@@ -9,6 +9,7 @@ use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, about_objects, 
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::{Failure, output};
+use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, estimate,
@@ -136,6 +137,9 @@ impl Arguments {
         let kept = matches!(estimator, Estimator::Live | Estimator::Full) && self.trials == 1;
         if self.resume.is_some() && !kept {
             return Err(anyhow::anyhow!("--resume keeps one fit by --estimator live or full; leave it out").into());
+        }
+        if let Some(file) = &self.resume {
+            check_writable(file)?;
         }
         if self.fresh && !ours {
             let advice = "--fresh is for fits by --estimator live, full or bracket, others begin anew; leave it out";

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 
 use super::choices::BudgetChoice;
 use super::{Failure, output};
-use crate::formats::{read_if_there, write_safely};
+use crate::formats::{check_writable, read_if_there, write_safely};
 use crate::information::{Decoder, DecoderFit, DecoderKind, FirstWeights, InformationError};
 use crate::workbench::{first_channel, first_scene, spoken};
 
@@ -59,6 +59,7 @@ impl Arguments {
                 })?),
                 None => None,
             };
+        check_writable(&self.out)?;
         let (seed, length) = (self.seed, (self.budget.0, self.seed));
         let mut writer = Writer::new(&self.out);
         let (fitted, bytes) = match self.of {

@@ -110,17 +110,19 @@ impl<'a> Imaging<'a> {
         MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
     }
 
-    /// What gives the moments of patches through any mask of `grid` (rows, cols).
+    /// What gives the moments of patches of the objects of a split through any mask of `grid` (rows, cols). A model that is
+    /// judged by other objects must not know those.
     ///
     /// # Errors
     /// For patches that are too large.
     pub fn known_moments(
         &self,
+        split: Split,
         grid: (usize, usize),
         patch: (usize, usize),
     ) -> Result<KnownMoments<'a>, InformationError> {
         let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
-        let covariance = AnalyticGaussian::new(&self.set.autocovariance(reach), grid, patch)?;
+        let covariance = AnalyticGaussian::new(&self.set.autocovariance(split, reach), grid, patch)?;
         Ok(KnownMoments { set: self.set, bias: self.bias, noise: self.noise, covariance })
     }
 }

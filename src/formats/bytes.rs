@@ -51,6 +51,7 @@ pub(super) fn read_values<T>(
     while values.len() < count {
         let wanted = width * (count - values.len()).min(BLOCK_VALUES);
         reader.read_exact(&mut block[..wanted])?;
+        values.try_reserve(wanted / width).map_err(|_| io::ErrorKind::OutOfMemory)?;
         values.extend(block[..wanted].chunks_exact(width).map(&convert));
     }
     Ok(values)

@@ -13,12 +13,12 @@ pub enum FormatError {
         path: PathBuf,
     },
     /// The system refused to read the file.
-    #[error("{}: expected to read the file, found \"{source}\"; check its permissions and the disk", .path.display())]
+    #[error("{}: expected to read the file, found \"{reason}\"; check its permissions and the disk", .path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The file can be read but does not hold what its name or header promises.
     #[error("{}: expected {expected}, found {found}; {advice}", .path.display())]
@@ -33,12 +33,12 @@ pub enum FormatError {
         advice: String,
     },
     /// The file was not written; an earlier file of that name is as it was.
-    #[error("{}: expected to write the file, found \"{source}\"; {advice}", .path.display())]
+    #[error("{}: expected to write the file, found \"{reason}\"; {advice}", .path.display())]
     NotWritten {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: io::Error,
+        reason: io::Error,
         /// What the user can do.
         advice: String,
     },
@@ -79,22 +79,22 @@ impl FormatError {
     }
 
     /// The error of a failed read: a missing file and a damaged one are told apart from a failing disk.
-    pub(crate) fn from_read(path: &Path, source: io::Error) -> Self {
-        match source.kind() {
+    pub(crate) fn from_read(path: &Path, reason: io::Error) -> Self {
+        match reason.kind() {
             io::ErrorKind::NotFound => Self::NotFound { path: path.to_path_buf() },
             io::ErrorKind::UnexpectedEof => {
                 Self::malformed(path, "more data", "the end of the file", "the file is cut short; copy it again")
             }
             io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => {
-                Self::malformed(path, "undamaged data", source.to_string(), "copy or download the file again")
+                Self::malformed(path, "undamaged data", reason.to_string(), "copy or download the file again")
             }
-            _ => Self::Unreadable { path: path.to_path_buf(), source },
+            _ => Self::Unreadable { path: path.to_path_buf(), reason },
         }
     }
 
     /// The error of a failed write, with advice for the usual causes.
-    pub(crate) fn from_write(path: &Path, source: io::Error) -> Self {
-        let advice = match source.kind() {
+    pub(crate) fn from_write(path: &Path, reason: io::Error) -> Self {
+        let advice = match reason.kind() {
             io::ErrorKind::NotFound => "make the folder first or choose another",
             io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
                 "choose a file and folder that you may write"
@@ -105,6 +105,6 @@ impl FormatError {
             io::ErrorKind::InvalidInput => "correct what is to be written",
             _ => "choose another file name or folder",
         };
-        Self::NotWritten { path: path.to_path_buf(), source, advice: advice.into() }
+        Self::NotWritten { path: path.to_path_buf(), reason, advice: advice.into() }
     }
 }

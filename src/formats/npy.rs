@@ -150,17 +150,25 @@ impl ArrayWriter {
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if elements are missing or the file cannot be put in place.
-    pub fn finish(self) -> Result<(), FormatError> {
-        let Self { path, file, mut writer, left } = self;
-        let finished = if left > 0 {
-            Err(io::Error::new(
+    pub fn finish(mut self) -> Result<(), FormatError> {
+        self.complete()?;
+        let Self { path, file, .. } = self;
+        file.finish().map_err(|error| FormatError::from_write(&path, error))
+    }
+
+    /// Brings all elements to the disk, under no name yet: what is left for [`ArrayWriter::finish`] hardly fails.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if elements are missing or the disk is full.
+    pub fn complete(&mut self) -> Result<(), FormatError> {
+        let completed = match self.left {
+            0 => self.writer.flush().and_then(|()| self.file.complete()),
+            left => Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
                 format!("{left} values fewer than the array's shape holds"),
-            ))
-        } else {
-            writer.flush().and_then(|()| file.finish())
+            )),
         };
-        finished.map_err(|error| FormatError::from_write(&path, error))
+        completed.map_err(|error| FormatError::from_write(&self.path, error))
     }
 }
 

@@ -216,11 +216,20 @@ impl PageWriter {
     /// # Errors
     /// [`FormatError::NotWritten`] if pages are missing or the file cannot be put in place.
     pub fn finish(self) -> Result<(), FormatError> {
-        let finished = match self.left {
-            0 => self.file.finish(),
+        self.complete()?;
+        self.file.finish().map_err(|error| FormatError::from_write(&self.path, error))
+    }
+
+    /// Brings all pages to the disk, under no name yet: what is left for [`PageWriter::finish`] hardly fails.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] if pages are missing or the disk is full.
+    pub fn complete(&self) -> Result<(), FormatError> {
+        let completed = match self.left {
+            0 => self.file.complete(),
             left => Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{left} pages fewer than announced"))),
         };
-        finished.map_err(|error| FormatError::from_write(&self.path, error))
+        completed.map_err(|error| FormatError::from_write(&self.path, error))
     }
 }
 

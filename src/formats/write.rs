@@ -26,6 +26,14 @@ pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result
     fill_and_finish(path, fill).map_err(|error| FormatError::from_write(path, error))
 }
 
+/// Tells whether [`write_safely`] could write a file of this name now; nothing stays of the attempt.
+///
+/// # Errors
+/// [`FormatError::NotWritten`] where it could not.
+pub fn check_writable(path: &Path) -> Result<(), FormatError> {
+    SafeFile::create(path).map(drop).map_err(|error| FormatError::from_write(path, error))
+}
+
 /// Makes a folder and those above it; one that is there already is fine.
 ///
 /// # Errors
@@ -71,7 +79,7 @@ impl SafeFile {
         let everyone = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o666);
         #[cfg(unix)]
         builder.permissions(everyone);
-        let temporary = builder.tempfile_in(folder_of(&target))?;
+        let temporary = builder.tempfile_in(folder_of(&target)).map_err(|error| without_name(&error))?;
         Ok(Self { target, temporary })
     }
 
@@ -80,12 +88,17 @@ impl SafeFile {
         self.temporary.as_file()
     }
 
-    /// Puts the file, with all that was written to it, in place of what had its name.
-    pub(super) fn finish(self) -> io::Result<()> {
+    /// Brings all that was written to the disk, so that little can go wrong when it is put in place.
+    pub(super) fn complete(&self) -> io::Result<()> {
         if let Ok(earlier) = fs::metadata(&self.target) {
             self.file().set_permissions(earlier.permissions())?;
         }
-        self.file().sync_all()?;
+        self.file().sync_all()
+    }
+
+    /// Puts the file, with all that was written to it, in place of what had its name.
+    pub(super) fn finish(self) -> io::Result<()> {
+        self.complete()?;
         self.temporary.persist(&self.target).map_err(|error| error.error)?;
         // The file is in place by now, and some network folders cannot be synced: a refusal here is no failed write.
         #[cfg(unix)]
@@ -105,6 +118,13 @@ fn fill_and_finish(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<
     file.finish()
 }
 
+/// What the system said, without the name of a temporary file, which tells nobody anything.
+fn without_name(error: &io::Error) -> io::Error {
+    let cause = error.get_ref().and_then(std::error::Error::source);
+    let code = cause.and_then(|cause| cause.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error);
+    code.map_or_else(|| error.kind().into(), io::Error::from_raw_os_error)
+}
+
 fn folder_of(target: &Path) -> &Path {
     match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -117,7 +137,10 @@ fn target(path: &Path) -> io::Result<PathBuf> {
     if path.file_name().is_none() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "this is no file name"));
     }
-    let Ok(metadata) = fs::metadata(path) else { return Ok(path.to_path_buf()) };
+    let Ok(metadata) = fs::metadata(path) else {
+        // A link to a file that is not there yet.
+        return Ok(fs::read_link(path).map_or_else(|_| path.to_path_buf(), |to| folder_of(path).join(to)));
+    };
     if !metadata.is_file() {
         return Err(io::Error::new(io::ErrorKind::AlreadyExists, "a folder or device has this name"));
     }
@@ -125,6 +148,17 @@ fn target(path: &Path) -> io::Result<PathBuf> {
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, "the file is write-protected"));
     }
     if path.is_symlink() { fs::canonicalize(path) } else { Ok(path.to_path_buf()) }
+}
+
+/// Removes a file; one that is not there is fine.
+///
+/// # Errors
+/// [`FormatError::NotWritten`] where it stays.
+pub fn remove_if_there(path: &Path) -> Result<(), FormatError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(FormatError::from_write(path, error)),
+        _ => Ok(()),
+    }
 }
 
 /// The bytes of a file that [`write_safely`] may have written; none where it is not there.
@@ -167,8 +201,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let error = write_safely(&folder.path().join("none/a.npy"), |_| Ok(())).unwrap_err();
         assert!(matches!(error, FormatError::NotWritten { .. }) && error.to_string().contains("make the folder"));
+        assert!(!error.to_string().contains(TEMPORARY_PREFIX), "{error}");
+        assert_eq!(check_writable(&folder.path().join("none/a.npy")).unwrap_err().to_string(), error.to_string());
+        assert!(check_writable(&folder.path().join("a.npy")).is_ok());
         let error = write_safely(folder.path(), |_| Ok(())).unwrap_err();
         assert!(error.to_string().contains("a folder or device"), "{error}");
+        assert!(std::error::Error::source(&error).is_none(), "what the system said is told once");
         assert!(names(folder.path()).is_empty());
     }
 
@@ -187,6 +225,11 @@ mod tests {
         std::os::unix::fs::symlink(&safe, &link).unwrap();
         write_safely(&link, |writer| writer.write_all(b"y")).unwrap();
         assert!(link.is_symlink() && mode(&safe) == 0o640 && fs::read(&safe).unwrap() == b"y");
+        // Through a link to nothing, too.
+        let (ahead, later) = (folder.path().join("ahead"), folder.path().join("later"));
+        std::os::unix::fs::symlink("later", &ahead).unwrap();
+        write_safely(&ahead, |writer| writer.write_all(b"z")).unwrap();
+        assert!(ahead.is_symlink() && fs::read(&later).unwrap() == b"z");
         fs::set_permissions(&safe, fs::Permissions::from_mode(0o440)).unwrap();
         assert!(write_safely(&safe, |_| Ok(())).unwrap_err().to_string().contains("write-protected"));
     }

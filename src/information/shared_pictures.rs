@@ -8,8 +8,8 @@
 
 use std::collections::BTreeMap;
 
-/// Standard errors to either side of a 95 % interval.
-const NORMAL_95: f64 = 1.959_964;
+use super::bootstrap::student_95;
+
 /// Least part of the forms' determinant that counts as more than rounding.
 const SINGULAR: f64 = 1e-9;
 
@@ -99,9 +99,10 @@ impl SharedPictures {
     }
 
     /// A 95 % interval about `mean` of `values` that was made as if patches were independent, as wide as pictures in common
-    /// make it.
+    /// make it: few pictures tell the variance of all with little certainty, as Student's t counts.
     pub fn widened(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
-        let added = NORMAL_95 * self.added_variance(values).sqrt();
+        let quantile = student_95(self.pictures() as f64 - 1.0);
+        let added = quantile * self.added_variance(values).sqrt();
         [mean - (mean - low).hypot(added), mean + (high - mean).hypot(added)]
     }
 }
@@ -142,7 +143,7 @@ mod tests {
                 let n = values.len() as f64;
                 let mean = values.iter().sum::<f64>() / n;
                 let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-                let half = NORMAL_95 * (variance / n).sqrt();
+                let half = student_95(n - 1.0) * (variance / n).sqrt();
                 let [low, high] = shared.widened(&values, mean, [mean - half, mean + half]);
                 assert!(low <= mean - half && high >= mean + half);
                 covered += usize::from(low < 0.0 && high > 0.0);

@@ -90,7 +90,7 @@ pub struct Trial {
 }
 
 /// Pictures below which an interval rests on too few to be sure of.
-const FEW_PICTURES: usize = 10;
+const FEW_PICTURES: usize = 20;
 
 impl Trial {
     /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each.

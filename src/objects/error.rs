@@ -43,7 +43,7 @@ pub enum ObjectError {
         images: usize,
     },
     /// More objects were asked for than memory holds.
-    #[error("expected objects that fit into memory, found {count} of {planes} x {rows} x {cols} px; draw fewer")]
+    #[error("expected objects that fit into memory, found {count} of {planes} x {rows} x {cols} px; use fewer")]
     TooMany {
         /// Number of objects.
         count: usize,

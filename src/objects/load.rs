@@ -14,6 +14,8 @@ use super::set::{Observer, Progress};
 
 /// Files read at a time.
 const BATCH_FILES: usize = 8;
+/// Most pixels of pictures that are scaled to the field, for they are in memory together: 4 GiB.
+const MOST_FITTED_PIXELS: usize = 1 << 30;
 /// Most files a notice names.
 const NAMED_FILES: usize = 5;
 
@@ -53,6 +55,7 @@ pub(super) fn load(
     let is_folder = path.is_dir();
     let files = if is_folder { picture_files(path)? } else { vec![path.to_path_buf()] };
     let mut items = Vec::with_capacity(files.len());
+    let (mut pages, mut has_fitted, mut cleaned) = (0_usize, false, Vec::new());
     let mut unreadable: Vec<FormatError> = Vec::new();
     for (batch_index, batch) in files.chunks(BATCH_FILES).enumerate() {
         observer.tell(Progress { done: batch_index * BATCH_FILES, total: files.len() })?;
@@ -60,7 +63,13 @@ pub(super) fn load(
         for (file, stack) in batch.iter().zip(read) {
             match stack {
                 Ok(mut stack) => {
-                    notices.extend(clean(file, &mut stack)?);
+                    cleaned.extend(clean(file, &mut stack)?);
+                    pages = pages.saturating_add(stack.pages);
+                    has_fitted |= !is_small(&stack, field);
+                    // One that is fitted has all of them fitted.
+                    if has_fitted && pages.saturating_mul(field.0 * field.1) > MOST_FITTED_PIXELS {
+                        return Err(ObjectError::TooMany { count: pages, planes: 1, rows: field.0, cols: field.1 });
+                    }
                     items.push(item(stack, field));
                 }
                 Err(error) if !is_folder => return Err(error.into()),
@@ -77,6 +86,9 @@ pub(super) fn load(
         let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ pictures";
         return Err(FormatError::malformed(path, expected, found, "choose a folder with pictures").into());
     }
+    let more = cleaned.len().saturating_sub(NAMED_FILES);
+    notices.extend(cleaned.into_iter().take(NAMED_FILES));
+    notices.extend((more > 0).then(|| format!("the same in {more} more files")));
     if !unreadable.is_empty() {
         let names: Vec<String> = unreadable.iter().take(NAMED_FILES).map(|error| name_of(error.path())).collect();
         let more = if unreadable.len() > NAMED_FILES { " and others" } else { "" };
@@ -107,12 +119,12 @@ fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
+fn is_small(stack: &PixelStack, field: (usize, usize)) -> bool {
+    2 * stack.rows <= field.0 && 2 * stack.cols <= field.1
+}
+
 fn item(stack: PixelStack, field: (usize, usize)) -> Item {
-    if 2 * stack.rows <= field.0 && 2 * stack.cols <= field.1 {
-        Item::Small(stack)
-    } else {
-        Item::Fitted(fit(stack, field))
-    }
+    if is_small(&stack, field) { Item::Small(stack) } else { Item::Fitted(fit(stack, field)) }
 }
 
 fn combine(items: Vec<Item>, field: (usize, usize)) -> Loaded {
@@ -167,7 +179,10 @@ fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
 
 #[cfg(test)]
 mod tests {
+    use ndarray::Array2;
+
     use super::*;
+    use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 
     fn picture(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f32) -> PixelStack {
         let samples = Samples::F32((0..rows * cols).map(|pixel| value(pixel / cols, pixel % cols)).collect());
@@ -208,5 +223,30 @@ mod tests {
         assert!(matches!(combine(vec![small(), small()], (96, 96)), Loaded::Tiles(tiles) if tiles.len() == 2));
         let Loaded::Whole(whole) = combine(vec![small(), large()], (96, 96)) else { panic!("tiles") };
         assert_eq!((whole.pages, whole.rows, whole.cols, whole.samples.len()), (2, 96, 96, 2 * 96 * 96));
+    }
+
+    #[test]
+    fn pictures_that_memory_cannot_hold_are_refused_before_they_are_scaled() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("many.npy");
+        let pages = MOST_FITTED_PIXELS / (96 * 96) + 1;
+        crate::formats::write_array(&path, ndarray::Array3::<f32>::ones((pages, 1, 49)).view()).unwrap();
+        let opened = ObjectSet::open(&ObjectSource::Images(path), &ObjectOptions::default());
+        let Err(error) = opened else { panic!("they were opened") };
+        assert!(matches!(error, ObjectError::TooMany { count, .. } if count == pages), "{error}");
+    }
+
+    #[test]
+    fn notices_of_many_files_stay_few() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..12 {
+            let mut picture = Array2::from_elem((8, 8), 50.0_f32);
+            picture[[0, 0]] = -0.01;
+            crate::formats::write_array(&folder.path().join(format!("{number}.npy")), picture.view()).unwrap();
+        }
+        let set =
+            ObjectSet::open(&ObjectSource::Images(folder.path().to_path_buf()), &ObjectOptions::default()).unwrap();
+        let notices = set.notices();
+        assert_eq!((notices.len(), notices[5].as_str()), (6, "the same in 7 more files"));
     }
 }

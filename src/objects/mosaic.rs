@@ -26,7 +26,6 @@ pub(super) struct Mosaic {
     places: Vec<Place>,
     tile: usize,
     photons_per_count: f64,
-    mean: f64,
 }
 
 impl Mosaic {
@@ -47,7 +46,7 @@ impl Mosaic {
         }
         let total = total(&samples);
         let counts = total / (places.len() * tile * tile) as f64;
-        (total > 0.0).then(|| Self { samples, places, tile, photons_per_count: mean / counts, mean })
+        (total > 0.0).then(|| Self { samples, places, tile, photons_per_count: mean / counts })
     }
 
     pub(super) fn images(&self) -> usize {
@@ -105,20 +104,20 @@ impl Mosaic {
         }
     }
 
-    /// Autocovariance of an endless mosaic of independent tiles whose grid lies at a uniformly random place, photons
-    /// squared.
+    /// Autocovariance of an endless mosaic of independent tiles of `members`, whose grid lies at a uniformly random place,
+    /// photons squared.
     ///
     /// Two pixels a lag apart share a tile in the linear autocorrelation of one image, and lie in different ones
     /// otherwise, where the periodic mean tile correlates:
     /// `[E lin(image) + circ(mean tile) - lin(mean tile)] / tile^2 - mean^2`.
-    pub(super) fn autocovariance(&self, max_lag: usize) -> Array2<f64> {
+    pub(super) fn autocovariance(&self, members: &[u32], max_lag: usize) -> Array2<f64> {
         let tile = self.tile;
         let within = tile - 1;
-        let images = self.places.len();
-        let of_images = summed_autocorrelation(images, (tile, tile), within, |image, store| {
-            self.for_each_pixel(image, store);
+        let images = members.len();
+        let of_images = summed_autocorrelation(images, (tile, tile), within, |index, store| {
+            self.for_each_pixel(members[index] as usize, store);
         });
-        let mean_tile = self.mean_tile();
+        let mean_tile = self.mean_tile(members);
         let of_mean = summed_autocorrelation(1, (tile, tile), within, |_, store| {
             mean_tile.indexed_iter().for_each(|((row, col), &photons)| store(row, col, photons));
         });
@@ -139,20 +138,21 @@ impl Mosaic {
                 + linear(&of_mean, down - side, right - side)
         };
         let pixels = (tile * tile) as f64;
+        let mean = mean_tile.sum() / pixels;
         Array2::from_shape_fn((2 * max_lag + 1, 2 * max_lag + 1), |(row, col)| {
             let (down, right) = (row as isize - max_lag as isize, col as isize - max_lag as isize);
             let same_tile = linear(&of_images, down, right) / images as f64 - linear(&of_mean, down, right);
-            (same_tile + circular(down, right)) / pixels - self.mean * self.mean
+            (same_tile + circular(down, right)) / pixels - mean * mean
         })
     }
 
-    /// Mean of all tiles, photons per pixel.
-    fn mean_tile(&self) -> Array2<f64> {
+    /// Mean of the tiles of `members`, photons per pixel.
+    fn mean_tile(&self, members: &[u32]) -> Array2<f64> {
         let mut sum = Array2::zeros((self.tile, self.tile));
-        for image in 0..self.places.len() {
-            self.for_each_pixel(image, |row, col, photons| sum[[row, col]] += photons);
+        for &image in members {
+            self.for_each_pixel(image as usize, |row, col, photons| sum[[row, col]] += photons);
         }
-        sum / self.places.len() as f64
+        sum / members.len() as f64
     }
 
     /// Adds what tells this set from others to a fingerprint.
@@ -195,7 +195,7 @@ mod tests {
     fn tiles_are_centred_and_scaled_after_padding() {
         let mosaic = Mosaic::new(vec![images(3, 28, 28)], 100.0).unwrap();
         assert_eq!(mosaic.tile(), 32);
-        assert!((mosaic.mean_tile().mean().unwrap() - 100.0).abs() < 1e-9);
+        assert!((mosaic.mean_tile(&[0, 1, 2]).mean().unwrap() - 100.0).abs() < 1e-9);
         let mut object = Array2::zeros((96, 96));
         mosaic.draw(&mut Split::All.generator(0, 0), &[1], object.view_mut());
         let source = images(3, 28, 28).picture(1);
@@ -229,8 +229,8 @@ mod tests {
                 pixels
             })
             .collect();
-        let mean_tile = mosaic.mean_tile();
-        let covariance = mosaic.autocovariance(max_lag as usize);
+        let mean_tile = mosaic.mean_tile(&[0, 1, 2, 3]);
+        let covariance = mosaic.autocovariance(&[0, 1, 2, 3], max_lag as usize);
         for (down, right) in [(0, 0), (0, 1), (3, -2), (-32, 5), (33, 0), (40, -40), (1, 34)] {
             let mut expected = 0.0;
             for row in 0..tile {
@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn spectrum_is_not_negative() {
         let mosaic = Mosaic::new(vec![images(5, 40, 40)], 100.0).unwrap();
-        let covariance = mosaic.autocovariance(80);
+        let covariance = mosaic.autocovariance(&[0, 1, 2, 3, 4], 80);
         // On a torus of three tiles the mean tile repeats exactly, and correlation within a tile does not overlap.
         let torus = Array2::from_shape_fn((120, 120), |(row, col)| {
             let lag = |index: usize| if index <= 60 { 80 + index } else { 80 + index - 120 };

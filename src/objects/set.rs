@@ -321,7 +321,7 @@ impl ObjectSet {
         self.mean
     }
 
-    /// Autocovariance of one plane of the objects as a stationary process, photons squared, shape (2 L + 1, 2 L + 1)
+    /// Autocovariance of one plane of the objects of a split as a stationary process, photons squared, shape (2 L + 1, 2 L + 1)
     /// for `max_lag` L; element `[L + dr, L + dc]` belongs to a lag of `dr` rows and `dc` columns.
     ///
     /// - Beads: `p (1 - p)` times the autocorrelation of the spot. The border is left out, and so is the correlation
@@ -331,11 +331,11 @@ impl ObjectSet {
     ///   kept.
     ///
     /// Every block-Toeplitz matrix of these lags is a covariance. Planes of a volume are independent and alike.
-    pub fn autocovariance(&self, max_lag: usize) -> Array2<f64> {
+    pub fn autocovariance(&self, split: Split, max_lag: usize) -> Array2<f64> {
         match &self.content {
             Content::Beads(beads) => beads.autocovariance(max_lag),
-            Content::Mosaic(mosaic, _) => mosaic.autocovariance(max_lag),
-            Content::Whole(pictures, _) => pictures.autocovariance(max_lag),
+            Content::Mosaic(mosaic, parts) => mosaic.autocovariance(parts.members(split), max_lag),
+            Content::Whole(pictures, parts) => pictures.autocovariance(parts.members(split), max_lag),
         }
     }
 

@@ -71,6 +71,19 @@ impl ObjectSource {
         matches!(self, Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_))
     }
 
+    /// The same by a path that means the same in every folder.
+    #[must_use]
+    pub fn absolute(&self) -> Self {
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        match self {
+            Self::Idx(path) => Self::Idx(whole(path)),
+            Self::Cifar(path) => Self::Cifar(whole(path)),
+            Self::Images(path) => Self::Images(whole(path)),
+            Self::Stack(path) => Self::Stack(whole(path)),
+            drawn => drawn.clone(),
+        }
+    }
+
     /// Whether these are beads at random places, whose probability is known.
     pub fn is_beads(&self) -> bool {
         match self {

@@ -14,7 +14,6 @@ use super::split::Split;
 pub(super) struct WholePictures {
     stack: PixelStack,
     photons_per_count: f64,
-    mean: f64,
 }
 
 impl WholePictures {
@@ -23,7 +22,7 @@ impl WholePictures {
     pub(super) fn new(stack: PixelStack, mean: f64) -> Option<Self> {
         let total = total(&stack.samples);
         let photons_per_count = mean / (total / stack.samples.len() as f64);
-        (total > 0.0).then_some(Self { stack, photons_per_count, mean })
+        (total > 0.0).then_some(Self { stack, photons_per_count })
     }
 
     pub(super) fn field(&self) -> (usize, usize) {
@@ -50,17 +49,20 @@ impl WholePictures {
         }
     }
 
-    /// Mean over the pictures of the unbiased linear autocovariance about the mean of the set, photons squared, made
+    /// Mean over the pictures of `members` of the unbiased linear autocovariance about their mean, photons squared, made
     /// a valid one by clipping the negative part of its spectrum; the variance is kept. Lags as long as a picture, of
     /// which the pictures tell nothing, count as 0 before.
-    pub(super) fn autocovariance(&self, max_lag: usize) -> Array2<f64> {
+    pub(super) fn autocovariance(&self, members: &[u32], max_lag: usize) -> Array2<f64> {
         let (rows, cols) = self.field();
-        let pages = self.images();
-        let mut sum = summed_autocorrelation(pages, (rows, cols), max_lag, |page, store| {
-            let start = page * rows * cols;
+        let pages = members.len();
+        let photons = |page: u32, pixel: usize| {
+            f64::from(self.stack.samples.value(page as usize * rows * cols + pixel)) * self.photons_per_count
+        };
+        let all = members.iter().flat_map(|&page| (0..rows * cols).map(move |pixel| photons(page, pixel)));
+        let mean = all.sum::<f64>() / (pages * rows * cols) as f64;
+        let mut sum = summed_autocorrelation(pages, (rows, cols), max_lag, |index, store| {
             for pixel in 0..rows * cols {
-                let photons = f64::from(self.stack.samples.value(start + pixel)) * self.photons_per_count;
-                store(pixel / cols, pixel % cols, photons - self.mean);
+                store(pixel / cols, pixel % cols, photons(members[index], pixel) - mean);
             }
         });
         for ((row, col), value) in sum.indexed_iter_mut() {
@@ -104,9 +106,31 @@ mod tests {
         let set = WholePictures::new(stack.clone(), 50.0).unwrap();
         let photons = stack.into_array().mapv(f64::from);
         let photons = &photons * (50.0 / photons.mean().unwrap());
-        let covariance = set.autocovariance(30);
+        let covariance = set.autocovariance(&[0, 1, 2], 30);
         assert!((covariance[[30, 30]] / photons.var(0.0) - 1.0).abs() < 1e-9);
         assert!(least_eigenvalue(&covariance) > -1e-9 * covariance[[30, 30]]);
+    }
+
+    #[test]
+    fn the_autocovariance_of_some_pictures_knows_nothing_of_the_others() {
+        let values: Vec<u16> = (0..3 * 12 * 12).map(|index: u32| ((index * 48_271) % 1009) as u16).collect();
+        let (some, other) = (&values[..288], &values[288..]);
+        let set = |parts: &[&[u16]]| {
+            let values = parts.concat();
+            WholePictures::new(PixelStack::new(values.len() / 144, 12, 12, Samples::U16(values)), 50.0).unwrap()
+        };
+        let bright: Vec<u16> = other.iter().map(|value| value * 30).collect();
+        let alone = set(&[some]).autocovariance(&[0, 1], 6);
+        for last in [other, &bright] {
+            let among = set(&[some, last]).autocovariance(&[0, 1], 6);
+            let scale = among[[6, 6]] / alone[[6, 6]];
+            assert!(
+                among
+                    .iter()
+                    .zip(&alone)
+                    .all(|(among, alone)| (among - scale * alone).abs() < 1e-9 * among.abs().max(1.0))
+            );
+        }
     }
 
     #[test]
@@ -122,7 +146,7 @@ mod tests {
             })
             .collect();
         let stack = PixelStack::new(1, 400, 400, Samples::F32(smooth));
-        let covariance = WholePictures::new(stack, 0.5).unwrap().autocovariance(4);
+        let covariance = WholePictures::new(stack, 0.5).unwrap().autocovariance(&[0], 4);
         let variance = 1.0 / 12.0 / 9.0;
         for (lag, expected) in [([4, 4], 9.0), ([4, 5], 6.0), ([5, 3], 4.0), ([6, 4], 3.0), ([4, 8], 0.0)] {
             let value = covariance[lag] / variance * 9.0;

@@ -12,6 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use super::poisson::sample_poisson;
 
+/// Least and largest standard deviation of read noise, photons.
+const LEAST_SIGMA: f64 = 1e-6;
+const MOST_SIGMA: f64 = 1e6;
+
 /// The noise of the sensor. Written `shot`, `read:5`, `shot+read:2` or `none`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
@@ -89,8 +93,10 @@ impl FromStr for Noise {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let sigma = |text: &str| match text.parse::<f64>() {
-            Ok(sigma) if sigma > 0.0 && sigma <= 1e6 => Ok(sigma),
-            _ => Err(format!("read noise {text:?}: expected a standard deviation in photons above 0, such as read:5")),
+            Ok(sigma) if (LEAST_SIGMA..=MOST_SIGMA).contains(&sigma) => Ok(sigma),
+            _ => Err(format!(
+                "read noise {text:?}: expected a standard deviation of {LEAST_SIGMA} to {MOST_SIGMA} photons, such as read:5"
+            )),
         };
         match text.split_once(':') {
             None if text == "none" => Ok(Self::None),

@@ -7,6 +7,7 @@ use egui::{Key, KeyboardShortcut, Modifiers};
 use super::dialogs::Purpose;
 use super::information_panel;
 use super::layout::Pane;
+use super::optimize_panel;
 use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
@@ -269,7 +270,7 @@ impl Action {
             Self::Undo => state.bench.undoes().is_some(),
             Self::Redo => state.bench.redoes().is_some(),
             Self::SelectAll | Self::AddLenslet => state.lenslet_count() > 0,
-            Self::StartRun => state.lenslet_count() > 0 && !state.run.as_ref().is_some_and(DesignRun::is_active),
+            Self::StartRun => optimize_panel::can_start(state),
             Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
             Self::Accept | Self::LookAway => state.bench.is_looking(),
             Self::Delete => !state.selection.is_empty(),
@@ -348,8 +349,11 @@ impl Action {
             Self::ImportPsf => ask(Purpose::ImportPsf),
             Self::ExportDesign => ask(Purpose::ExportDesign),
             Self::ExportMeasurements => ask(Purpose::ExportMeasurements),
-            Self::Undo => state.bench.undo(),
-            Self::Redo => state.bench.redo(),
+            Self::Undo | Self::Redo => {
+                // Indices of what is held may mean other lenslets now.
+                state.drag = None;
+                if self == Self::Undo { state.bench.undo() } else { state.bench.redo() }
+            }
             Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
             Self::Delete => state.delete_selection(),
             Self::AddLenslet => state.add_lenslet(),

@@ -414,6 +414,10 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
         }
         Ok(Outcome::RecordKept { .. }) | Err(_) => {}
     }
+    if matches!(outcome, Ok(outcome) if outcome.is_asked_for()) {
+        // Whoever was told of a failure has gone on to something else.
+        state.messages.dismiss();
+    }
     match outcome {
         Ok(outcome) => state.messages.push(Severity::Done, outcome.sentence()),
         Err(error) => state.messages.push(Severity::Failure, error),

@@ -75,6 +75,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         if ui.button("Keep this design").on_hover_text("Puts the open design aside, with its numbers").clicked() {
             state.keep_snapshot();
         }
+        if let Some(name) = state.snapshots.gone() {
+            let hint = format!("{name}, which was deleted last");
+            if ui.button("Bring back").on_hover_text(hint).clicked() {
+                state.snapshots.bring_back();
+            }
+        }
         ui.add_enabled_ui(!state.snapshots.entries.is_empty(), |ui| {
             let export = ui.small_button("Export CSV...");
             name_widget(&export, "Export comparison as CSV");
@@ -123,9 +129,7 @@ fn open(state: &mut State, number: u64) {
 
 /// One row per design.
 fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
-    if state.snapshots.draw_next() {
-        ui.ctx().request_repaint();
-    }
+    let mut has_drawn = false;
     let State { snapshots, comparison, palettes, .. } = state;
     let scenes: Vec<String> = snapshots.scenes().into_iter().map(String::from).collect();
     egui::Grid::new("designs").num_columns(9).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
@@ -144,6 +148,10 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
                 ui.allocate_space(Vec2::splat(THUMBNAIL));
                 ui.end_row();
                 continue;
+            }
+            if !has_drawn && snapshot.draw() {
+                has_drawn = true;
+                ui.ctx().request_repaint();
             }
             let number = snapshot.number;
             thumbnail(ui, comparison, palettes, snapshot);

@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
+use egui::accesskit::Live;
 use egui::{Key, TextEdit};
 use ndarray::{Array2, Array3, Axis};
 
-use super::messages::Severity;
+use super::messages::{Severity, speak};
 use super::state::State;
 use crate::objects::ObjectSource;
 use crate::workbench::{
@@ -210,7 +211,8 @@ impl Question {
         }
     }
 
-    /// Files that are there and would be replaced, but for the design's `own`, where that is what is written.
+    /// Files that are there and would be replaced, but for the design's `own` where that is saved: what is exported may be
+    /// a mask of the run.
     fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
         let target = self.target();
         let mut files = match self.purpose {
@@ -219,8 +221,8 @@ impl Question {
             _ if self.purpose.extension().is_some() => vec![target],
             _ => Vec::new(),
         };
-        let is_design = matches!(self.purpose, Purpose::SaveAs | Purpose::ExportDesign);
-        files.retain(|file| file.exists() && !(is_design && own == Some(file)));
+        let is_saved = matches!(self.purpose, Purpose::SaveAs);
+        files.retain(|file| file.exists() && !(is_saved && own == Some(file)));
         files
     }
 
@@ -293,7 +295,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         if let Some(text) = Question::ask_to_replace(&question.replaced)
             && question.replaced == question.would_replace(own)
         {
-            ui.colored_label(ui.visuals().warn_fg_color, text);
+            let asked = ui.colored_label(ui.visuals().warn_fg_color, text);
+            speak(&asked, Live::Assertive);
             action = "Replace";
         }
         match question.purpose {
@@ -329,6 +332,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         let there = question.would_replace(own);
         done = there.iter().all(|file| question.replaced.contains(file));
         question.replaced = there;
+        // Another name can be typed at once, and Enter confirms this one.
+        question.focus = !done;
     }
     if done {
         answer(state, &question);

@@ -12,7 +12,7 @@ use super::menus;
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{Bracket, NUMBERS_VERSION, NamedBound};
-use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, Stamped};
+use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunStatus, Stamped};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;
@@ -237,7 +237,8 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let text = RichText::new(text).size(28.0);
     let text = if known.current { text.strong() } else { text.weak() };
     // A number that still changes leans.
-    let refining = known.sensor.is_none() && known.sampling().is_some_and(|live| live.remaining.is_some());
+    let changes = known.sampling().is_some_and(|live| live.remaining.is_some()) && !is_paused(state);
+    let refining = known.sensor.is_none() && changes;
     let text = if refining { text.italics() } else { text };
     let name = if known.current { name } else { format!("{name}, of an earlier edit") };
     ui.horizontal(|ui| {
@@ -281,16 +282,15 @@ fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
     let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
-    if let Some((live, _)) = &known.live {
-        marks.push(("density model", live.bits_per_pixel, DENSITY));
-    }
+    marks.extend(known.sampling().map(|live| ("density model", live.bits_per_pixel, DENSITY)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
     let sampled = known.sampling().and_then(|live| live.upper.as_ref());
     marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
     let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
     let text = marks.iter().map(|(name, bits, _)| format!("{name} {bits:.3}")).collect::<Vec<_>>().join(", ");
-    let text = format!("{text} bits per pixel");
+    let age = if known.current { "" } else { ", of an earlier edit" };
+    let text = format!("{text} bits per pixel{age}");
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Meter, true, &text));
     let rect = response.rect;
     let at = |bits: f64| rect.left() + (bits.max(0.0) / end) as f32 * rect.width();
@@ -389,6 +389,11 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
     });
 }
 
+/// Whether live estimates wait for something that goes on.
+fn is_paused(state: &State) -> bool {
+    state.estimates.running.is_some() || state.run.as_ref().is_some_and(|run| run.status == RunStatus::Running)
+}
+
 /// The live estimate and how far it is; entropies of the best model that is at hand.
 fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f64)) {
     let bound = &known.bounds.gaussian;
@@ -398,16 +403,17 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
         return (failure.clone(), gaussian);
     }
     let off = !state.bench.is_live();
+    let paused = is_paused(state);
     match &known.live {
         None if off => ("off".into(), gaussian),
-        None if state.estimates.running.is_some() => ("paused".into(), gaussian),
+        None if paused => ("paused".into(), gaussian),
         None => ("computing".into(), gaussian),
         Some((live, current)) => {
             let stage = match (current, live.remaining) {
                 (false, _) => "of an earlier edit".to_owned(),
                 (true, None) => "settled".into(),
                 (true, Some(_)) if off => "switched off".into(),
-                (true, Some(_)) if state.estimates.running.is_some() => "paused".into(),
+                (true, Some(_)) if paused => "paused".into(),
                 (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
             };
             let text = format!("{} {} {stage}", rounded(live.bits_per_pixel), interval(live.interval_95));

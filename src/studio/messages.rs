@@ -28,7 +28,7 @@ struct Message {
 #[derive(Default)]
 pub struct Messages {
     entries: Vec<Message>,
-    /// The newest failure, until it is dismissed or something succeeds.
+    /// The newest failure, until it is [dismissed](Messages::dismiss).
     failure: Option<String>,
     /// Whether the log window is open.
     pub log_open: bool,
@@ -46,10 +46,8 @@ impl Messages {
     /// Adds a message. The same message again is not repeated in the list, but shows in the corner anew.
     pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
         let text = text.into();
-        match severity {
-            Severity::Failure => self.failure = Some(text.clone()),
-            Severity::Done => self.failure = None,
-            Severity::Notice => {}
+        if severity == Severity::Failure {
+            self.failure = Some(text.clone());
         }
         if let Some(last) = self.entries.last_mut().filter(|last| last.text == text) {
             last.seen = None;
@@ -59,6 +57,11 @@ impl Messages {
             self.entries.remove(0);
         }
         self.entries.push(Message { severity, text, seen: None });
+    }
+
+    /// The newest failure has been seen, or what failed has been done after all.
+    pub fn dismiss(&mut self) {
+        self.failure = None;
     }
 
     /// A strip with the newest failure in full, which cannot be overlooked.
@@ -78,7 +81,7 @@ impl Messages {
             });
         });
         if dismissed {
-            self.failure = None;
+            self.dismiss();
         }
     }
 
@@ -147,7 +150,7 @@ impl Messages {
 }
 
 /// Has assistive technology read a text aloud when it changes, wherever its user is.
-fn speak(response: &Response, live: Live) {
+pub fn speak(response: &Response, live: Live) {
     response.ctx.accesskit_node_builder(response.id, |node| node.set_live(live));
 }
 

@@ -153,7 +153,8 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     });
     details(ui, state);
     ui.horizontal_wrapped(|ui| {
-        if ui.button("Start run").clicked() {
+        let start = ui.add_enabled(can_start(state), egui::Button::new("Start run"));
+        if start.on_disabled_hover_text("This design has no lenslets to move; start from random ones").clicked() {
             state.guard(&ui.ctx().clone(), Leave::Run);
         }
         let resumable = last.is_some_and(|run| !run.is_active());
@@ -246,7 +247,14 @@ const OBJECTIVES: [(Objective, &str); 3] = [
     (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
 ];
 
-/// Starts the run that the room asks for.
+/// Whether a run can be started as the form asks.
+pub fn can_start(state: &State) -> bool {
+    let has_lenslets = state.bench.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
+    let is_free = !state.run.as_ref().is_some_and(DesignRun::is_active);
+    is_free && (has_lenslets || state.optimize_form.from != From::Design)
+}
+
+/// Starts what the form asks for.
 pub fn start(state: &mut State) {
     let design = Arc::clone(state.bench.open_design());
     let form = &mut state.optimize_form;

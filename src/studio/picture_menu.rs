@@ -48,6 +48,17 @@ impl View {
         }
     }
 
+    /// What it shows of this very design, shape (rows, cols); none while that is not computed.
+    fn current_picture(self, state: &State) -> Option<Array2<f32>> {
+        let revision = match self {
+            Self::Psf | Self::Mtf => state.live.optics.as_ref()?.revision,
+            Self::Object => state.live.scene.as_ref()?.revision,
+            Self::Measurement => state.live.measurements.as_ref()?.revision,
+            Self::Information => state.estimates.live.as_ref()?.revision,
+        };
+        self.picture(state).filter(|_| state.is_current(revision))
+    }
+
     /// What it shows, shape (rows, cols).
     fn picture(self, state: &State) -> Option<Array2<f32>> {
         let live = &state.live;
@@ -74,7 +85,7 @@ impl View {
 pub fn export_menu(ui: &mut Ui, state: &mut State) {
     for view in View::ALL {
         let text = format!("{}...", view.of(state).name());
-        if view.picture(state).is_some() && ui.button(text).clicked() {
+        if view.current_picture(state).is_some() && ui.button(text).clicked() {
             export(state, view);
             ui.close();
         }
@@ -82,7 +93,7 @@ pub fn export_menu(ui: &mut Ui, state: &mut State) {
 }
 
 fn export(state: &mut State, view: View) {
-    let Some(image) = view.picture(state) else { return };
+    let Some(image) = view.current_picture(state) else { return };
     let shown = view.of(state);
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
     state.dialogs.ask(Purpose::ExportView { name, image, limits, colormap }, state.bench.path());

@@ -372,6 +372,8 @@ impl State {
 
     /// Changes the design; a refusal is told.
     pub fn send(&mut self, command: &Command) {
+        // Whoever edits a mask of the run has accepted it: locks that are not of so many lenslets go.
+        let accepted = (self.bench.is_looking() && command.edits_lenslets()).then(|| self.lenslet_count());
         if let Err(error) = self.bench.apply(command) {
             self.messages.push(Severity::Failure, error.to_string());
             return;
@@ -380,8 +382,13 @@ impl State {
             Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
             Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
                 self.selection.clear();
+                // Indices of what is held mean others now.
+                self.drag = None;
             }
             _ => {}
+        }
+        if let Some(count) = accepted {
+            self.locks.check(self.bench.document(), count);
         }
         self.locks.follow(command, self.lenslet_count());
     }

@@ -243,6 +243,7 @@ impl Workbench {
     fn go_to(&mut self, version: Version) {
         self.watched.following = false;
         self.contents = version.number;
+        self.note_contents(version.number);
         self.show(version.design);
     }
 
@@ -392,6 +393,7 @@ impl Workbench {
                     if *document == self.document {
                         self.saved_contents = *contents;
                         self.path = Some(path.clone());
+                        self.note_saved();
                     }
                     None
                 }

@@ -308,7 +308,7 @@ fn causal(
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: None,
         keeper: None,
-        moments: Some(&moments(design, source.imaging, patch)?),
+        moments: Some(&moments(design, source.imaging, (train, patch))?),
         noise: design.noise,
         length,
         beginning: request.beginning(),
@@ -377,13 +377,13 @@ fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationE
     Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
 }
 
-/// Mean and autocovariance of the measurements, from those of the objects and the PSF.
+/// Mean and autocovariance of the measurements, from those of the objects of a split and the PSF.
 pub(super) fn moments(
     design: &Design,
     imaging: &Imaging<'_>,
-    patch: (usize, usize),
+    (split, patch): (Split, (usize, usize)),
 ) -> Result<Moments, EvaluationError> {
-    let known = imaging.known_moments(design.encoder.grid(), patch)?;
+    let known = imaging.known_moments(split, design.encoder.grid(), patch)?;
     Ok(known.of(seen_psf(design, imaging.set)?.view())?)
 }
 
@@ -401,7 +401,7 @@ fn analytic(
     tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
-    let known = source.imaging.known_moments(design.encoder.grid(), patch)?;
+    let known = source.imaging.known_moments(Split::All, design.encoder.grid(), patch)?;
     let psf = seen_psf(design, source.imaging.set)?;
     let mean = mean_measurement(source.imaging.set, psf.view(), design.bias_photons);
     let bound = known.covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;

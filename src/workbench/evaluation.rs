@@ -223,7 +223,7 @@ impl SceneOptics {
         let (rows, cols) = plan.measurement_shape();
         let patch = (rows.min(LIVE_PATCH), cols.min(LIVE_PATCH));
         let reach = patch.0.max(patch.1) + psf_shape.0.max(psf_shape.1) - 2;
-        let analytic = AnalyticGaussian::new(&scene.set.autocovariance(reach), psf_shape, patch)?;
+        let analytic = AnalyticGaussian::new(&scene.set.autocovariance(Split::All, reach), psf_shape, patch)?;
         let beads = bead_ceiling(&scene.set)?;
         Ok(Self { psf_shape, plan, spectra, analytic, beads, patch })
     }

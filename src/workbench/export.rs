@@ -31,7 +31,8 @@ pub enum ExportError {
 pub const DESIGN_FILES: [&str; 6] = ["psf.npy", "psf.tiff", "psf.png", "psf16.png", "design.json", "lenslets.csv"];
 
 /// Writes a design into `folder`, which is made if need be: `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
-/// `psf16.png` (0 to the PSF's maximum), `design.json`, and `lenslets.csv` where there are lenslets.
+/// `psf16.png` (0 to the PSF's maximum), `design.json`, and `lenslets.csv` where there are lenslets; where there are
+/// none, that of an earlier export is removed.
 ///
 /// `psf.npy` and `psf.tiff` hold (rows, cols) values that sum to 1, or (planes, rows, cols) where lenslets are focused
 /// on several planes; the PNG files show all planes together.
@@ -67,6 +68,9 @@ pub fn export_design(design: &Design, folder: &Path) -> Result<Vec<PathBuf>, Exp
         });
         formats::write_csv(&csv, &header, rows)?;
         files.push(csv);
+    } else {
+        // Those of an earlier export are not of this mask.
+        formats::remove_if_there(&csv)?;
     }
     Ok(files)
 }

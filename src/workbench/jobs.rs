@@ -185,6 +185,11 @@ pub enum Outcome {
 }
 
 impl Outcome {
+    /// Whether a person has asked for it with this very design or file.
+    pub fn is_asked_for(&self) -> bool {
+        !matches!(self, Self::SnapshotMeasured { .. } | Self::RecordKept { .. })
+    }
+
     /// What has happened, for people.
     pub fn sentence(&self) -> String {
         match self {

@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
-use super::repeat::anywhere;
+
 use crate::formats::{FormatError, create_folder, read_json, write_json};
 use crate::information::{CausalStart, NUMBERS_VERSION, NamedBound};
 use crate::objects::Progress;
@@ -111,7 +111,7 @@ impl LiveRecord {
             format: FORMAT.to_owned(),
             format_version: FORMAT_VERSION,
             program_version: NUMBERS_VERSION.to_owned(),
-            design: Design { objects: anywhere(&design.objects), ..design.clone() },
+            design: Design { objects: design.objects.absolute(), ..design.clone() },
             objects_fingerprint: scene.set.fingerprint(),
             numbers: LiveNumbers::of(live),
             recipe: live.recipe,

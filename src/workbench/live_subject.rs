@@ -86,7 +86,7 @@ impl<'a> Subject<'a> {
             test,
             validation: None,
             keeper: None,
-            moments: Some(&moments(self.design, self.imaging, self.patch)?),
+            moments: Some(&moments(self.design, self.imaging, (Split::Train, self.patch))?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
             beginning: start.map_or(Beginning::Shipped, Beginning::Similar),

@@ -206,6 +206,10 @@ impl MeasuredImages {
                 return Err(MeasuredError::Colour { path: file.clone() });
             }
             let grey = stack.into_array();
+            if grey.is_empty() {
+                let found = format!("an array of shape {:?}", grey.dim());
+                return Err(FormatError::malformed(file, "images with pixels", found, "choose another file").into());
+            }
             check_finite(file, &grey)?;
             whole_levels &= grey.iter().all(|level| level.fract() == 0.0);
             let more = calibration.photons(grey.view())?;

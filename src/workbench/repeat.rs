@@ -9,7 +9,6 @@ use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
 use crate::design::{Free, IdealEvent, IdealSettings};
 use crate::information::{FitLength, Protocol};
-use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 
 /// Longest text of a design that is put into a command line, bytes.
@@ -97,7 +96,7 @@ fn patch_name(patch: Option<(usize, usize)>) -> String {
 
 /// A command about a design; `mask` is its flag for masks by name.
 fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Result<String, String> {
-    let design = Design { objects: anywhere(&design.objects), ..design.clone() };
+    let design = Design { objects: design.objects.absolute(), ..design.clone() };
     let published = (1..=9).find(|&count| design.encoder == Encoder::Lenslets(heuristic_layout(count)));
     if let Some(count) = published.filter(|_| design.limits == Design::default().limits) {
         let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &design;
@@ -115,18 +114,6 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
         ));
     }
     Ok(format!("lenslet-studio {command} - {flags} <<'END'\n{text}\nEND"))
-}
-
-/// Objects by a path that means the same in every folder.
-pub(super) fn anywhere(objects: &ObjectSource) -> ObjectSource {
-    let whole = |path: &std::path::Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    match objects {
-        ObjectSource::Idx(path) => ObjectSource::Idx(whole(path)),
-        ObjectSource::Cifar(path) => ObjectSource::Cifar(whole(path)),
-        ObjectSource::Images(path) => ObjectSource::Images(whole(path)),
-        ObjectSource::Stack(path) => ObjectSource::Stack(whole(path)),
-        drawn => drawn.clone(),
-    }
 }
 
 /// The command that computes a live estimate again from its record.
@@ -147,6 +134,7 @@ mod tests {
     use super::*;
     use crate::design::{Objective, Preset};
     use crate::information::{EngineChoice, Estimator};
+    use crate::objects::ObjectSource;
     use crate::optics::random_layout;
 
     fn request(model: DensityModel) -> EstimateRequest {

@@ -122,12 +122,17 @@ impl Snapshot {
         self.changed |= self.kept() != before;
     }
 
-    /// The PSF, for a snapshot of another day.
-    fn draw(&mut self) {
+    /// Renders the PSF of a snapshot of another day, once. Tells whether there was anything to do: it takes milliseconds, or
+    /// more for large pictures, so a frame should do one.
+    pub fn draw(&mut self) -> bool {
+        if self.drawn || self.optics.is_some() {
+            return false;
+        }
         self.drawn = true;
         let planes = if let ObjectSource::Volume { planes, .. } = self.design.objects { planes } else { 1 };
         // A design that cannot be drawn shows no picture; opening it tells why.
         self.optics = Optics::of(&self.design, planes).ok().map(Arc::new);
+        true
     }
 
     /// Another name.
@@ -242,6 +247,8 @@ pub struct Snapshots {
     last: u64,
     /// Files of designs that were deleted.
     deleted: Vec<String>,
+    /// The one that was deleted last, and its place.
+    gone: Option<(usize, Snapshot)>,
     /// When files were last written.
     written: Option<Instant>,
 }
@@ -347,17 +354,25 @@ impl Snapshots {
         Ok((all, found.min(Self::MOST) - read))
     }
 
-    /// Renders the PSF of one that has none yet: a few milliseconds, so that a frame never waits for all. Tells whether
-    /// there was one.
-    pub fn draw_next(&mut self) -> bool {
-        let next = self.entries.iter_mut().find(|snapshot| snapshot.optics.is_none() && !snapshot.drawn);
-        next.map(Snapshot::draw).is_some()
+    /// Forgets one, its file as well, until it is [brought back](Snapshots::bring_back).
+    pub fn delete(&mut self, number: u64) {
+        let Some(place) = self.entries.iter().position(|snapshot| snapshot.number == number) else { return };
+        let snapshot = self.entries.remove(place);
+        self.deleted.push(snapshot.file.clone());
+        self.gone = Some((place, snapshot));
     }
 
-    /// Forgets one, its file as well.
-    pub fn delete(&mut self, number: u64) {
-        let gone = self.entries.extract_if(.., |snapshot| snapshot.number == number);
-        self.deleted.extend(gone.map(|snapshot| snapshot.file));
+    /// Name of the one that was deleted last and can be brought back.
+    pub fn gone(&self) -> Option<&str> {
+        self.gone.as_ref().filter(|_| self.entries.len() < Self::MOST).map(|(_, snapshot)| snapshot.name.as_str())
+    }
+
+    /// Puts the one that was deleted last where it was.
+    pub fn bring_back(&mut self) {
+        let Some((place, mut snapshot)) = self.gone.take() else { return };
+        self.deleted.retain(|file| *file != snapshot.file);
+        snapshot.changed = true;
+        self.entries.insert(place.min(self.entries.len()), snapshot);
     }
 
     /// What is to be written since the last time, every few seconds or `at_once`.

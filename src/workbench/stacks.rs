@@ -69,6 +69,13 @@ impl StackWriter {
         }
     }
 
+    fn complete(&mut self) -> Result<(), FormatError> {
+        match &mut self.writer {
+            Writer::Npy(writer) => writer.complete(),
+            Writer::Tiff(writer) => writer.complete(),
+        }
+    }
+
     fn finish(self) -> Result<PathBuf, FormatError> {
         match self.writer {
             Writer::Npy(writer) => writer.finish()?,
@@ -179,10 +186,13 @@ fn measure_in_batches(
         first += length;
         progress(first);
     }
-    let mut files = vec![objects.finish()?, noiseless.finish()?, noisy.finish()?];
+    // Nothing is put in place before all of it is on the disk.
+    for stack in [&mut objects, &mut noiseless, &mut noisy] {
+        stack.complete()?;
+    }
     let record = folder.join("design.json");
     design.save(&record)?;
-    files.push(record);
+    let files = vec![objects.finish()?, noiseless.finish()?, noisy.finish()?, record];
     Ok(MeasuredStacks { object_shape, measurement_shape, tamura, files })
 }
 

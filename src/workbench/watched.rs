@@ -17,8 +17,9 @@ pub(super) struct WatchedRun {
     pub following: bool,
     /// Numbers of the contents from which the run was started, and of those that its masks made of them.
     contents: Vec<u64>,
-    /// The last of its masks that was accepted.
-    accepted: Option<LensletArray>,
+    /// The last of its masks that was accepted, and the number of the contents that it made; none where an undo has gone
+    /// back before it.
+    accepted: Option<(LensletArray, u64)>,
 }
 
 impl Workbench {
@@ -142,10 +143,21 @@ impl Workbench {
     /// Notes that a mask of the run is the open design now.
     fn note_accepted(&mut self) {
         self.watched.contents.push(self.contents);
-        self.watched.accepted = self.design.encoder.lenslets().cloned();
+        self.watched.accepted = self.design.encoder.lenslets().map(|array| (array.clone(), self.contents));
+    }
+
+    /// Notes that the open design has gone back or forth to the contents of this number.
+    pub(super) fn note_contents(&mut self, number: u64) {
+        if self.watched.accepted.as_ref().is_some_and(|(_, accepted)| number < *accepted) {
+            self.watched.accepted = None;
+        }
+    }
+
+    /// Notes that the open design is in a file: a run whose result it holds need not be taken up any more.
+    pub(super) fn note_saved(&mut self) {
         // One that was stopped can go on the other day.
         let finished = self.designer.run().is_some_and(|run| run.status == RunStatus::Finished);
-        if finished && !self.has_untaken_result() {
+        if finished && self.watched.accepted.is_some() && !self.has_untaken_result() {
             self.designer.forget();
         }
     }
@@ -162,7 +174,8 @@ impl Workbench {
     pub fn has_untaken_result(&self) -> bool {
         let Some(run) = self.designer.run().filter(|run| !run.is_active()) else { return false };
         let best = run.ranked.first().and_then(|best| best.design.encoder.lenslets());
-        let untaken = |array: &LensletArray| self.watched.accepted.as_ref() != Some(array);
+        let accepted = self.watched.accepted.as_ref().map(|(array, _)| array);
+        let untaken = |array: &LensletArray| accepted != Some(array);
         (run.step > 0 || best.is_some()) && untaken(&run.array) && best.is_none_or(untaken)
     }
 

@@ -266,4 +266,13 @@ fn an_earlier_result_survives_a_failure() {
     std::fs::create_dir(bench.path("out/noiseless.npy")).unwrap();
     assert_told(&bench.refused("measure --count 2 --seed 2 --out out"), &["out/noiseless.npy", "a folder or device"]);
     assert!(read() == before);
+    // Nor does one that comes last.
+    std::fs::remove_dir(bench.path("out/noiseless.npy")).unwrap();
+    std::fs::remove_file(bench.path("out/design.json")).unwrap();
+    std::fs::create_dir(bench.path("out/design.json")).unwrap();
+    let told = bench.refused("measure --count 2 --seed 2 --out out");
+    assert_told(&told, &["out/design.json", "a folder or device"]);
+    assert_eq!(told.matches("a folder or device").count(), 1, "{told}");
+    assert!(!bench.path("out/noiseless.npy").exists());
+    assert!(kept[..2].iter().zip(&before).all(|(name, bytes)| std::fs::read(bench.path(name)).unwrap() == *bytes));
 }

@@ -96,7 +96,7 @@ fn values_at_the_ends_of_their_ranges_are_computed() {
         "measure --count 1 --objects idx:one.idx --out a",
         "measure --count 1 --bias 0 --mean-photons 1e-300 --out a",
         "measure --count 1 --bias 1e7 --mean-photons 1e7 --noise shot+read:1e6 --out a",
-        "measure --count 1 --noise read:1e-300 --out a",
+        "measure --count 1 --noise read:1e-6 --out a",
         "measure --count 1 --lenslets psf:one.npy --out a",
         "measure --count 1 --lenslets psf:one.npy@96 --out a",
         "export --lenslets random:4096 --seed 0 --out a",

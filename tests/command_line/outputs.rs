@@ -44,6 +44,9 @@ fn export_writes_one_psf_in_every_format() {
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines[0].starts_with("x_px,y_px,sigma_px,weight") && lines.len() == 7, "{table}");
     assert!(lines[2].starts_with("9.0,7.0,0.8,"), "{table}");
+    // A mask without lenslets leaves none of an earlier one beside its own PSF.
+    bench.done("export --lenslets diffuser:16 --out a");
+    assert!(!bench.path("a/lenslets.csv").exists() && bench.path("a/psf.npy").is_file());
 }
 
 #[test]

@@ -76,6 +76,10 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     menu(&mut window, &["More of snapshot 1", "Delete"]);
     window.get_by_label("Choose A and B to compare their pictures.");
     assert!(window.query_by_label("More of snapshot 1").is_none());
+    click(&mut window, "Bring back");
+    window.get_by_label("More of snapshot 1");
+    assert!(window.query_by_label("Bring back").is_none());
+    menu(&mut window, &["More of snapshot 1", "Delete"]);
     window.get_by_label("More of snapshot 2");
     // Numbers before another scene are marked as such.
     assert!(window.query_by_label("b").is_none());

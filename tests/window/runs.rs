@@ -58,9 +58,11 @@ fn a_run_is_started_watched_rewound_and_undone() {
     click(&mut window, "Accept this mask");
     assert_eq!(open_lenslets(&window), stopped);
     assert!(studio(&window).bench().is_dirty() && !studio(&window).bench().is_looking());
+    assert!(!studio(&window).bench().has_untaken_result());
     menu(&mut window, &["Edit", "Undo optimize the mask"]);
     assert_eq!(lenslets(&window), before);
     assert!(!studio(&window).bench().is_dirty(), "what was saved is there again");
+    assert!(studio(&window).bench().has_untaken_result(), "what was accepted is gone");
     menu(&mut window, &["Edit", "Redo optimize the mask"]);
     assert_eq!(lenslets(&window), stopped);
 

@@ -297,6 +297,8 @@ fn kept_designs_are_there_the_other_day() {
     assert_eq!(lenslets(&window).len(), 2);
     menu(&mut window, &["More of snapshot 1", "Delete"]);
     wait_for(&mut window, "the file to go", |_| written(folder.path()) == 2);
+    click(&mut window, "Bring back");
+    wait_for(&mut window, "the file to come back", |_| written(folder.path()) == 3);
 }
 
 #[test]

@@ -39,7 +39,7 @@ impl<'a> DensityGuide<'a> {
         limits: &Limits,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
-        let moments = imaging.known_moments((start.rows, start.cols), patch)?;
+        let moments = imaging.known_moments(Split::Train, (start.rows, start.cols), patch)?;
         let held_out = HeldOut::new(imaging, patch, seed)?;
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let planes = imaging.set.planes();

@@ -38,6 +38,8 @@ const LARGEST_SEPARATION: f64 = 16.0;
 const SEPARATION_STEP: f64 = 0.02;
 /// A bead that adds less of its own energy (sum of squared photons) to the patch than this share does not touch it.
 const TOUCHES: f64 = 1e-12;
+/// Unless even that is more than this in units of the noise: very bright beads tell by light that is faint beside their own.
+const NEGLIGIBLE: f64 = 1e-6;
 
 /// Entropy of a yes-or-no question with probability `p`, in bits.
 pub fn binary_entropy(p: f64) -> f64 {
@@ -123,7 +125,7 @@ impl BeadCeiling {
     ) -> Result<Ceiling, InformationError> {
         let precision = check(spot, bias, patch, noise)?;
         let gaussian = |_: ArrayView2<'_, f64>, places: &[(Corners, f64)]| self.gaussian_bits(places, precision).sum();
-        Ok(self.sum(spot, patch, gaussian))
+        Ok(self.sum(spot, (patch, precision), gaussian))
     }
 
     /// The ceiling of one encoder, by the exact information of photon counts about each bead: tighter for shot noise,
@@ -151,7 +153,7 @@ impl BeadCeiling {
             let counts = poisson_information(plane, bias, (self.probability, self.entropy), &corners);
             self.gaussian_bits(places, precision).zip(counts).map(|(gaussian, counts)| gaussian.min(counts)).sum()
         };
-        Ok(self.sum(spot, patch, exact))
+        Ok(self.sum(spot, (patch, precision), exact))
     }
 
     /// Information in bits about each bead through its Gaussian channel.
@@ -167,14 +169,15 @@ impl BeadCeiling {
     fn sum(
         &self,
         spot: ArrayView3<'_, f64>,
-        patch: (usize, usize),
+        (patch, precision): ((usize, usize), f64),
         bits: impl Fn(ArrayView2<'_, f64>, &[(Corners, f64)]) -> f64,
     ) -> Ceiling {
         let (rows, cols) = patch;
         let (mut total, mut footprint_pixels) = (0.0, 0_usize);
         for plane in spot.outer_iter() {
             let energies = AreaSums::new(plane.dim(), |r, c| plane[[r, c]] * plane[[r, c]]);
-            let least = TOUCHES * energies.total();
+            let touches = TOUCHES * energies.total();
+            let least = if precision.is_finite() { touches.min(NEGLIGIBLE / precision) } else { touches };
             let lasts =
                 (0..rows + plane.nrows() - 1).flat_map(|row| (0..cols + plane.ncols() - 1).map(move |col| (row, col)));
             let places: Vec<(Corners, f64)> = lasts
@@ -226,6 +229,19 @@ fn check(
 mod tests {
     use super::super::tests::{information, normal};
     use super::*;
+
+    #[test]
+    fn faint_light_of_a_very_bright_bead_counts_where_it_exceeds_the_noise() {
+        let ceilings = BeadCeiling::new(1e-4).unwrap();
+        let places = |brightness: f64| {
+            let mut spot = ndarray::Array3::zeros((1, 1, 9));
+            spot[[0, 0, 0]] = 1e7 * brightness;
+            spot[[0, 0, 8]] = brightness;
+            ceilings.evaluate(spot.view(), 10.0, (1, 1), Noise::Shot).unwrap()
+        };
+        assert_eq!((places(1e-3).footprint_pixels, places(5.0).footprint_pixels), (1, 2));
+        assert!(places(5.0).bits_per_pixel > 1.1 * places(1e-3).bits_per_pixel);
+    }
 
     #[test]
     fn table_holds_the_two_point_information() {

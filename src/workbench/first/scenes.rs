@@ -49,7 +49,7 @@ fn scene(seed: u64) -> Result<FirstScene, IdealError> {
         let set = ObjectSet::open(&ObjectSource::Beads { density }, &options)?;
         let imaging = Imaging::new(&set, grid, bias, noise)?;
         let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, PATCH);
-        let moments = imaging.known_moments(grid, PATCH)?.of(psf.view())?;
+        let moments = imaging.known_moments(Split::All, grid, PATCH)?.of(psf.view())?;
         return Ok(FirstScene { noise, patches: stream.draw(FITTED, seed)?, moments });
     }
     let objects = mosaics(&mut random, mean_photons);

@@ -19,6 +19,7 @@ use super::moves::{Effort, Guess, Steps};
 use super::state::Measured;
 use super::watch::Watch;
 use crate::information::InformationError;
+use crate::information::bootstrap::student_95;
 use crate::information::ceiling::AreaSums;
 use crate::information::likelihood::log_likelihood;
 use crate::network::Pool;
@@ -195,7 +196,7 @@ fn bound(
         if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| watch.goes_on()) {
             return Err(InformationError::NotFinite { what: "posteriors of the beads", patch });
         }
-        let (mean, half_width) = mean_and_half_width(&nats, scene.pixels());
+        let (mean, half_width) = mean_and_half_width(&nats, follower.least_variance(), scene.pixels());
         let elapsed = started.elapsed();
         if !watch.note(nats.len(), mean) {
             return Err(InformationError::Cancelled);
@@ -218,24 +219,14 @@ fn bound(
     }
 }
 
-/// Mean of nats per sample and half the width of its 95 % interval, both in bits per pixel.
-fn mean_and_half_width(nats: &[f64], pixels: usize) -> (f64, f64) {
+/// Mean of nats per sample, whose variance is known to be `least` at least, and half the width of its 95 % interval, both in
+/// bits per pixel.
+fn mean_and_half_width(nats: &[f64], least: f64, pixels: usize) -> (f64, f64) {
     let count = nats.len() as f64;
     let unit = pixels as f64 * std::f64::consts::LN_2;
     let mean = nats.iter().sum::<f64>() / count;
     let square = nats.iter().map(|nats| (nats - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    (mean / unit, student_95(count - 1.0) * (square / count).sqrt() / unit)
-}
-
-/// Standard errors to either side of a 95 % interval with so many degrees of freedom: the quantile of Student's t expanded
-/// about that of the normal distribution (Hill 1970), within 1 % from three on.
-fn student_95(freedom: f64) -> f64 {
-    let z: f64 = 1.959_964;
-    let (z2, n) = (z * z, freedom.max(1.0));
-    let first = (z2 + 1.0) / 4.0;
-    let second = ((5.0 * z2 + 16.0) * z2 + 3.0) / 96.0;
-    let third = (((3.0 * z2 + 19.0) * z2 + 17.0) * z2 - 15.0) / 384.0;
-    z * (1.0 + (first + (second + third / n) / n) / n)
+    (mean / unit, student_95(count - 1.0) * (square.max(least) / count).sqrt() / unit)
 }
 
 /// What all samples share.
@@ -261,21 +252,26 @@ impl<'a> Follower<'a> {
     ) -> Result<Self, InformationError> {
         let spot = channel.checked_spot()?;
         let light = Light::new(&spot, scene);
-        let sigma = scene.noise.read_sigma().unwrap_or(0.0);
-        let shot = if scene.noise.has_shot_noise() { channel.bias + spot.sum() * channel.probability } else { 0.0 };
-        let variance = (shot + sigma * sigma).max(f64::MIN_POSITIVE);
         let surprise = ((1.0 - channel.probability) / channel.probability).ln();
         let mut told = Vec::with_capacity(scene.site_count());
         for plane in spot.outer_iter() {
             let sums = AreaSums::new(plane.dim(), |r, c| plane[[r, c]] * plane[[r, c]]);
             for row in 0..scene.sites.rows {
                 for col in 0..scene.sites.cols {
-                    let separation = sums.over(sums.overlap((row, col), scene.patch)).max(0.0) / variance;
+                    let separation = sums.over(sums.overlap((row, col), scene.patch)).max(0.0) / light.variance;
                     told.push(TAKEN_OUT * surprise * separation / (separation + HALF_TOLD));
                 }
             }
         }
         Ok(Self { scene, fit, decoder, watch, free: Pool::default(), light, steps: Steps::new(&spot), told })
+    }
+
+    /// Variance of a sample by the chance number of its beads alone, of which the mean leaves a part: samples that happen to
+    /// hold none agree with each other and tell nothing of it.
+    fn least_variance(&self) -> f64 {
+        let p = self.scene.probability;
+        let left = 1.0 / TAKEN_OUT - 1.0;
+        self.told.iter().map(|told| p * (1.0 - p) * (left * told).powi(2)).sum()
     }
 
     fn with_sample<T>(&self, index: usize, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
@@ -380,13 +376,12 @@ impl<'a> Follower<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::student_95;
+    use super::*;
 
     #[test]
-    fn intervals_of_few_samples_are_those_of_student() {
-        for (freedom, quantile) in [(3.0, 3.182), (15.0, 2.1314), (47.0, 2.0117), (1e6, 1.95997)] {
-            let found = student_95(freedom);
-            assert!((found / quantile - 1.0).abs() < if freedom < 10.0 { 0.01 } else { 1e-4 }, "{freedom}: {found}");
-        }
+    fn samples_that_agree_by_chance_are_not_taken_for_certain() {
+        let (mean, half) = mean_and_half_width(&[2.0; 16], 4.0, 100);
+        let unit = 100.0 * std::f64::consts::LN_2;
+        assert!((mean * unit - 2.0).abs() < 1e-12 && (half * unit - 2.1314 * 0.5).abs() < 1e-3, "{mean} {half}");
     }
 }

@@ -8,6 +8,9 @@ use super::super::scene::Scene;
 pub(super) const LANES: usize = 8;
 /// Share of a spot's photons that is spread evenly over the patch instead, so that a bead touches fewer pixels.
 const FAINT_SHARE: f64 = 2e-3;
+/// Most that the noise of a pixel may be exceeded by all of that light together, in squares: what it could tell of a bead is
+/// half as many nats.
+const FAINT_ENERGY: f64 = 0.02;
 
 /// One stretch of a row of a spot.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +34,8 @@ pub(super) struct Light {
     /// Photons of all runs.
     pub photons: Vec<f32>,
     planes: Vec<Vec<Run>>,
+    /// Variance of the noise of a pixel of average light, photons squared.
+    pub variance: f64,
     /// Photons per pixel without beads, and what beads add on average where their light is too faint to be followed.
     pub background: f64,
 }
@@ -40,12 +45,17 @@ impl Light {
     pub fn new(spot: &Array3<f64>, scene: &Scene) -> Self {
         let (_, rows, cols) = spot.dim();
         let total: f64 = spot.sum();
+        let bias = f64::from(scene.bias);
+        let sigma = scene.noise.read_sigma().unwrap_or(0.0);
+        let shot = if scene.noise.has_shot_noise() { bias + total * scene.probability } else { 0.0 };
+        let variance = (shot + sigma * sigma).max(f64::MIN_POSITIVE);
         let mut sorted: Vec<f64> = spot.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
-        let mut faint = FAINT_SHARE * total;
+        let (mut faint, mut energy) = (FAINT_SHARE * total, FAINT_ENERGY * variance);
         let least = sorted.into_iter().find(|photons| {
             faint -= photons;
-            faint < 0.0
+            energy -= photons * photons;
+            faint < 0.0 || energy < 0.0
         });
         let least = least.unwrap_or(0.0);
         let (mut photons, mut planes) = (Vec::new(), Vec::new());
@@ -74,7 +84,8 @@ impl Light {
             border,
             photons,
             planes,
-            background: f64::from(scene.bias) + (total - followed).max(0.0) * scene.probability,
+            variance,
+            background: bias + (total - followed).max(0.0) * scene.probability,
         }
     }
 

@@ -103,6 +103,21 @@ fn a_gain_is_a_difference_of_log_likelihoods() {
 }
 
 #[test]
+fn light_that_is_not_followed_could_tell_nothing() {
+    for (brightness, probability) in [(1.0, 0.02), (50.0, 0.02), (1.0, 0.001)] {
+        let spot = super::super::super::test_beads::bead_spot(4, probability) * brightness;
+        let channel = BeadChannel { spot, probability, patch: (24, 20), ..toy(Noise::Shot) };
+        let spot = channel.checked_spot().unwrap();
+        let light = Light::new(&spot, &Scene::new(&channel).unwrap());
+        let energy = |photons: f64| photons * photons;
+        let followed: f64 = light.photons.iter().map(|&photons| energy(f64::from(photons))).sum();
+        let left = spot.iter().copied().map(energy).sum::<f64>() - followed;
+        // Photons are followed in single precision.
+        assert!(left <= 0.02 * light.variance + 1e-6 * followed, "{brightness}, {probability}: {left}");
+    }
+}
+
+#[test]
 fn the_light_of_the_true_beads_is_that_of_the_sample() {
     let channel = BeadChannel {
         spot: super::super::super::test_beads::bead_spot(4, 0.02),
