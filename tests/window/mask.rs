@@ -278,3 +278,32 @@ fn the_wheel_changes_weight_and_with_alt_width() {
     assert!(wider.spot.mean_sigma() > 1.02 * before.spot.mean_sigma(), "{heavier:?} {wider:?}");
     assert_eq!(wider.weight, heavier.weight);
 }
+
+#[test]
+fn a_lenslet_that_is_deleted_while_it_is_held_takes_no_other_with_it() {
+    let mut window = open(Design::default());
+    let mut left = lenslets(&window);
+    left.remove(2);
+    let from = window.get_by_label("Lenslet 3").rect().center();
+    let press = egui::Event::PointerButton {
+        pos: from,
+        button: PointerButton::Primary,
+        pressed: true,
+        modifiers: Modifiers::NONE,
+    };
+    window.hover_at(from);
+    window.step();
+    window.input_mut().events.push(press);
+    window.step();
+    for step in 1..=8 {
+        window.hover_at(from + Vec2::new(3.0 * step as f32, 0.0));
+        window.step();
+        if step == 4 {
+            assert_ne!(lenslets(&window)[2], Design::default().encoder.lenslets().unwrap().lenslets[2], "it is held");
+            window.key_press(Key::Delete);
+            window.step();
+        }
+    }
+    settle(&mut window);
+    assert_eq!(lenslets(&window), left);
+}

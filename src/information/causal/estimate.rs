@@ -176,7 +176,9 @@ impl<'a> Best<'a> {
         if progress.elapsed * Self::LOOKS < whole * (self.looks + 1) {
             return;
         }
-        self.looks += 1;
+        // A fit that goes on from a file has left the earlier ones behind.
+        let due = f64::from(Self::LOOKS) * progress.elapsed.as_secs_f64() / whole.as_secs_f64().max(f64::MIN_POSITIVE);
+        self.looks = (due as u32).max(self.looks + 1);
         let model = snapshot();
         let Ok(bits) = validation_bits(&model, patches) else { return };
         if self.found.as_ref().is_none_or(|(least, ..)| bits < *least) {
