@@ -8,7 +8,7 @@ use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
 
 use super::bytes::{open, read_values};
 use super::npy_header::{Element, Mismatch, NpyHeader, element_count, header_of_f32};
-use super::write::SafeFile;
+use super::write::{CompleteFile, SafeFile};
 use super::{FormatError, Samples};
 
 const ADVICE: &str = "write the array again with numpy.save";
@@ -150,25 +150,24 @@ impl ArrayWriter {
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if elements are missing or the file cannot be put in place.
-    pub fn finish(mut self) -> Result<(), FormatError> {
-        self.complete()?;
-        let Self { path, file, .. } = self;
-        file.finish().map_err(|error| FormatError::from_write(&path, error))
+    pub fn finish(self) -> Result<(), FormatError> {
+        self.complete()?.put_in_place()
     }
 
-    /// Brings all elements to the disk, under no name yet: what is left for [`ArrayWriter::finish`] hardly fails.
+    /// Brings all elements to the disk, under no name yet.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if elements are missing or the disk is full.
-    pub fn complete(&mut self) -> Result<(), FormatError> {
-        let completed = match self.left {
-            0 => self.writer.flush().and_then(|()| self.file.complete()),
+    pub fn complete(self) -> Result<CompleteFile, FormatError> {
+        let Self { path, file, mut writer, left } = self;
+        let completed = match left {
+            0 => writer.flush().and_then(|()| file.complete()),
             left => Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
                 format!("{left} values fewer than the array's shape holds"),
             )),
         };
-        completed.map_err(|error| FormatError::from_write(&self.path, error))
+        completed.map_err(|error| FormatError::from_write(&path, error))
     }
 }
 

@@ -11,7 +11,7 @@ use tiff::{ColorType, TiffError};
 
 use super::bytes::open;
 use super::picture::{LARGEST_PICTURE_BYTES, LONGEST_SIDE_PX, most_unpacked_bytes};
-use super::write::SafeFile;
+use super::write::{CompleteFile, SafeFile};
 use super::{FormatError, PixelStack, Samples};
 
 const ADVICE: &str = "save it as uncompressed grey or RGB TIFF";
@@ -216,15 +216,14 @@ impl PageWriter {
     /// # Errors
     /// [`FormatError::NotWritten`] if pages are missing or the file cannot be put in place.
     pub fn finish(self) -> Result<(), FormatError> {
-        self.complete()?;
-        self.file.finish().map_err(|error| FormatError::from_write(&self.path, error))
+        self.complete()?.put_in_place()
     }
 
-    /// Brings all pages to the disk, under no name yet: what is left for [`PageWriter::finish`] hardly fails.
+    /// Brings all pages to the disk, under no name yet.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if pages are missing or the disk is full.
-    pub fn complete(&self) -> Result<(), FormatError> {
+    pub fn complete(self) -> Result<CompleteFile, FormatError> {
         let completed = match self.left {
             0 => self.file.complete(),
             left => Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{left} pages fewer than announced"))),

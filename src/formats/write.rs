@@ -23,7 +23,8 @@ pub const TEMPORARY_PREFIX: &str = ".writing-";
 /// [`FormatError::NotWritten`] if `fill` fails, the folder is missing or not writable, the disk is full, or `path` is
 /// write-protected or not a regular file.
 pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), FormatError> {
-    fill_and_finish(path, fill).map_err(|error| FormatError::from_write(path, error))
+    let complete = filled(path, fill).map_err(|error| FormatError::from_write(path, error))?;
+    complete.put_in_place()
 }
 
 /// Tells whether [`write_safely`] could write a file of this name now; nothing stays of the attempt.
@@ -88,34 +89,43 @@ impl SafeFile {
         self.temporary.as_file()
     }
 
-    /// Brings all that was written to the disk, so that little can go wrong when it is put in place.
-    pub(super) fn complete(&self) -> io::Result<()> {
+    /// Brings all that was written to the disk.
+    pub(super) fn complete(self) -> io::Result<CompleteFile> {
         if let Ok(earlier) = fs::metadata(&self.target) {
             self.file().set_permissions(earlier.permissions())?;
         }
-        self.file().sync_all()
+        self.file().sync_all()?;
+        Ok(CompleteFile(self))
     }
+}
 
-    /// Puts the file, with all that was written to it, in place of what had its name.
-    pub(super) fn finish(self) -> io::Result<()> {
-        self.complete()?;
-        self.temporary.persist(&self.target).map_err(|error| error.error)?;
+/// A file that is on the disk as a whole, under no name of its own yet: hardly anything can go wrong any more.
+pub struct CompleteFile(SafeFile);
+
+impl CompleteFile {
+    /// Puts the file in place of what had its name.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`] where the system refuses it.
+    pub fn put_in_place(self) -> Result<(), FormatError> {
+        let Self(SafeFile { target, temporary }) = self;
+        temporary.persist(&target).map_err(|error| FormatError::from_write(&target, error.error))?;
         // The file is in place by now, and some network folders cannot be synced: a refusal here is no failed write.
         #[cfg(unix)]
-        if let Ok(folder) = File::open(folder_of(&self.target)) {
+        if let Ok(folder) = File::open(folder_of(&target)) {
             let _ = folder.sync_all();
         }
         Ok(())
     }
 }
 
-fn fill_and_finish(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+fn filled(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<CompleteFile> {
     let file = SafeFile::create(path)?;
     let mut writer = BufWriter::with_capacity(1 << 16, file.file());
     fill(&mut writer)?;
     writer.flush()?;
     drop(writer);
-    file.finish()
+    file.complete()
 }
 
 /// What the system said, without the name of a temporary file, which tells nobody anything.

@@ -27,6 +27,7 @@ mod progress;
 mod reparameterised;
 mod shared_pictures;
 mod stationary;
+mod student;
 #[cfg(test)]
 mod test_beads;
 mod trial;

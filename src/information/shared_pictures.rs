@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use super::bootstrap::student_95;
+use super::student::student_95;
 
 /// Least part of the forms' determinant that counts as more than rounding.
 const SINGULAR: f64 = 1e-9;

@@ -48,15 +48,17 @@ impl View {
         }
     }
 
-    /// What it shows of this very design, shape (rows, cols); none while that is not computed.
-    fn current_picture(self, state: &State) -> Option<Array2<f32>> {
+    /// Whether it shows a picture of this very design, which can be exported.
+    fn is_current(self, state: &State) -> bool {
+        let live = &state.live;
         let revision = match self {
-            Self::Psf | Self::Mtf => state.live.optics.as_ref()?.revision,
-            Self::Object => state.live.scene.as_ref()?.revision,
-            Self::Measurement => state.live.measurements.as_ref()?.revision,
-            Self::Information => state.estimates.live.as_ref()?.revision,
+            Self::Mtf if state.mtf_view != MtfView::Map => None,
+            Self::Psf | Self::Mtf => live.optics.as_ref().map(|optics| optics.revision),
+            Self::Object => live.scene.as_ref().map(|scene| scene.revision),
+            Self::Measurement => live.measurements.as_ref().map(|measured| measured.revision),
+            Self::Information => state.estimates.live.as_ref().map(|live| live.revision),
         };
-        self.picture(state).filter(|_| state.is_current(revision))
+        revision.is_some_and(|revision| state.is_current(revision))
     }
 
     /// What it shows, shape (rows, cols).
@@ -85,7 +87,7 @@ impl View {
 pub fn export_menu(ui: &mut Ui, state: &mut State) {
     for view in View::ALL {
         let text = format!("{}...", view.of(state).name());
-        if view.current_picture(state).is_some() && ui.button(text).clicked() {
+        if view.is_current(state) && ui.button(text).clicked() {
             export(state, view);
             ui.close();
         }
@@ -93,7 +95,7 @@ pub fn export_menu(ui: &mut Ui, state: &mut State) {
 }
 
 fn export(state: &mut State, view: View) {
-    let Some(image) = view.current_picture(state) else { return };
+    let Some(image) = view.picture(state) else { return };
     let shown = view.of(state);
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
     state.dialogs.ask(Purpose::ExportView { name, image, limits, colormap }, state.bench.path());
@@ -123,7 +125,7 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
             }
             ui.close();
         }
-        if ui.button("Export this picture...").clicked() {
+        if ui.add_enabled(view.is_current(state), egui::Button::new("Export this picture...")).clicked() {
             export(state, view);
             ui.close();
         }

@@ -346,15 +346,12 @@ impl State {
     /// Leaves the open design or a run behind.
     pub fn leave(&mut self, ctx: &egui::Context, what: Leave) {
         self.leaving = None;
+        if matches!(what, Leave::New | Leave::Sample(_)) {
+            self.selection.clear();
+        }
         match what {
-            Leave::New => {
-                self.bench.start_from(Design::default());
-                self.selection.clear();
-            }
-            Leave::Sample(design) => {
-                self.bench.start_from(*design);
-                self.selection.clear();
-            }
+            Leave::New => self.bench.start_from(Design::default()),
+            Leave::Sample(design) => self.bench.start_from(*design),
             Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
             Leave::OpenFile(path) => self.bench.open_file(path),
             Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
@@ -375,15 +372,13 @@ impl State {
         // Whoever edits a mask of the run has accepted it: locks that are not of so many lenslets go.
         let accepted = (self.bench.is_looking() && command.edits_lenslets()).then(|| self.lenslet_count());
         if let Err(error) = self.bench.apply(command) {
-            self.messages.push(Severity::Failure, error.to_string());
-            return;
+            return self.messages.push(Severity::Failure, error.to_string());
         }
         match command {
             Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
             Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
                 self.selection.clear();
-                // Indices of what is held mean others now.
-                self.drag = None;
+                self.drag = None; // what it holds by their indices are others now
             }
             _ => {}
         }

@@ -7,7 +7,7 @@ use ndarray::{ArrayViewD, Axis};
 use super::design::Design;
 use super::export::ExportError;
 use super::simulation::Simulator;
-use crate::formats::{self, ArrayWriter, FormatError, PageWriter};
+use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::sparsity::tamura_of_stack;
 
 /// File format of measurement stacks.
@@ -69,19 +69,13 @@ impl StackWriter {
         }
     }
 
-    fn complete(&mut self) -> Result<(), FormatError> {
-        match &mut self.writer {
-            Writer::Npy(writer) => writer.complete(),
-            Writer::Tiff(writer) => writer.complete(),
-        }
-    }
-
-    fn finish(self) -> Result<PathBuf, FormatError> {
-        match self.writer {
-            Writer::Npy(writer) => writer.finish()?,
-            Writer::Tiff(writer) => writer.finish()?,
-        }
-        Ok(self.path)
+    /// The file, whole and on the disk, and the name that it is to take.
+    fn complete(self) -> Result<(PathBuf, CompleteFile), FormatError> {
+        let file = match self.writer {
+            Writer::Npy(writer) => writer.complete()?,
+            Writer::Tiff(writer) => writer.complete()?,
+        };
+        Ok((self.path, file))
     }
 }
 
@@ -109,9 +103,15 @@ pub fn export_measurements(
     let write = |(name, stack): &(&str, ArrayViewD<'_, f32>)| {
         let mut writer = StackWriter::create(folder, name, format, stack.shape())?;
         writer.append(stack.view())?;
-        Ok(writer.finish()?)
+        Ok(writer.complete()?)
     };
-    stacks.iter().map(write).collect()
+    put_in_place(stacks.iter().map(write).collect::<Result<_, ExportError>>()?)
+}
+
+/// Names files once all of them are on the disk.
+fn put_in_place(complete: Vec<(PathBuf, CompleteFile)>) -> Result<Vec<PathBuf>, ExportError> {
+    let place = |(path, file): (PathBuf, CompleteFile)| file.put_in_place().map(|()| path).map_err(ExportError::from);
+    complete.into_iter().map(place).collect()
 }
 
 /// What [`measure_into`] wrote.
@@ -186,13 +186,11 @@ fn measure_in_batches(
         first += length;
         progress(first);
     }
-    // Nothing is put in place before all of it is on the disk.
-    for stack in [&mut objects, &mut noiseless, &mut noisy] {
-        stack.complete()?;
-    }
+    let complete = vec![objects.complete()?, noiseless.complete()?, noisy.complete()?];
     let record = folder.join("design.json");
     design.save(&record)?;
-    let files = vec![objects.finish()?, noiseless.finish()?, noisy.finish()?, record];
+    let mut files = put_in_place(complete)?;
+    files.push(record);
     Ok(MeasuredStacks { object_shape, measurement_shape, tamura, files })
 }
 

@@ -19,9 +19,9 @@ use super::moves::{Effort, Guess, Steps};
 use super::state::Measured;
 use super::watch::Watch;
 use crate::information::InformationError;
-use crate::information::bootstrap::student_95;
 use crate::information::ceiling::AreaSums;
 use crate::information::likelihood::log_likelihood;
+use crate::information::student::student_95;
 use crate::network::Pool;
 
 /// Samples between two reports.
