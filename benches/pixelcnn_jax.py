@@ -119,11 +119,11 @@ def target_folder():
 
 
 def crate_seconds(target, side, profile):
-    """Least time per step and per run of the products alone, from criterion's samples."""
+    """Least time per step, and per run of the products alone and without filtering, from criterion's samples."""
     command = ["cargo", "bench", "--no-default-features", "--profile", profile, "--bench", "pixelcnn", "--", f"/{side}$"]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     least = []
-    for name in ("step", "products alone"):
+    for name in ("step", "products alone", "products without filtering"):
         sample = json.loads((target / "criterion/pixelcnn" / name / str(side) / "new/sample.json").read_text())
         least.append(min(t / n for t, n in zip(sample["times"], sample["iters"])) * 1e-9)
     return least
@@ -139,17 +139,17 @@ def main():
         *state, loss = step(*state)
         loss.block_until_ready()
         weights = sum(leaf.size for leaf in jax.tree_util.tree_leaves(state[0]))
-        times = {"jax": [], "step": [], "products": []}
+        times = {"jax": [], "step": [], "products": [], "plain": []}
         for _ in range(rounds):
             seconds, state = jax_seconds(step, state)
             times["jax"].append(seconds)
-            ours, products = crate_seconds(target, side, profile)
-            times["step"].append(ours)
-            times["products"].append(products)
-        theirs, ours, products = (min(times[name]) for name in ("jax", "step", "products"))
+            for name, seconds in zip(("step", "products", "plain"), crate_seconds(target, side, profile)):
+                times[name].append(seconds)
+        theirs, ours, products, plain = (min(times[name]) for name in times)
         print(
             f"{side}x{side}: jax {theirs * 1e3:.0f} ms ({weights} weights), this crate {ours * 1e3:.0f} ms, "
-            f"ratio {ours / theirs:.3f}; products alone {products * 1e3:.0f} ms, {products / ours:.0%} of their rate"
+            f"ratio {ours / theirs:.3f}; products alone {products * 1e3:.0f} ms, {products / ours:.0%} of their rate; "
+            f"without filtering {plain * 1e3:.0f} ms, {plain / ours:.0%}"
         )
 
 

@@ -39,6 +39,11 @@ impl Layer {
     /// Gradient by kernel and bias from the gradient by the output.
     pub fn by_weights(&self, input: &[f32], by_output: &[f32], gradient: &mut [f32], write: Write) {
         self.by_kernel(input, by_output, gradient, write);
+        self.by_bias(by_output, gradient, write);
+    }
+
+    /// Gradient by the bias alone.
+    pub fn by_bias(&self, by_output: &[f32], gradient: &mut [f32], write: Write) {
         let bias = &mut gradient[self.bias.clone()];
         if write == Write::Replace {
             bias.fill(0.0);

@@ -22,6 +22,7 @@ mod schedule;
 mod taps;
 mod weights_file;
 mod window_product;
+mod winograd;
 
 pub use activation::{elu, elu_backward, gate, gate_backward, glu, glu_backward, silu, silu_backward};
 pub use adam::{Adam, moving_average};
@@ -42,3 +43,4 @@ pub use schedule::rate_schedule;
 pub use taps::{Grid, Taps};
 pub use weights_file::{WeightsHeader, read_detail, read_details, read_weights, write_weights};
 pub use window_product::{Window, transposed_kernel, window_product, window_product_by_kernel};
+pub use winograd::{Winograd, WinogradMemory};

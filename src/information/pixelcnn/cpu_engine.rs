@@ -69,7 +69,7 @@ impl CpuEngine {
         let weight = 1.0 / grid.pixels() as f32;
         let chunk = samples_per_chunk(pixels) * pixels;
         let keep_patches = by_patch.is_some();
-        let workspaces = &self.workspaces;
+        let (workspaces, ready) = (&self.workspaces, model.ready());
         self.parts.par_iter_mut().with_max_len(1).enumerate().for_each(|(index, part)| {
             let samples = part_range(grid.samples, count, index);
             let values = &values[samples.start * pixels..samples.end * pixels];
@@ -80,9 +80,9 @@ impl CpuEngine {
                 let grid = Grid { samples: values.len() / pixels, ..grid };
                 let write = if number == 0 { Write::Replace } else { Write::Add };
                 workspaces.with(&model.shape, grid, |workspace| {
-                    workspace.forward(&model.layers, &model.scale, &model.weights, values);
+                    workspace.forward(&ready, values);
                     workspace.score(&model.scale, values, weight);
-                    workspace.backward(&model.layers, &model.scale, &model.weights, Some((&mut part.gradient, write)));
+                    workspace.backward(&ready, Some((&mut part.gradient, write)));
                     part.nats += workspace.losses.iter().map(|&loss| f64::from(loss)).sum::<f64>();
                     if keep_patches {
                         part.by_patch.extend_from_slice(&workspace.by_value);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::cpu_engine::CpuEngine;
 use super::engine::Engine;
 use super::mixture::component;
-use super::network::Workspace;
+use super::network::{Ready, Workspace};
 use super::scale::{DataScale, check_values};
 use super::shape::{Layers, PixelCnnShape};
 use crate::information::InformationError;
@@ -74,7 +74,7 @@ impl PixelCnn {
     /// For empty or too large patches, and values that are not finite or above 10 million.
     pub fn cross_entropy_bits(&self, patches: ArrayView3<'_, f32>) -> Result<Vec<f64>, InformationError> {
         let pixels = patches.dim().1 * patches.dim().2;
-        self.over_chunks(patches, |workspace, values, out| {
+        self.over_chunks(&self.ready(), patches, |workspace, values, out| {
             workspace.score(&self.scale, values, 0.0);
             out.extend(workspace.losses.chunks_exact(pixels).map(|losses| {
                 let nats: f64 = losses.iter().map(|&loss| f64::from(loss)).sum();
@@ -89,7 +89,7 @@ impl PixelCnn {
     /// As [`PixelCnn::cross_entropy_bits`].
     pub fn mixtures(&self, patches: ArrayView3<'_, f32>) -> Result<Mixtures, InformationError> {
         let components = self.shape.components;
-        let all = self.over_chunks(patches, |workspace, _, out| {
+        let all = self.over_chunks(&self.ready(), patches, |workspace, _, out| {
             out.extend(workspace.heads.chunks_exact(components).map(<[f32]>::to_vec));
         })?;
         let (samples, rows, cols) = patches.dim();
@@ -141,7 +141,7 @@ impl PixelCnn {
         patches: ArrayView3<'_, f32>,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<(f32, f32)>, InformationError> {
-        let (samples, rows, cols) = patches.dim();
+        let (ready, (samples, rows, cols)) = (self.ready(), patches.dim());
         // One chunk for every thread between two questions.
         let at_once = samples_per_chunk(rows * cols) * rayon::current_num_threads();
         let mut all = Vec::with_capacity(patches.len());
@@ -150,18 +150,24 @@ impl PixelCnn {
                 return Err(InformationError::Cancelled);
             }
             let some = patches.slice(s![first..samples.min(first + at_once), .., ..]);
-            all.extend(self.over_chunks(some, |workspace, values, out| {
+            all.extend(self.over_chunks(&ready, some, |workspace, values, out| {
                 workspace.score(&self.scale, values, 1.0);
-                workspace.backward(&self.layers, &self.scale, &self.weights, None);
+                workspace.backward(&ready, None);
                 out.extend(workspace.losses.iter().copied().zip(workspace.by_value.iter().copied()));
             })?);
         }
         Ok(all)
     }
 
+    /// For passes through it.
+    pub(super) fn ready(&self) -> Ready<'_> {
+        Ready::new(&self.layers, &self.scale, &self.weights)
+    }
+
     /// Takes patches through the network, some at a time, and joins what `read` takes from each, in order.
     fn over_chunks<T: Send>(
         &self,
+        ready: &Ready<'_>,
         patches: ArrayView3<'_, f32>,
         read: impl Fn(&mut Workspace, &[f32], &mut Vec<T>) + Sync,
     ) -> Result<Vec<T>, InformationError> {
@@ -178,7 +184,7 @@ impl PixelCnn {
                 let grid = Grid { samples: values.len() / pixels, ..grid };
                 let mut out = Vec::new();
                 workspaces.with(&self.shape, grid, |workspace| {
-                    workspace.forward(&self.layers, &self.scale, &self.weights, values);
+                    workspace.forward(ready, values);
                     read(workspace, values, &mut out);
                 });
                 out

@@ -1,9 +1,30 @@
 //! The network itself: from patches to outputs, and from gradients by outputs to gradients by weights and patches.
 
+use rayon::prelude::*;
+
 use super::mixture::{SCRATCH, mixture_losses};
 use super::scale::DataScale;
 use super::shape::{Block, Layers, PixelCnnShape};
-use crate::network::{Grid, Write, add_bias, column_sums, elu, elu_backward, fill_bias, gate, gate_backward};
+use crate::network::{
+    Grid, WinogradMemory, Write, add_bias, column_sums, elu, elu_backward, fill_bias, gate, gate_backward,
+};
+
+/// A network whose weights are ready to be passed through.
+#[derive(Debug)]
+pub(super) struct Ready<'a> {
+    layers: &'a Layers,
+    scale: &'a DataScale,
+    weights: &'a [f32],
+    /// Kernel of every block's vertical layer, as [`Block::tiled`] wants it.
+    tiled: Vec<Vec<f32>>,
+}
+
+impl<'a> Ready<'a> {
+    pub fn new(layers: &'a Layers, scale: &'a DataScale, weights: &'a [f32]) -> Self {
+        let tiled = |block: &Block| block.tiled.transformed(&weights[block.vertical.kernel.clone()]);
+        Self { layers, scale, weights, tiled: layers.blocks.par_iter().map(tiled).collect() }
+    }
+}
 
 /// Gradient by the weights, and whether it is written or added; none where nothing is to be learnt.
 pub(super) type ByWeights<'a> = Option<(&'a mut [f32], Write)>;
@@ -36,6 +57,7 @@ pub(super) struct Workspace {
     /// Gradient by the patches, photons.
     pub by_value: Vec<f32>,
     columns: Vec<f32>,
+    tiles: WinogradMemory,
     features: Vec<f32>,
     by_vertical: Vec<f32>,
     by_horizontal: Vec<f32>,
@@ -70,7 +92,8 @@ impl Workspace {
             heads: per_pixel(3 * shape.components),
             losses: per_pixel(1),
             by_value: per_pixel(1),
-            columns: per_pixel(6 * channels),
+            columns: per_pixel(3.max(2 * channels)),
+            tiles: WinogradMemory::default(),
             features: per_pixel(wide),
             by_vertical: per_pixel(channels),
             by_horizontal: per_pixel(channels),
@@ -87,7 +110,8 @@ impl Workspace {
     }
 
     /// Outputs of the network for `values` (pixels, photons), in [`Workspace::heads`].
-    pub fn forward(&mut self, layers: &Layers, scale: &DataScale, weights: &[f32], values: &[f32]) {
+    pub fn forward(&mut self, ready: &Ready<'_>, values: &[f32]) {
+        let Ready { layers, scale, weights, tiled } = ready;
         let (grid, pixels, channels) = (self.grid, self.grid.pixels(), self.channels);
         for (out, value) in self.standardised.iter_mut().zip(values) {
             *out = (value - scale.mean) / scale.deviation;
@@ -102,9 +126,8 @@ impl Workspace {
         for (index, block) in layers.blocks.iter().enumerate() {
             let (now, later) = self.kept.split_at_mut(index + 1);
             let (now, next) = (&mut now[index], later.first_mut());
-            let columns = &mut self.columns[..6 * channels * pixels];
-            block.vertical_taps.gather(grid, channels, &now.vertical, columns);
-            block.vertical.forward(weights, columns, &mut now.vertical_features);
+            let kernel_and_bias = (tiled[index].as_slice(), block.vertical.bias(weights));
+            block.tiled.forward(grid, kernel_and_bias, &now.vertical, &mut now.vertical_features, &mut self.tiles);
             let (next_vertical, next_horizontal) = match next {
                 Some(next) => (Some(&mut next.vertical), &mut next.horizontal),
                 None => (None, &mut self.horizontal),
@@ -136,7 +159,8 @@ impl Workspace {
 
     /// Gradient by the weights, written or added where `into` says so, and by the values, in [`Workspace::by_value`]; call
     /// [`Workspace::score`] first.
-    pub fn backward(&mut self, layers: &Layers, scale: &DataScale, weights: &[f32], mut into: ByWeights<'_>) {
+    pub fn backward(&mut self, ready: &Ready<'_>, mut into: ByWeights<'_>) {
+        let Ready { layers, scale, weights, .. } = ready;
         let (grid, pixels) = (self.grid, self.grid.pixels());
         if let Some((gradient, write)) = &mut into {
             layers.heads.by_weights(&self.out, &self.heads, gradient, *write);
@@ -149,9 +173,9 @@ impl Workspace {
         elu_backward(&self.rectified, &mut self.by_horizontal);
 
         let last = layers.blocks.len().saturating_sub(1);
-        for (index, block) in layers.blocks.iter().enumerate().rev() {
+        for index in (0..layers.blocks.len()).rev() {
             let into = into.as_mut().map(|(gradient, write)| (&mut **gradient, *write));
-            self.block_backward(block, (index, index == last), weights, into);
+            self.block_backward(ready, (index, index == last), into);
         }
 
         let by_standardised = &mut self.features[..pixels];
@@ -176,15 +200,9 @@ impl Workspace {
 
     /// Takes `by_horizontal` and `by_vertical` from the outputs of a block, of which the last one has no vertical one, to
     /// its inputs.
-    fn block_backward(
-        &mut self,
-        block: &Block,
-        (index, last): (usize, bool),
-        weights: &[f32],
-        mut into: ByWeights<'_>,
-    ) {
+    fn block_backward(&mut self, ready: &Ready<'_>, (index, last): (usize, bool), mut into: ByWeights<'_>) {
         let (grid, pixels, channels) = (self.grid, self.grid.pixels(), self.channels);
-        let kept = &self.kept[index];
+        let (block, weights, kept) = (&ready.layers.blocks[index], ready.weights, &self.kept[index]);
         if let Some((gradient, write)) = &mut into {
             block.output.by_weights(&kept.gated, &self.by_horizontal, gradient, *write);
         }
@@ -215,13 +233,12 @@ impl Workspace {
             Write::Add
         };
         block.link.by_input(weights, &self.features, &mut self.by_vertical_features, link);
-        let columns = &mut self.columns[..6 * channels * pixels];
-        if let Some((gradient, write)) = &mut into {
-            block.vertical_taps.gather(grid, channels, &kept.vertical, columns);
-            block.vertical.by_weights(columns, &self.by_vertical_features, gradient, *write);
-        }
-        block.vertical.by_input(weights, &self.by_vertical_features, columns, Write::Replace);
-        self.by_vertical.fill(0.0);
-        block.vertical_taps.scatter_add(grid, channels, columns, &mut self.by_vertical);
+        let by_features = &self.by_vertical_features;
+        let into = into.map(|(gradient, write)| {
+            block.vertical.by_bias(by_features, gradient, write);
+            (&mut gradient[block.vertical.kernel.clone()], write)
+        });
+        let seen = (kept.vertical.as_slice(), by_features.as_slice());
+        block.tiled.backward(grid, &ready.tiled[index], seen, into, &mut self.by_vertical, &mut self.tiles);
     }
 }

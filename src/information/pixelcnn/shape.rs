@@ -2,7 +2,7 @@
 
 use super::scale::DataScale;
 use crate::information::InformationError;
-use crate::network::{Initial, Layer, ParameterLayout, Taps};
+use crate::network::{Initial, Layer, ParameterLayout, Taps, Winograd};
 
 /// Size of a `PixelCNN`. [`PixelCnnShape::default`] is the published one.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,8 +29,9 @@ impl Default for PixelCnnShape {
 /// The four layers of a gated block, and what the two convolutions see.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
-    pub vertical_taps: Taps,
     pub horizontal_taps: Taps,
+    /// What the vertical layer sees, and how the processor computes it.
+    pub tiled: Winograd,
     /// Taps C -> 2C.
     pub vertical: Layer,
     /// Taps C -> 2C.
@@ -89,10 +90,9 @@ impl PixelCnnShape {
         let first_horizontal = layer("first.horizontal", (1, 3), 1, channels);
         let mut blocks = Vec::new();
         for (index, &dilation) in self.dilations.iter().enumerate() {
-            let d = dilation as isize;
             blocks.push(Block {
-                vertical_taps: Taps::new([(-d, -d), (-d, 0), (-d, d), (0, -d), (0, 0), (0, d)]),
-                horizontal_taps: Taps::new([(0, -d), (0, 0)]),
+                horizontal_taps: Taps::new([(0, -(dilation as isize)), (0, 0)]),
+                tiled: Winograd { dilation, inputs: channels, outputs: wide },
                 vertical: layer(&format!("block{index}.vertical"), (6, 9), channels, wide),
                 horizontal: layer(&format!("block{index}.horizontal"), (2, 3), channels, wide),
                 link: layer(&format!("block{index}.link"), (1, 1), wide, wide),

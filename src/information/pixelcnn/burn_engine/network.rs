@@ -78,7 +78,7 @@ impl Network {
         let mut vertical = self.first_vertical.forward(columns(&layers.first_vertical_taps, standardised.clone()));
         let mut horizontal = self.first_horizontal.forward(columns(&layers.first_horizontal_taps, standardised));
         for (block, config) in self.blocks.iter().zip(&layers.blocks) {
-            let by_vertical = block.vertical.forward(columns(&config.vertical_taps, images(vertical)));
+            let by_vertical = block.vertical.forward(columns(&config.tiled.taps(), images(vertical)));
             let seen = columns(&config.horizontal_taps, images(horizontal.clone()));
             let features = block.horizontal.forward(seen) + block.link.forward(by_vertical.clone());
             vertical = gate(by_vertical);

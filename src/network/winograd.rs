@@ -1,0 +1,510 @@
+//! Masked, dilated convolutions of three taps in the own row and three in a row above, in half the multiplications where a row
+//! is a multiple of four dilations long.
+//!
+//! Four outputs of a row see six inputs. Winograd's minimal filtering F(4, 3) finds them from six products of transformed
+//! inputs and transformed taps, where the sums themselves take twelve (Lavin & Gray 2016; points 0, 1, -1, 2, -2 and
+//! infinity). Rows are never mixed: no row depends, even by rounding, on those below. Within a row an output may depend by
+//! rounding on all six inputs of its tile, so layers that are masked within rows cannot be computed like this.
+
+use std::ops::{Add, Mul, Sub};
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::bias::fill_bias;
+use super::product::{Write, product, product_of_transposed, product_with_transposed};
+use super::taps::{Grid, Taps};
+
+/// Outputs of a tile.
+const TILE: usize = 4;
+/// Taps in a row.
+const TAPS: usize = 3;
+/// Inputs that a tile sees, and points at which their polynomials are multiplied.
+const POINTS: usize = TILE + TAPS - 1;
+/// Rows that are seen.
+const ROWS: usize = 2;
+/// The point whose product is added once to every output of a tile.
+const EVERYWHERE: usize = 1;
+
+/// A convolution with `dilation` px between its taps: three in the row that far above, then three in the own row.
+///
+/// Its kernel has shape (6 taps, inputs, outputs), in the order of [`Winograd::taps`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Winograd {
+    /// Distance between taps, px.
+    pub dilation: usize,
+    /// Channels that it takes.
+    pub inputs: usize,
+    /// Channels that it gives.
+    pub outputs: usize,
+}
+
+/// What one thread needs for such convolutions.
+#[derive(Clone, Debug, Default)]
+pub struct WinogradMemory {
+    /// In the order of rows, then samples: what a row sees of those above lies a constant number of tiles before.
+    tiles: Vec<Tile>,
+    /// (points, tiles, inputs).
+    inputs: Vec<f32>,
+    /// (points, tiles, outputs).
+    outputs: Vec<f32>,
+    /// (points, rows, inputs, outputs).
+    by_kernel: Vec<f32>,
+}
+
+/// Pixels that a tile sees and gives; none outside the image.
+#[derive(Clone, Copy, Debug)]
+struct Tile {
+    seen: [Option<usize>; POINTS],
+    given: [Option<usize>; TILE],
+}
+
+impl Winograd {
+    /// Offsets of the taps, in the order of the kernel.
+    pub fn taps(&self) -> Taps {
+        let d = self.dilation as isize;
+        Taps::new([(-d, -d), (-d, 0), (-d, d), (0, -d), (0, 0), (0, d)])
+    }
+
+    /// The kernel (6 taps, inputs, outputs) as the passes want it: (6 points, 2 rows, inputs, outputs).
+    pub fn transformed(&self, kernel: &[f32]) -> Vec<f32> {
+        let mut points = vec![0.0; kernel.len() / TAPS * POINTS];
+        let size = self.inputs * self.outputs;
+        transform(TapsToPoints, size, kernel, &mut points, Write::Replace, ROWS, |row| {
+            (taps_of(row), points_of(row, ROWS))
+        });
+        points
+    }
+
+    /// `out = input * kernel + bias`; input (pixels, inputs), out (pixels, outputs), kernel [`Winograd::transformed`].
+    pub fn forward(
+        &self,
+        grid: Grid,
+        (kernel, bias): (&[f32], &[f32]),
+        input: &[f32],
+        out: &mut [f32],
+        memory: &mut WinogradMemory,
+    ) {
+        let shift = self.prepare(grid, memory);
+        let WinogradMemory { tiles, inputs, outputs, .. } = memory;
+        let (count, above) = (tiles.len(), tiles.len() - shift);
+        transform(InputsToPoints, self.inputs, input, inputs, Write::Replace, count, |n| {
+            (tiles[n].seen, points_of(n, count))
+        });
+        for point in 0..POINTS {
+            let (seen, given) = (part(inputs, point), part_mut(outputs, point));
+            let (from_above, own) = rows_of_kernel(kernel, point);
+            let write = if point == EVERYWHERE {
+                fill_bias(bias, given);
+                Write::Add
+            } else {
+                Write::Replace
+            };
+            product(seen, own, (count, self.inputs, self.outputs), given, write);
+            let (seen, given) = (&seen[..above * self.inputs], &mut given[shift * self.outputs..]);
+            product(seen, from_above, (above, self.inputs, self.outputs), given, Write::Add);
+        }
+        transform(PointsToOutputs, self.outputs, outputs, out, Write::Replace, count, |n| {
+            (points_of(n, count), tiles[n].given)
+        });
+    }
+
+    /// Gradient by the input, written to `by_input` (pixels, inputs), and by the kernel, written or added where `into` says
+    /// so, from the gradient by the output (pixels, outputs); kernel [`Winograd::transformed`].
+    pub fn backward(
+        &self,
+        grid: Grid,
+        kernel: &[f32],
+        (input, by_output): (&[f32], &[f32]),
+        into: Option<(&mut [f32], Write)>,
+        by_input: &mut [f32],
+        memory: &mut WinogradMemory,
+    ) {
+        let shift = self.prepare(grid, memory);
+        let WinogradMemory { tiles, inputs, outputs, by_kernel } = memory;
+        let (count, above) = (tiles.len(), tiles.len() - shift);
+        transform(OutputsToPoints, self.outputs, by_output, outputs, Write::Replace, count, |n| {
+            (tiles[n].given, points_of(n, count))
+        });
+        if let Some((gradient, write)) = into {
+            transform(InputsToPoints, self.inputs, input, inputs, Write::Replace, count, |n| {
+                (tiles[n].seen, points_of(n, count))
+            });
+            by_kernel.resize(kernel.len(), 0.0);
+            for point in 0..POINTS {
+                let (seen, by_given) = (part(inputs, point), part(outputs, point));
+                let (by_above, by_own) = part_mut(by_kernel, point).split_at_mut(self.inputs * self.outputs);
+                product_of_transposed(seen, by_given, (self.inputs, count, self.outputs), by_own, Write::Replace);
+                let (seen, by_given) = (&seen[..above * self.inputs], &by_given[shift * self.outputs..]);
+                product_of_transposed(seen, by_given, (self.inputs, above, self.outputs), by_above, Write::Replace);
+            }
+            transform(PointsToTaps, gradient.len() / (ROWS * TAPS), by_kernel, gradient, write, ROWS, |row| {
+                (points_of(row, ROWS), taps_of(row))
+            });
+        }
+        for point in 0..POINTS {
+            let (by_seen, by_given) = (part_mut(inputs, point), part(outputs, point));
+            let (from_above, own) = rows_of_kernel(kernel, point);
+            product_with_transposed(by_given, own, (count, self.outputs, self.inputs), by_seen, Write::Replace);
+            let (by_seen, by_given) = (&mut by_seen[..above * self.inputs], &by_given[shift * self.outputs..]);
+            product_with_transposed(by_given, from_above, (above, self.outputs, self.inputs), by_seen, Write::Add);
+        }
+        by_input.fill(0.0);
+        transform(PointsToInputs, self.inputs, inputs, by_input, Write::Add, count, |n| {
+            (points_of(n, count), tiles[n].seen)
+        });
+    }
+
+    /// Lists the tiles and makes room; returns how many tiles lie between one and that which sees it from below.
+    fn prepare(&self, grid: Grid, memory: &mut WinogradMemory) -> usize {
+        let d = self.dilation;
+        memory.tiles.clear();
+        for row in 0..grid.rows {
+            for sample in 0..grid.samples {
+                let line = (sample * grid.rows + row) * grid.cols;
+                let inside = |col: usize| (col < grid.cols).then_some(line + col);
+                let starts = (0..d.min(grid.cols)).flat_map(|first| (first..grid.cols).step_by(TILE * d));
+                memory.tiles.extend(starts.map(|start| Tile {
+                    seen: std::array::from_fn(|i| (start + i * d).checked_sub(d).and_then(inside)),
+                    given: std::array::from_fn(|i| inside(start + i * d)),
+                }));
+            }
+        }
+        let count = memory.tiles.len();
+        memory.inputs.resize(POINTS * count * self.inputs, 0.0);
+        memory.outputs.resize(POINTS * count * self.outputs, 0.0);
+        count / grid.rows.max(1) * d.min(grid.rows)
+    }
+}
+
+fn part(values: &[f32], point: usize) -> &[f32] {
+    let size = values.len() / POINTS;
+    &values[point * size..(point + 1) * size]
+}
+
+fn part_mut(values: &mut [f32], point: usize) -> &mut [f32] {
+    let size = values.len() / POINTS;
+    &mut values[point * size..(point + 1) * size]
+}
+
+/// Kernel of the row above, and of the own row.
+fn rows_of_kernel(kernel: &[f32], point: usize) -> (&[f32], &[f32]) {
+    part(kernel, point).split_at(kernel.len() / (POINTS * ROWS))
+}
+
+/// Where the points of tile or row `n` of `count` lie.
+fn points_of(n: usize, count: usize) -> [Option<usize>; POINTS] {
+    std::array::from_fn(|point| Some(point * count + n))
+}
+
+/// Where the taps of a row of the kernel lie.
+fn taps_of(row: usize) -> [Option<usize>; TAPS] {
+    std::array::from_fn(|tap| Some(row * TAPS + tap))
+}
+
+/// What a transform calculates with: one number, or as many as a processor takes at a time.
+trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f32, Output = Self> {}
+
+impl Number for f32 {}
+
+/// A vector register of numbers.
+#[derive(Clone, Copy)]
+struct Lanes<S: Simd>(S, S::f32s);
+
+impl<S: Simd> Number for Lanes<S> {}
+
+#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
+impl<S: Simd> Add for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(self.0, self.0.add_f32s(self.1, other.1))
+    }
+}
+
+#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
+impl<S: Simd> Sub for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(self.0, self.0.sub_f32s(self.1, other.1))
+    }
+}
+
+#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
+impl<S: Simd> Mul<f32> for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, factor: f32) -> Self {
+        Self(self.0, self.0.mul_f32s(self.1, self.0.splat_f32s(factor)))
+    }
+}
+
+/// A linear map from `I` to `O` numbers.
+trait Linear<const I: usize, const O: usize> {
+    fn apply<N: Number>(from: [N; I]) -> [N; O];
+}
+
+/// Defines a [`Linear`] map.
+macro_rules! linear {
+    ($(#[$meta:meta])* $name:ident, $from:expr => $to:expr, |$pattern:pat_param| $body:expr) => {
+        $(#[$meta])*
+        struct $name;
+
+        #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
+        impl Linear<{ $from }, { $to }> for $name {
+            #[inline(always)]
+            fn apply<N: Number>($pattern: [N; $from]) -> [N; $to] {
+                $body
+            }
+        }
+    };
+}
+
+linear!(InputsToPoints, POINTS => POINTS, |[x0, x1, x2, x3, x4, x5]| {
+    let (near_even, near_odd) = (x4 - x2 * 4.0, x3 - x1 * 4.0);
+    let (far_even, far_odd) = (x4 - x2, (x3 - x1) * 2.0);
+    [
+        x0 * 4.0 - x2 * 5.0 + x4,
+        near_even + near_odd,
+        near_even - near_odd,
+        far_even + far_odd,
+        far_even - far_odd,
+        x1 * 4.0 - x3 * 5.0 + x5,
+    ]
+});
+
+linear!(
+    /// The transpose of [`InputsToPoints`].
+    PointsToInputs, POINTS => POINTS, |[p0, p1, p2, p3, p4, p5]| {
+        let (near, far) = (p1 + p2, p3 + p4);
+        let (near_skew, far_skew) = (p1 - p2, (p3 - p4) * 2.0);
+        [
+            p0 * 4.0,
+            (p5 - near_skew) * 4.0 - far_skew,
+            p0 * -5.0 - near * 4.0 - far,
+            near_skew + far_skew - p5 * 5.0,
+            p0 + near + far,
+            p5,
+        ]
+    }
+);
+
+linear!(PointsToOutputs, POINTS => TILE, |[p0, p1, p2, p3, p4, p5]| {
+    let (near, far) = (p1 + p2, p3 + p4);
+    let (near_skew, far_skew) = (p1 - p2, p3 - p4);
+    [p0 + near + far, near_skew + far_skew * 2.0, near + far * 4.0, near_skew + far_skew * 8.0 + p5]
+});
+
+linear!(
+    /// The transpose of [`PointsToOutputs`].
+    OutputsToPoints, TILE => POINTS, |[y0, y1, y2, y3]| {
+        let (near_even, near_odd) = (y0 + y2, y1 + y3);
+        let (far_even, far_odd) = (y0 + y2 * 4.0, y1 * 2.0 + y3 * 8.0);
+        [y0, near_even + near_odd, near_even - near_odd, far_even + far_odd, far_even - far_odd, y3]
+    }
+);
+
+linear!(TapsToPoints, TAPS => POINTS, |[a, b, c]| {
+    let (near_even, near_odd) = ((a + c) * (-1.0 / 6.0), b * (1.0 / 6.0));
+    let (far_even, far_odd) = (a * (1.0 / 24.0) + c * (1.0 / 6.0), b * (1.0 / 12.0));
+    [a * 0.25, near_even - near_odd, near_even + near_odd, far_even + far_odd, far_even - far_odd, c]
+});
+
+linear!(
+    /// The transpose of [`TapsToPoints`].
+    PointsToTaps, POINTS => TAPS, |[p0, p1, p2, p3, p4, p5]| {
+        let (near, far) = ((p1 + p2) * (1.0 / 6.0), p3 + p4);
+        let odd = (p2 - p1) * (1.0 / 6.0) + (p3 - p4) * (1.0 / 12.0);
+        [p0 * 0.25 - near + far * (1.0 / 24.0), odd, far * (1.0 / 6.0) - near + p5]
+    }
+);
+
+/// Applies `linear` `count` times to all channels of those places of `source` and `target`, both (places, channels), that
+/// `places` tells. Where there is no place there are zeros, and nothing is written.
+fn transform<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usize>(
+    linear: L,
+    channels: usize,
+    source: &[f32],
+    target: &mut [f32],
+    write: Write,
+    count: usize,
+    places: P,
+) {
+    Arch::new().dispatch(Transform { linear, channels, source, target, write, count, places });
+}
+
+type Places<const I: usize, const O: usize> = ([Option<usize>; I], [Option<usize>; O]);
+
+struct Transform<'a, L, P, const I: usize, const O: usize> {
+    #[expect(dead_code, reason = "names the map")]
+    linear: L,
+    channels: usize,
+    source: &'a [f32],
+    target: &'a mut [f32],
+    write: Write,
+    count: usize,
+    places: P,
+}
+
+#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
+impl<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usize> WithSimd
+    for Transform<'_, L, P, I, O>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { channels, source, target, write, count, places, .. } = self;
+        let zero = simd.splat_f32s(0.0);
+        for n in 0..count {
+            let (from, to) = places(n);
+            let mut seen: [&[f32]; I] = [&[]; I];
+            for (seen, place) in seen.iter_mut().zip(from) {
+                if let Some(place) = place {
+                    *seen = &source[place * channels..(place + 1) * channels];
+                }
+            }
+            for vector in 0..channels / S::F32_LANES {
+                let mut values = [Lanes(simd, zero); I];
+                for (value, seen) in values.iter_mut().zip(seen) {
+                    if let Some(seen) = S::as_simd_f32s(seen).0.get(vector) {
+                        value.1 = *seen;
+                    }
+                }
+                for (place, result) in to.into_iter().zip(L::apply(values)) {
+                    let Some(place) = place else { continue };
+                    let given = S::as_mut_simd_f32s(&mut target[place * channels..(place + 1) * channels]).0;
+                    let add = write == Write::Add;
+                    given[vector] = if add { simd.add_f32s(given[vector], result.1) } else { result.1 };
+                }
+            }
+            for channel in channels - channels % S::F32_LANES..channels {
+                let values = seen.map(|seen| seen.get(channel).copied().unwrap_or_default());
+                for (place, result) in to.into_iter().zip(L::apply(values)) {
+                    let Some(place) = place else { continue };
+                    let given = &mut target[place * channels + channel];
+                    *given = if write == Write::Add { *given + result } else { result };
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(count: usize, seed: usize) -> Vec<f32> {
+        (0..count).map(|i| ((i * 37 + seed * 11) % 101) as f32 * 0.02 - 1.0).collect()
+    }
+
+    fn dot(a: &[f32], b: &[f32]) -> f64 {
+        a.iter().zip(b).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum()
+    }
+
+    #[test]
+    fn tiles_give_the_sums_of_the_taps_and_their_gradients() {
+        for (dilation, inputs, outputs, grid) in [
+            (1, 16, 32, Grid { samples: 2, rows: 4, cols: 8 }),
+            (1, 5, 19, Grid { samples: 3, rows: 3, cols: 7 }),
+            (2, 3, 4, Grid { samples: 2, rows: 5, cols: 13 }),
+            (4, 18, 2, Grid { samples: 1, rows: 3, cols: 16 }),
+            (3, 2, 3, Grid { samples: 2, rows: 7, cols: 2 }),
+            (2, 1, 1, Grid { samples: 1, rows: 1, cols: 1 }),
+        ] {
+            let layer = Winograd { dilation, inputs, outputs };
+            let (input, bias) = (numbers(grid.pixels() * inputs, 1), numbers(outputs, 3));
+            let kernel = numbers(6 * inputs * outputs, 2);
+            let by_output = numbers(grid.pixels() * outputs, 4);
+
+            let mut columns = vec![0.0; grid.pixels() * 6 * inputs];
+            layer.taps().gather(grid, inputs, &input, &mut columns);
+            let shape = (grid.pixels(), 6 * inputs, outputs);
+            let mut expected = vec![0.0; by_output.len()];
+            product(&columns, &kernel, shape, &mut expected, Write::Replace);
+            for row in expected.chunks_exact_mut(outputs) {
+                row.iter_mut().zip(&bias).for_each(|(value, bias)| *value += bias);
+            }
+            // Memory of another layer and grid does no harm.
+            let stale = |count: usize| vec![f32::NAN; count];
+            let (inputs_before, outputs_before) = (stale(7), stale(9999));
+            let mut memory = WinogradMemory {
+                inputs: inputs_before,
+                outputs: outputs_before,
+                by_kernel: stale(9999),
+                tiles: Vec::new(),
+            };
+            let mut out = vec![f32::NAN; by_output.len()];
+            let points = layer.transformed(&kernel);
+            layer.forward(grid, (&points, &bias), &input, &mut out, &mut memory);
+            for (found, expected) in out.iter().zip(&expected) {
+                assert!((found - expected).abs() < 1e-5 * (6 * inputs) as f32, "{layer:?} {found} {expected}");
+            }
+
+            let mut by_kernel = vec![1.0; kernel.len()];
+            let mut by_input = vec![f32::NAN; input.len()];
+            let into = Some((by_kernel.as_mut_slice(), Write::Add));
+            layer.backward(grid, &points, (&input, &by_output), into, &mut by_input, &mut memory);
+            let mut expected = vec![1.0; kernel.len()];
+            let shape = (6 * inputs, grid.pixels(), outputs);
+            product_of_transposed(&columns, &by_output, shape, &mut expected, Write::Add);
+            for (found, expected) in by_kernel.iter().zip(&expected) {
+                assert!((found - expected).abs() < 1e-5 * grid.pixels() as f32, "{layer:?} {found} {expected}");
+            }
+            let mut back = columns;
+            product_with_transposed(
+                &by_output,
+                &kernel,
+                (grid.pixels(), outputs, 6 * inputs),
+                &mut back,
+                Write::Replace,
+            );
+            let mut expected = vec![0.0; input.len()];
+            layer.taps().scatter_add(grid, inputs, &back, &mut expected);
+            for (found, expected) in by_input.iter().zip(&expected) {
+                assert!((found - expected).abs() < 2e-5 * (6 * outputs) as f32, "{layer:?} {found} {expected}");
+            }
+            // Written over what was there, and the gradient by the input alone.
+            let mut written = vec![f32::NAN; kernel.len()];
+            let (before, mut again) = (by_input.clone(), vec![f32::NAN; input.len()]);
+            let into = Some((written.as_mut_slice(), Write::Replace));
+            layer.backward(grid, &points, (&input, &by_output), into, &mut again, &mut memory);
+            assert!(written.iter().zip(&by_kernel).all(|(written, added)| (written + 1.0 - added).abs() < 1e-3));
+            assert_eq!(again, before);
+            layer.backward(grid, &points, (&input, &by_output), None, &mut again, &mut memory);
+            assert_eq!(again, before);
+            let out_of_input = dot(&out, &by_output) - dot(&bias, &column_sums(&by_output, outputs));
+            let gap = (dot(&by_input, &input) - out_of_input).abs();
+            assert!(gap < 1e-4 * out_of_input.abs().max(1.0), "{layer:?} {gap} {out_of_input}");
+        }
+    }
+
+    fn column_sums(values: &[f32], outputs: usize) -> Vec<f32> {
+        let mut sums = vec![0.0; outputs];
+        super::super::bias::column_sums(values, &mut sums);
+        sums
+    }
+
+    #[test]
+    fn rows_below_change_no_bit() {
+        let grid = Grid { samples: 2, rows: 6, cols: 9 };
+        let layer = Winograd { dilation: 2, inputs: 16, outputs: 16 };
+        let (kernel, bias) = (layer.transformed(&numbers(6 * 16 * 16, 2)), numbers(16, 3));
+        let given = |input: &[f32]| {
+            let mut out = vec![0.0; grid.pixels() * 16];
+            layer.forward(grid, (&kernel, &bias), input, &mut out, &mut WinogradMemory::default());
+            out
+        };
+        let input = numbers(grid.pixels() * 16, 1);
+        let mut changed = input.clone();
+        let (third, image) = (3 * grid.cols * 16, grid.rows * grid.cols * 16);
+        for image in changed.chunks_exact_mut(image) {
+            image[third..].iter_mut().for_each(|value| *value = 1e6 - *value);
+        }
+        let (before, after) = (given(&input), given(&changed));
+        for (before, after) in before.chunks_exact(image).zip(after.chunks_exact(image)) {
+            assert_eq!(before[..third], after[..third]);
+            assert!(before[third..] != after[third..]);
+        }
+    }
+}
