@@ -27,12 +27,12 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     let study = KnownTruth::GaussianField(GaussianField { side_px: 8, ..GaussianField::default() });
     let batch = |count, seed| PatchBatch { noisy: study.draw(count, seed).unwrap().1, clean: None };
     let (few, validation, test) = (Few(batch(6, 1)), batch(64, 2), batch(200, 3));
-    let estimate = |validation| {
+    let estimate = |validation, keeper, stop_at| {
         let request = CausalRequest {
             stream: &few,
             test: &test,
             validation,
-            keeper: None,
+            keeper,
             moments: None,
             noise: study.noise(),
             length: FitLength::Steps(1000),
@@ -40,11 +40,24 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
             estimator: Estimator::Full,
             seed: 4,
         };
-        causal_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap().0
+        let mut first = None;
+        let estimate = causal_estimate(&request, &mut |progress| {
+            first.get_or_insert(progress.step);
+            if progress.step == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        estimate.map(|(trial, _)| (trial, first))
     };
-    let (guarded, blind) = (estimate(Some(&validation)), estimate(None));
+    let (guarded, _) = estimate(Some(&validation), None, usize::MAX).unwrap();
+    let (blind, _) = estimate(None, None, usize::MAX).unwrap();
     assert!(guarded.notes().iter().any(|note| note.contains("too well")), "{:?}", guarded.notes());
     assert!(guarded.bits_per_pixel() < blind.bits_per_pixel() - 0.05, "{guarded:?} {blind:?}");
+    // A fit that is stopped and goes on has not forgotten what it knew before it learnt by heart.
+    let kept = InMemory::default();
+    assert_eq!(estimate(Some(&validation), Some(&kept), 900).unwrap_err(), InformationError::Cancelled);
+    let (resumed, first) = estimate(Some(&validation), Some(&kept), usize::MAX).unwrap();
+    assert_eq!(first, Some(897));
+    assert_eq!(resumed.bits_per_pixel().to_bits(), guarded.bits_per_pixel().to_bits());
+    assert_eq!(resumed.notes(), guarded.notes());
 }
 
 /// Keeps the state of a fit in memory, whenever it may.

@@ -407,6 +407,24 @@ fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
 }
 
 #[test]
+fn epochs_end_with_their_last_step() {
+    let patches = Array3::from_shape_fn((8, 2, 2), |(n, r, c)| ((n * 5 + r * 3 + c) % 7) as f32);
+    let training = TrainingPatches { noisy: patches.view(), clean: None };
+    // Shares of 98 steps, taken 49 times, are not always whole numbers.
+    let fit = PixelCnnFit { batch: 4, steps_per_epoch: 2, max_epochs: 49, patience: None, ..PixelCnnFit::paper(1) };
+    let shape = PixelCnnShape::new(2, 2, vec![1]).unwrap();
+    let mut epochs = Vec::new();
+    let (_, report) = fit
+        .fit(shape, 1.0, training, None, &mut |progress| {
+            epochs.push(progress.epoch);
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+    assert_eq!(epochs, (0..98).map(|step| step / 2 + 1).collect::<Vec<_>>());
+    assert_eq!((report.steps, report.epochs.len()), (98, 49));
+}
+
+#[test]
 fn bad_patches_get_reasons() {
     let (clean, noisy) = pixels_of_two_rates(100, 4, 1);
     let estimate = |train: &Array3<f32>, test: &Array3<f32>, train_clean: Option<&Array3<f32>>| {

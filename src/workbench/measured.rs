@@ -10,8 +10,9 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
-use super::estimation::{DensityModel, EstimateRequest, LARGEST_PATCHES_BYTES};
+use super::estimation::{DensityModel, EstimateRequest};
 use super::kept_fit::{forget_kept, kept_estimate};
+use super::patch_source::LARGEST_PATCHES_BYTES;
 use super::progress::{Watch, tell};
 use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};

@@ -20,6 +20,7 @@ mod live_bounds;
 mod live_record;
 mod live_subject;
 mod measured;
+mod patch_source;
 mod progress;
 mod recovery;
 mod refinement;

@@ -154,7 +154,7 @@ impl Refiner {
         // Time beside the steps.
         let mut aside = Duration::ZERO;
         let mut failure = None;
-        let fitted = fit.fit_watched(&mut model, &train, None, &mut |progress, snapshot| {
+        let fitted = fit.fit_watched(&mut model, &train, &mut |progress, snapshot| {
             if stop() {
                 return ControlFlow::Break(());
             }
@@ -254,17 +254,13 @@ pub(super) fn repeated(
     let mut model = subject.model(&train, &test, start)?;
     let settled = recipe.steps >= recipe.planned;
     let mut scored = None;
-    let fitted = subject.fit(recipe.planned, start.is_some()).fit_watched(
-        &mut model,
-        &train,
-        None,
-        &mut |progress, snapshot| {
+    let fitted =
+        subject.fit(recipe.planned, start.is_some()).fit_watched(&mut model, &train, &mut |progress, snapshot| {
             if progress.step == recipe.steps && !settled {
                 scored = Some(snapshot());
             }
             if scored.is_some() || !go_on(progress.step) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        },
-    );
+        });
     let model = if let Some(scored) = scored {
         scored
     } else {

@@ -188,7 +188,12 @@ fn theme_and_rooms_come_back_and_can_be_reset() {
     let mut window = at_home(folder.path());
     assert!(window.query_by_label("Recover").is_none());
     assert_eq!(window.ctx.options(|options| options.theme_preference), egui::ThemePreference::Light);
+    // A damaged layout is the first one again.
+    assert!(window.query_by_label("Export MTF as CSV").is_none());
+    menu(&mut window, &["View", "Room", "Show MTF"]);
+    window.get_by_label("Export MTF as CSV");
     menu(&mut window, &["View", "Layout", "Reset layout"]);
+    assert!(window.query_by_label("Export MTF as CSV").is_none());
 }
 
 #[test]

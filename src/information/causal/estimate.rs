@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis, Zip, s};
 
 use super::conditioning::Moments;
 use super::first::FirstWeights;
-use super::fit::{CausalFit, FitLength};
+use super::fit::{CausalFit, FitAids, FitLength};
 use super::keep::FitKeeper;
 use super::model::CausalModel;
 use super::shape::CausalShape;
@@ -82,18 +82,15 @@ pub fn causal_estimate(
     let started = Instant::now();
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
-    let mut best = Best::new(request.validation);
-    let steps = fit.fit_watched(&mut model, request.stream, request.keeper, &mut |progress, snapshot| {
-        best.look(progress, snapshot);
-        on_progress(progress)
-    })?;
+    let aids = FitAids { keeper: request.keeper, validation: request.validation };
+    let (steps, best) = fit.fit_aided(&mut model, request.stream, &aids, &mut |progress, _| on_progress(progress))?;
     let from = match request.beginning {
         Beginning::Shipped if FirstWeights::shipped().is_some() => ", from the weights that come with the program",
         Beginning::Similar(_) => ", from the model of a similar design",
         Beginning::Shipped | Beginning::Drawn => "",
     };
     let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches{from}", fit.batch)];
-    if let Some(step) = best.put_into(&mut model)? {
+    if let Some(step) = best {
         notes.push(format!("the weights of step {step} are kept: later ones know the training patches too well"));
     }
     if request.test.clean.is_none() {
@@ -150,55 +147,6 @@ fn score_in_parts(
         }
     }
     Ok((information, entropy_y_given_x))
-}
-
-/// The weights that scored best on validation patches while a model was fitted.
-struct Best<'a> {
-    patches: Option<&'a PatchBatch>,
-    /// Looks so far.
-    looks: u32,
-    /// Cross-entropy (bits per pixel), step and model.
-    found: Option<(f64, usize, CausalModel)>,
-}
-
-impl<'a> Best<'a> {
-    /// Looks during a fit, evenly spread.
-    const LOOKS: u32 = 20;
-
-    fn new(patches: Option<&'a PatchBatch>) -> Self {
-        Self { patches, looks: 0, found: None }
-    }
-
-    /// Scores the model where it is time for it.
-    fn look(&mut self, progress: &FitProgress, snapshot: &dyn Fn() -> CausalModel) {
-        let Some(patches) = self.patches else { return };
-        let whole = progress.elapsed + progress.remaining.unwrap_or_default();
-        if progress.elapsed * Self::LOOKS < whole * (self.looks + 1) {
-            return;
-        }
-        // A fit that goes on from a file has left the earlier ones behind.
-        let due = f64::from(Self::LOOKS) * progress.elapsed.as_secs_f64() / whole.as_secs_f64().max(f64::MIN_POSITIVE);
-        self.looks = (due as u32).max(self.looks + 1);
-        let model = snapshot();
-        let Ok(bits) = validation_bits(&model, patches) else { return };
-        if self.found.as_ref().is_none_or(|(least, ..)| bits < *least) {
-            self.found = Some((bits, progress.step, model));
-        }
-    }
-
-    /// Puts the best weights in place of those at the end, where they score better; returns their step.
-    fn put_into(self, model: &mut CausalModel) -> Result<Option<usize>, InformationError> {
-        let (Some(patches), Some((bits, step, best))) = (self.patches, self.found) else { return Ok(None) };
-        if bits < validation_bits(model, patches)? {
-            *model = best;
-            return Ok(Some(step));
-        }
-        Ok(None)
-    }
-}
-
-fn validation_bits(model: &CausalModel, patches: &PatchBatch) -> Result<f64, InformationError> {
-    Ok(model.cross_entropy_map(patches.noisy.view())?.mean().unwrap_or(f64::INFINITY))
 }
 
 /// Information and noise entropy of every held-out patch, bits per pixel: `log2 p(y|x) - log2 q(y)` where clean patches

@@ -3,10 +3,11 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use super::best::Best;
 use super::keep::{Course, FitKeeper, restore, to_bytes};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
-use super::stream::PatchStream;
+use super::stream::{PatchBatch, PatchStream};
 use crate::information::{FitProgress, InformationError, OnProgress};
 use crate::network::{Optimizer, rate_schedule};
 
@@ -36,6 +37,15 @@ pub enum FitLength {
 
 /// Hears of every step, gets what makes the model as it would be if the fit ended there, and answers whether to go on.
 pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<()>;
+
+/// What a fit of limited patches, or one that takes long, is aided by.
+#[derive(Clone, Copy, Default)]
+pub(super) struct FitAids<'a> {
+    /// Keeps its state as often as it asks for; a fit whose state is there goes on from it.
+    pub keeper: Option<&'a dyn FitKeeper>,
+    /// Patches that are not fitted to; the weights that score best on them are kept.
+    pub validation: Option<&'a PatchBatch>,
+}
 
 /// How a model is fitted.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,33 +80,48 @@ impl CausalFit {
         stream: &dyn PatchStream,
         on_progress: OnProgress<'_>,
     ) -> Result<usize, InformationError> {
-        self.fit_watched(model, stream, None, &mut |progress, _| on_progress(progress))
+        self.fit_watched(model, stream, &mut |progress, _| on_progress(progress))
     }
 
-    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]). With a keeper the state is
-    /// kept as often as it asks for, and a fit whose state is there goes on from it; of a fixed number of steps the outcome
-    /// is the same bit for bit.
+    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]).
     ///
     /// # Errors
-    /// As [`CausalFit::fit`], and where the state cannot be read or written, or is that of another fit.
+    /// As [`CausalFit::fit`].
     pub fn fit_watched(
         &self,
         model: &mut CausalModel,
         stream: &dyn PatchStream,
-        keeper: Option<&dyn FitKeeper>,
         on_step: OnStep<'_>,
     ) -> Result<usize, InformationError> {
+        Ok(self.fit_aided(model, stream, &FitAids::default(), on_step)?.0)
+    }
+
+    /// As [`CausalFit::fit_watched`], with aids. Returns the number of steps, and the step whose weights are kept where
+    /// they score better than those at the end. Of a fixed number of steps the outcome is the same bit for bit, whether
+    /// or not the fit went on from a state.
+    ///
+    /// # Errors
+    /// As there; where the state cannot be read or written, or is that of another fit; where the validation patches do not
+    /// fit the model.
+    pub(super) fn fit_aided(
+        &self,
+        model: &mut CausalModel,
+        stream: &dyn PatchStream,
+        &FitAids { keeper, validation }: &FitAids<'_>,
+        on_step: OnStep<'_>,
+    ) -> Result<(usize, Option<usize>), InformationError> {
         let started = Instant::now();
         let mut optimizer = Optimizer::new(&model.layout, &model.weights, true, rule);
-        let mut course = Course::default();
+        let (mut course, mut found) = (Course::default(), None);
         if let Some(keeper) = keeper
             && let Some(state) = keeper.load()?
         {
-            course = restore(&state, keeper.key(), model, &mut optimizer).map_err(|error| {
+            (course, found) = restore(&state, keeper.key(), model, &mut optimizer).map_err(|error| {
                 let (path, reason) = (keeper.place(), error.to_string());
                 InformationError::WeightsFile { path, reason }
             })?;
         }
+        let mut best = Best::new(validation, self.done(course.steps, course.before), found);
         let mut gradients = Gradients::new(model.layout.count());
         let batch = self.batch.clamp(1, DRAWN);
         let mut kept = Instant::now();
@@ -105,7 +130,7 @@ impl CausalFit {
                 && kept.elapsed() >= keeper.every()
             {
                 let elapsed = course.before + started.elapsed();
-                keeper.store(&to_bytes(keeper.key(), &course, elapsed, model, &optimizer)?)?;
+                keeper.store(&to_bytes(keeper.key(), (&course, elapsed), model, &optimizer, best.found.as_ref())?)?;
                 kept = Instant::now();
             }
             let seed = self.seed.wrapping_add(course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -120,7 +145,7 @@ impl CausalFit {
                 let done = self.done(course.steps, course.before + started.elapsed());
                 if done >= 1.0 {
                     model.weights = optimizer.result(&model.weights).to_vec();
-                    return Ok(course.steps);
+                    return Ok((course.steps, best.put_into(model)?));
                 }
                 let indices: Vec<usize> = (first..first + batch).collect();
                 let loss = gradients.evaluate(model, &inputs, &indices);
@@ -142,7 +167,9 @@ impl CausalFit {
                 }
                 let averaged = || optimizer.result(&model.weights).to_vec();
                 let snapshot = || CausalModel { weights: averaged(), ..model.clone() };
-                let progress = self.progress(&course, course.before + started.elapsed());
+                let elapsed = course.before + started.elapsed();
+                best.look(self.done(course.steps, elapsed), course.steps, &snapshot)?;
+                let progress = self.progress(&course, elapsed);
                 if on_step(&progress, &snapshot).is_break() {
                     model.weights = averaged();
                     return Err(InformationError::Cancelled);

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
+use super::best::Found;
 use super::model::CausalModel;
 use crate::information::InformationError;
 use crate::network::{
@@ -64,15 +65,16 @@ impl Default for Course {
 /// The bytes of a state after `elapsed` in all.
 pub(super) fn to_bytes(
     key: &str,
-    course: &Course,
-    elapsed: Duration,
+    (course, elapsed): (&Course, Duration),
     model: &CausalModel,
     optimizer: &Optimizer,
+    best: Option<&Found>,
 ) -> Result<Vec<u8>, InformationError> {
     let state = optimizer.state();
-    let layout = layout(model.weights.len(), state.len());
-    let values = [model.weights.as_slice(), &state].concat();
-    let details = vec![
+    let layout = layout(model.weights.len(), state.len(), best.is_some());
+    let best_weights = best.map_or(&[] as &[f32], |best| &best.weights);
+    let values = [model.weights.as_slice(), &state, best_weights].concat();
+    let mut details = vec![
         ("key", key.to_owned()),
         ("steps", course.steps.to_string()),
         ("refused", course.refused.to_string()),
@@ -81,41 +83,56 @@ pub(super) fn to_bytes(
         ("recent", course.recent.map_or_else(String::new, |bits| bits.to_string())),
         ("nanoseconds", elapsed.as_nanos().to_string()),
     ];
+    if let Some(best) = best {
+        details.extend([("best_bits", best.bits.to_string()), ("best_step", best.step.to_string())]);
+    }
     Ok(write_weights(&layout, &values, &HEADER, details)?)
 }
 
-/// Puts a state into a model that was made ready for the same fit, and its optimizer.
+/// Puts a state into a model that was made ready for the same fit, and its optimizer; returns where it stands, and its best
+/// weights on validation patches.
 pub(super) fn restore(
     bytes: &[u8],
     key: &str,
     model: &mut CausalModel,
     optimizer: &mut Optimizer,
-) -> Result<Course, InformationError> {
+) -> Result<(Course, Option<Found>), InformationError> {
     let details = read_details(bytes, &HEADER)?;
     if details.get("key").map(String::as_str) != Some(key) {
         return Err(InformationError::OtherFit);
     }
     let count = model.weights.len();
-    let layout = layout(count, optimizer.state().len());
-    let values = read_weights(&layout, bytes)?;
+    let state = optimizer.state().len();
+    let with_best = details.contains_key("best_step");
+    let values = read_weights(&layout(count, state, with_best), bytes)?;
     model.weights.copy_from_slice(&values[..count]);
     let (steps, refused): (usize, usize) = (number(&details, "steps")?, number(&details, "refused")?);
-    optimizer.restore(&values[count..], steps.saturating_sub(refused));
+    optimizer.restore(&values[count..count + state], steps.saturating_sub(refused));
     let recent = details.get("recent").and_then(|text| text.parse().ok());
-    Ok(Course {
+    let found = if with_best {
+        let (bits, step) = (number(&details, "best_bits")?, number(&details, "best_step")?);
+        Some(Found { bits, step, weights: values[count + state..].to_vec() })
+    } else {
+        None
+    };
+    let course = Course {
         steps,
         refused,
         caution: number(&details, "caution")?,
         draws: number(&details, "draws")?,
         recent,
         before: Duration::from_nanos(number(&details, "nanoseconds")?),
-    })
+    };
+    Ok((course, found))
 }
 
-fn layout(weights: usize, state: usize) -> ParameterLayout {
+fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
     let mut layout = ParameterLayout::default();
     layout.add("weights", &[weights], Initial::Zeros);
     layout.add("optimizer", &[state], Initial::Zeros);
+    if best {
+        layout.add("best", &[weights], Initial::Zeros);
+    }
     layout
 }
 

@@ -1,6 +1,7 @@
 //! The causal density model behind the live and the full estimate: a tighter upper bound than the published one, in less
 //! time.
 
+mod best;
 mod conditioning;
 mod estimate;
 mod first;

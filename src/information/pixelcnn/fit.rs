@@ -249,8 +249,7 @@ impl<'a> Run<'a> {
                 if on_progress(&self.progress(epoch)).is_break() {
                     return Err(InformationError::Cancelled);
                 }
-                let done = self.done();
-                if self.out_of_time() || (done * fit.max_epochs as f64 >= epoch as f64 && self.can_spare_validation()) {
+                if self.out_of_time() || (self.epochs_done(epoch) && self.can_spare_validation()) {
                     break;
                 }
             }
@@ -272,6 +271,15 @@ impl<'a> Run<'a> {
                 (self.started.elapsed().as_secs_f64() / budget.max(1e-9)).min(1.0)
             }
             _ => self.report.steps as f64 / (self.fit.max_epochs * self.fit.steps_per_epoch).max(1) as f64,
+        }
+    }
+
+    /// Whether so many epochs are over.
+    fn epochs_done(&self, epochs: usize) -> bool {
+        if self.fit.budget.is_some() && self.fit.schedule {
+            self.done() * self.fit.max_epochs as f64 >= epochs as f64
+        } else {
+            self.report.steps >= epochs * self.fit.steps_per_epoch
         }
     }
 

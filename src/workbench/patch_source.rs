@@ -1,0 +1,196 @@
+//! Patches of a design's simulated measurements, each of an object of its own.
+
+use ndarray::{Array3, ArrayView3, Axis};
+
+use super::design::Design;
+use super::evaluation::EvaluationError;
+use super::progress::{Watch, tell};
+use crate::design::{Imaging, MeasurementStream, derived_seed};
+use crate::information::{InformationError, Protocol, SharedPictures, Trial};
+use crate::objects::{ObjectSet, Split};
+use crate::sensor::{Convolver, Noise, Patches};
+
+/// Most objects that are drawn and measured at a time, enough to keep threads busy, and most bytes that they may take.
+const BATCH: usize = 500;
+const BATCH_BYTES: usize = 256 << 20;
+
+/// Most bytes that the clean or the noisy patches of one kind may take.
+pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
+
+/// The point spread function as far as the objects have planes, shape (planes, rows, cols).
+pub(super) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
+    Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
+}
+
+/// Where patches come from.
+pub(super) struct PatchSource<'a> {
+    pub design: &'a Design,
+    pub imaging: &'a Imaging<'a>,
+    /// For the PSF of the design.
+    pub convolver: &'a Convolver,
+    pub patch: (usize, usize),
+    pub protocol: Protocol,
+}
+
+impl PatchSource<'_> {
+    /// Parts of the set to train and to test on.
+    pub fn splits(&self) -> (Split, Split) {
+        match self.protocol {
+            Protocol::Default => (Split::Train, Split::Test),
+            Protocol::Paper => (Split::All, Split::All),
+        }
+    }
+
+    /// Seed of the test patches of a trial. All trials have the same, since the smallest of estimates on other scenes would
+    /// be that of the dullest ones; published trials have their own.
+    pub fn test_seed(&self, trial: u64) -> u64 {
+        match self.protocol {
+            Protocol::Default => derived_seed(self.design.seed, 2),
+            Protocol::Paper => derived_seed(trial, 2),
+        }
+    }
+
+    /// Fresh patches of one part of the set.
+    pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
+        self.imaging.stream(self.convolver.clone(), split, self.patch)
+    }
+
+    /// Objects that are drawn at a time.
+    fn batch(&self) -> usize {
+        let set = self.imaging.set;
+        let (rows, cols) = set.field();
+        let object_bytes = size_of::<f32>() * set.planes() * rows * cols;
+        (BATCH_BYTES / object_bytes.max(1)).clamp(1, BATCH)
+    }
+
+    /// How the objects of a batch are drawn.
+    fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
+        let first = index * self.batch();
+        let place_seed = derived_seed(seed, first as u64);
+        // Whole pictures come in one order, so that none comes again before all have come.
+        match self.imaging.set.whole_pictures(split) {
+            Some(_) => Batch { first, object_seed: seed, place_seed },
+            None => Batch { first: 0, object_seed: place_seed, place_seed },
+        }
+    }
+
+    /// A trial with an interval that counts the base images which its test patches share ([`Trial::sharing`]).
+    pub fn sharing(&self, trial: Trial, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
+        let (set, (_, split)) = (self.imaging.set, self.splits());
+        if set.base_images().is_none() {
+            return Ok(trial);
+        }
+        let psf = seen_psf(self.design, set)?;
+        Ok(trial.sharing(&self.shared(psf.view(), split, patches, self.test_seed(seed))?))
+    }
+
+    /// The base images that the patches show which are drawn of a part with a seed.
+    fn shared(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        split: Split,
+        patches: usize,
+        seed: u64,
+    ) -> Result<SharedPictures, EvaluationError> {
+        let (rows, cols) = self.convolver.plan().measurement_shape();
+        let mut shared = SharedPictures::default();
+        for (index, first) in (0..patches).step_by(self.batch()).enumerate() {
+            let Batch { first: object, object_seed, place_seed } = self.part(split, index, seed);
+            let places = Patches::one_each((self.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
+            let part = self.imaging.shared_pictures(psf, self.patch, (split, object, object_seed), &places);
+            shared = shared.and(part.unwrap_or_default());
+        }
+        Ok(shared)
+    }
+
+    /// Noiseless and noisy patches, each of an object of its own.
+    pub fn draw(
+        &self,
+        split: Split,
+        count: usize,
+        seed: u64,
+        step: &str,
+        watch: Watch<'_>,
+    ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
+        let (rows, cols) = self.patch;
+        let pixels = rows * cols;
+        if count == 0 {
+            let model = step_model(step);
+            return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels }.into());
+        }
+        let most = LARGEST_PATCHES_BYTES / (size_of::<f32>() * pixels.max(1));
+        if count > most {
+            return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
+        }
+        let mut clean = Array3::zeros((count, rows, cols));
+        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.batch()).enumerate() {
+            tell(watch, step, index * self.batch(), count)?;
+            let batch = self.part(split, index, seed);
+            let objects = self.imaging.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
+            let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
+            part.assign(&Patches::one_each(encoded.dim(), self.patch, batch.place_seed)?.cut(encoded.view()));
+        }
+        let mut noisy = self.design.noise.draw(clean.view(), derived_seed(seed, u64::MAX));
+        if self.protocol == Protocol::Paper && matches!(self.design.noise, Noise::Read { .. }) {
+            // As published: read noise does not take a pixel below 0.
+            noisy.mapv_inplace(|value| value.max(0.0));
+        }
+        Ok((clean, noisy))
+    }
+}
+
+/// How a batch of objects is drawn, and a patch cut from each.
+struct Batch {
+    /// Number of the first object.
+    first: usize,
+    object_seed: u64,
+    place_seed: u64,
+}
+
+/// What patches of a step are for, in messages.
+fn step_model(step: &str) -> &'static str {
+    if step.starts_with("Train") { "the fit" } else { "the test" }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::super::simulation::open_set_with;
+    use super::*;
+    use crate::objects::ObjectSource;
+
+    #[test]
+    fn intervals_know_the_pictures_that_test_patches_show() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("images.idx");
+        // Picture k is k + 1 everywhere, as large as a tile.
+        let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 50, 0, 0, 0, 32, 0, 0, 0, 32];
+        bytes.extend((1..=50).flat_map(|level| [level; 32 * 32]));
+        std::fs::write(&path, bytes).unwrap();
+        let mosaics = Design { objects: ObjectSource::Idx(path), ..Design::default() };
+        let pages = folder.path().join("pages.npy");
+        let page = |(page, _, _)| page as f32 + 1.0;
+        crate::formats::write_array(&pages, Array3::from_shape_fn((50, 40, 40), page).view()).unwrap();
+        let whole = Design { objects: ObjectSource::Stack(pages), ..mosaics.clone() };
+        for (design, grid) in [(mosaics, (32, 32)), (whole, (16, 16))] {
+            let set = open_set_with(&design, &|_| ControlFlow::Continue(())).unwrap();
+            let imaging = Imaging::new(&set, grid, 10.0, design.noise).unwrap();
+            let mut psf = Array3::zeros((1, grid.0, grid.1));
+            psf[[0, 9, 4]] = 1.0;
+            let convolver = imaging.convolver(psf.view()).unwrap();
+            let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
+            let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol };
+            let count = 2 * BATCH + 7;
+            let (clean, _) =
+                source.draw(Split::Test, count, 3, "Test patches", &mut |_| ControlFlow::Continue(())).unwrap();
+            let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();
+            assert_eq!((shared.shares().len(), shared.pictures()), (count, 10));
+            for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
+                let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
+                let found = (f64::from(patch.mean().unwrap()) - 10.0) * 25.5 / 100.0;
+                assert!((found - expected).abs() < 0.15, "{found} {expected}");
+            }
+        }
+    }
+}
