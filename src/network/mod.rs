@@ -11,6 +11,7 @@ mod bias;
 mod bordered;
 mod error;
 mod layer;
+mod minimal_filter;
 mod muon;
 mod normalise;
 mod optimizer;
@@ -20,6 +21,8 @@ mod pool;
 mod product;
 mod schedule;
 mod taps;
+#[cfg(test)]
+mod test_numbers;
 mod weights_file;
 mod window_product;
 mod winograd;

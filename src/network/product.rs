@@ -68,11 +68,8 @@ pub fn product_of_transposed(
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_numbers::numbers;
     use super::*;
-
-    fn numbers(count: usize, seed: usize) -> Vec<f32> {
-        (0..count).map(|i| ((i * 37 + seed * 11) % 101) as f32 * 0.02 - 1.0).collect()
-    }
 
     fn transposed(a: &[f32], rows: usize, cols: usize) -> Vec<f32> {
         (0..rows * cols).map(|i| a[(i % rows) * cols + i / rows]).collect()

@@ -216,11 +216,8 @@ impl ByKernel<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::bordered::Bordered;
+    use super::super::test_numbers::numbers;
     use super::*;
-
-    fn numbers(count: usize, seed: usize) -> Vec<f32> {
-        (0..count).map(|i| ((i * 37 + seed * 11) % 101) as f32 * 0.02 - 1.0).collect()
-    }
 
     #[test]
     fn products_are_sums_and_both_gradients_their_transposes() {

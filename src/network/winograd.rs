@@ -6,20 +6,14 @@
 //! infinity). Rows are never mixed: no row depends, even by rounding, on those below. Within a row an output may depend by
 //! rounding on all six inputs of its tile, so layers that are masked within rows cannot be computed like this.
 
-use std::ops::{Add, Mul, Sub};
-
-use pulp::{Arch, Simd, WithSimd};
-
 use super::bias::fill_bias;
+use super::minimal_filter::{
+    InputsToPoints, OutputsToPoints, POINTS, PointsToInputs, PointsToOutputs, PointsToTaps, TAPS, TILE, TapsToPoints,
+    transform,
+};
 use super::product::{Write, product, product_of_transposed, product_with_transposed};
 use super::taps::{Grid, Taps};
 
-/// Outputs of a tile.
-const TILE: usize = 4;
-/// Taps in a row.
-const TAPS: usize = 3;
-/// Inputs that a tile sees, and points at which their polynomials are multiplied.
-const POINTS: usize = TILE + TAPS - 1;
 /// Rows that are seen.
 const ROWS: usize = 2;
 /// The point whose product is added once to every output of a tile.
@@ -201,202 +195,10 @@ fn taps_of(row: usize) -> [Option<usize>; TAPS] {
     std::array::from_fn(|tap| Some(row * TAPS + tap))
 }
 
-/// What a transform calculates with: one number, or as many as a processor takes at a time.
-trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f32, Output = Self> {}
-
-impl Number for f32 {}
-
-/// A vector register of numbers.
-#[derive(Clone, Copy)]
-struct Lanes<S: Simd>(S, S::f32s);
-
-impl<S: Simd> Number for Lanes<S> {}
-
-#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
-impl<S: Simd> Add for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(self.0, self.0.add_f32s(self.1, other.1))
-    }
-}
-
-#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
-impl<S: Simd> Sub for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(self.0, self.0.sub_f32s(self.1, other.1))
-    }
-}
-
-#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
-impl<S: Simd> Mul<f32> for Lanes<S> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, factor: f32) -> Self {
-        Self(self.0, self.0.mul_f32s(self.1, self.0.splat_f32s(factor)))
-    }
-}
-
-/// A linear map from `I` to `O` numbers.
-trait Linear<const I: usize, const O: usize> {
-    fn apply<N: Number>(from: [N; I]) -> [N; O];
-}
-
-/// Defines a [`Linear`] map.
-macro_rules! linear {
-    ($(#[$meta:meta])* $name:ident, $from:expr => $to:expr, |$pattern:pat_param| $body:expr) => {
-        $(#[$meta])*
-        struct $name;
-
-        #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
-        impl Linear<{ $from }, { $to }> for $name {
-            #[inline(always)]
-            fn apply<N: Number>($pattern: [N; $from]) -> [N; $to] {
-                $body
-            }
-        }
-    };
-}
-
-linear!(InputsToPoints, POINTS => POINTS, |[x0, x1, x2, x3, x4, x5]| {
-    let (near_even, near_odd) = (x4 - x2 * 4.0, x3 - x1 * 4.0);
-    let (far_even, far_odd) = (x4 - x2, (x3 - x1) * 2.0);
-    [
-        x0 * 4.0 - x2 * 5.0 + x4,
-        near_even + near_odd,
-        near_even - near_odd,
-        far_even + far_odd,
-        far_even - far_odd,
-        x1 * 4.0 - x3 * 5.0 + x5,
-    ]
-});
-
-linear!(
-    /// The transpose of [`InputsToPoints`].
-    PointsToInputs, POINTS => POINTS, |[p0, p1, p2, p3, p4, p5]| {
-        let (near, far) = (p1 + p2, p3 + p4);
-        let (near_skew, far_skew) = (p1 - p2, (p3 - p4) * 2.0);
-        [
-            p0 * 4.0,
-            (p5 - near_skew) * 4.0 - far_skew,
-            p0 * -5.0 - near * 4.0 - far,
-            near_skew + far_skew - p5 * 5.0,
-            p0 + near + far,
-            p5,
-        ]
-    }
-);
-
-linear!(PointsToOutputs, POINTS => TILE, |[p0, p1, p2, p3, p4, p5]| {
-    let (near, far) = (p1 + p2, p3 + p4);
-    let (near_skew, far_skew) = (p1 - p2, p3 - p4);
-    [p0 + near + far, near_skew + far_skew * 2.0, near + far * 4.0, near_skew + far_skew * 8.0 + p5]
-});
-
-linear!(
-    /// The transpose of [`PointsToOutputs`].
-    OutputsToPoints, TILE => POINTS, |[y0, y1, y2, y3]| {
-        let (near_even, near_odd) = (y0 + y2, y1 + y3);
-        let (far_even, far_odd) = (y0 + y2 * 4.0, y1 * 2.0 + y3 * 8.0);
-        [y0, near_even + near_odd, near_even - near_odd, far_even + far_odd, far_even - far_odd, y3]
-    }
-);
-
-linear!(TapsToPoints, TAPS => POINTS, |[a, b, c]| {
-    let (near_even, near_odd) = ((a + c) * (-1.0 / 6.0), b * (1.0 / 6.0));
-    let (far_even, far_odd) = (a * (1.0 / 24.0) + c * (1.0 / 6.0), b * (1.0 / 12.0));
-    [a * 0.25, near_even - near_odd, near_even + near_odd, far_even + far_odd, far_even - far_odd, c]
-});
-
-linear!(
-    /// The transpose of [`TapsToPoints`].
-    PointsToTaps, POINTS => TAPS, |[p0, p1, p2, p3, p4, p5]| {
-        let (near, far) = ((p1 + p2) * (1.0 / 6.0), p3 + p4);
-        let odd = (p2 - p1) * (1.0 / 6.0) + (p3 - p4) * (1.0 / 12.0);
-        [p0 * 0.25 - near + far * (1.0 / 24.0), odd, far * (1.0 / 6.0) - near + p5]
-    }
-);
-
-/// Applies `linear` `count` times to all channels of those places of `source` and `target`, both (places, channels), that
-/// `places` tells. Where there is no place there are zeros, and nothing is written.
-fn transform<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usize>(
-    linear: L,
-    channels: usize,
-    source: &[f32],
-    target: &mut [f32],
-    write: Write,
-    count: usize,
-    places: P,
-) {
-    Arch::new().dispatch(Transform { linear, channels, source, target, write, count, places });
-}
-
-type Places<const I: usize, const O: usize> = ([Option<usize>; I], [Option<usize>; O]);
-
-struct Transform<'a, L, P, const I: usize, const O: usize> {
-    #[expect(dead_code, reason = "names the map")]
-    linear: L,
-    channels: usize,
-    source: &'a [f32],
-    target: &'a mut [f32],
-    write: Write,
-    count: usize,
-    places: P,
-}
-
-#[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
-impl<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usize> WithSimd
-    for Transform<'_, L, P, I, O>
-{
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { channels, source, target, write, count, places, .. } = self;
-        let zero = simd.splat_f32s(0.0);
-        for n in 0..count {
-            let (from, to) = places(n);
-            let mut seen: [&[f32]; I] = [&[]; I];
-            for (seen, place) in seen.iter_mut().zip(from) {
-                if let Some(place) = place {
-                    *seen = &source[place * channels..(place + 1) * channels];
-                }
-            }
-            for vector in 0..channels / S::F32_LANES {
-                let mut values = [Lanes(simd, zero); I];
-                for (value, seen) in values.iter_mut().zip(seen) {
-                    if let Some(seen) = S::as_simd_f32s(seen).0.get(vector) {
-                        value.1 = *seen;
-                    }
-                }
-                for (place, result) in to.into_iter().zip(L::apply(values)) {
-                    let Some(place) = place else { continue };
-                    let given = S::as_mut_simd_f32s(&mut target[place * channels..(place + 1) * channels]).0;
-                    let add = write == Write::Add;
-                    given[vector] = if add { simd.add_f32s(given[vector], result.1) } else { result.1 };
-                }
-            }
-            for channel in channels - channels % S::F32_LANES..channels {
-                let values = seen.map(|seen| seen.get(channel).copied().unwrap_or_default());
-                for (place, result) in to.into_iter().zip(L::apply(values)) {
-                    let Some(place) = place else { continue };
-                    let given = &mut target[place * channels + channel];
-                    *given = if write == Write::Add { *given + result } else { result };
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::test_numbers::numbers;
     use super::*;
-
-    fn numbers(count: usize, seed: usize) -> Vec<f32> {
-        (0..count).map(|i| ((i * 37 + seed * 11) % 101) as f32 * 0.02 - 1.0).collect()
-    }
 
     fn dot(a: &[f32], b: &[f32]) -> f64 {
         a.iter().zip(b).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum()

@@ -93,7 +93,7 @@ impl CausalFit {
         stream: &dyn PatchStream,
         on_step: OnStep<'_>,
     ) -> Result<usize, InformationError> {
-        Ok(self.fit_aided(model, stream, &FitAids::default(), on_step)?.0)
+        Ok(self.fit_aided(model, stream, FitAids::default(), on_step)?.0)
     }
 
     /// As [`CausalFit::fit_watched`], with aids. Returns the number of steps, and the step whose weights are kept where
@@ -107,7 +107,7 @@ impl CausalFit {
         &self,
         model: &mut CausalModel,
         stream: &dyn PatchStream,
-        &FitAids { keeper, validation }: &FitAids<'_>,
+        FitAids { keeper, validation }: FitAids<'_>,
         on_step: OnStep<'_>,
     ) -> Result<(usize, Option<usize>), InformationError> {
         let started = Instant::now();
