@@ -27,6 +27,14 @@ new_display() {
   display=":$(cat "$told")"
 }
 
+# Starts the display's window manager and waits until it manages: a window that comes while it starts may stay hidden for good.
+start_manager() {
+  rm -f "$work/managed"
+  openbox --startup "touch $work/managed" >/dev/null 2>&1 &
+  manager=$!
+  wait_for 60 test -e "$work/managed"
+}
+
 # Finds the program's window anew: one that was found at first may go away again.
 find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
 

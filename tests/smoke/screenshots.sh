@@ -11,8 +11,7 @@ what=screenshots
 . "$(dirname "$0")/lib.sh"
 new_display
 export DISPLAY=$display XDG_DATA_HOME="$work/home"
-openbox >/dev/null 2>&1 &
-manager=$!
+start_manager
 # Not the first window: that one asks what to start from.
 mkdir -p "$work/home/lenslet-studio"
 echo '{"welcomed": true}' >"$work/home/lenslet-studio/preferences.json"

@@ -16,8 +16,7 @@ export DISPLAY=$display
 export XDG_DATA_HOME="$work/home"
 cd "$work"
 
-openbox >/dev/null 2>&1 &
-manager=$!
+start_manager
 
 # Opens the window and starts a run in it.
 open_window() {

@@ -13,8 +13,7 @@ what="window smoke test ($renderer)"
 
 new_display
 export DISPLAY=$display
-openbox >/dev/null 2>&1 &
-manager=$!
+start_manager
 cd "$work"
 # A home of its own, so that it is the first window.
 export XDG_DATA_HOME="$work/home"
