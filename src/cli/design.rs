@@ -304,7 +304,12 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     if record.start.objects.is_beads() {
         lines.push("`estimate --estimator bracket` bounds the design from both sides".into());
     }
-    let went_wrong = record.events.iter().filter(|event| !matches!(event, IdealEvent::Extended { .. })).count();
+    let count = |is: fn(&IdealEvent) -> bool| record.events.iter().filter(|event| is(event)).count();
+    let relit = count(|event| matches!(event, IdealEvent::Relit { .. }));
+    if relit > 0 {
+        lines.push(format!("{relit} times a faint lenslet got light at another place, where it told more"));
+    }
+    let went_wrong = count(|event| matches!(event, IdealEvent::Refused { .. } | IdealEvent::Refitted { .. }));
     if went_wrong > 0 {
         lines.push(format!("note: {went_wrong} times a step was refused or the model had lost track; see run.json"));
     }

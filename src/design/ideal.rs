@@ -10,6 +10,7 @@ use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide}
 use super::imaging::{Imaging, derived_seed};
 use super::merge::{closest, joined, merged};
 use super::movement::project;
+use super::relight::relit;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Frame, IdealEvent, IdealProgress, IdealState};
 use super::watched::Watched;
@@ -178,6 +179,7 @@ impl<'a> Ideal<'a> {
     pub fn advance(&mut self, watch: OnIdeal<'_>) -> Result<(), IdealError> {
         let watch = Watched::new(watch, self.state.seconds);
         self.prune();
+        self.relight(&watch)?;
         self.guide.follow(&self.state.array, self.settings.warm)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
         let steps = match (is_last, is_first || !self.settings.warm) {
@@ -307,6 +309,40 @@ impl<'a> Ideal<'a> {
         Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
     }
 
+    /// Now and then, gives a lenslet without light of its own some at another place, where that tells more.
+    fn relight(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
+        let eighth = |step: usize| 8 * step / self.settings.steps;
+        let (before, now) =
+            (eighth(self.state.step.saturating_sub(self.settings.refit_every)), eighth(self.state.step));
+        if before == now || !RELIT_AT.contains(&now) {
+            return Ok(());
+        }
+        let state = &self.state;
+        let Some((lenslet, masks)) = relit(&state.array, (&self.settings, &self.limits), &state.pruned) else {
+            return Ok(());
+        };
+        let seed = |part: u64| derived_seed(self.settings.seed, RELIT_SEEDS | part << 28 | state.step as u64);
+        let foreseen = |mask: &LensletArray, samples: usize, part: u64, share: f64| {
+            let go_on = || watch.tell(state, Some(share)).is_continue();
+            self.guide.foreseen(mask, (samples, seed(part)), &go_on)
+        };
+        let mut best: Option<(f64, LensletArray)> = None;
+        let count = masks.len() as f64;
+        for (index, mask) in masks.into_iter().enumerate() {
+            let Some(bits) = foreseen(&mask, SCREENED, 0, index as f64 / count)? else { return Ok(()) };
+            if best.as_ref().is_none_or(|(most, _)| bits > *most) {
+                best = Some((bits, mask));
+            }
+        }
+        let Some((_, mask)) = best else { return Ok(()) };
+        let (before, after) = (foreseen(&state.array, COMPARED, 1, 1.0)?, foreseen(&mask, COMPARED, 1, 1.0)?);
+        if before.zip(after).is_some_and(|(before, after)| after - before > LEAST_GAIN) {
+            self.state.array = mask;
+            self.state.events.push(IdealEvent::Relit { step: self.state.step, lenslet });
+        }
+        Ok(())
+    }
+
     /// Takes out lenslets until no more are left than are wished for by now: the closer of two where they all but
     /// coincide, the darkest otherwise.
     fn prune(&mut self) {
@@ -345,6 +381,14 @@ impl<'a> Ideal<'a> {
     }
 }
 
+/// Eighths of the steps after which dark lenslets may get light again.
+const RELIT_AT: std::ops::RangeInclusive<usize> = 2..=6;
+/// Scenes on which masks with such a lenslet are judged, and the best of them is compared with the mask as it is.
+const SCREENED: usize = 256;
+const COMPARED: usize = 1024;
+/// What it must tell more, bits per pixel, before it has taken a step from there.
+const LEAST_GAIN: f64 = 0.002;
+
 /// Frames from one bound from below to the next, and the samples that it rests on.
 const LOWER_EVERY: usize = 5;
 const LOWER_SAMPLES: usize = 512;
@@ -352,6 +396,7 @@ const LOWER_SAMPLES: usize = 512;
 /// Streams of seeds, so that no fit and no step repeats the draws of another.
 const FIT_SEEDS: u64 = 1 << 32;
 const STEP_SEEDS: u64 = 1 << 33;
+const RELIT_SEEDS: u64 = 1 << 34;
 
 #[cfg(test)]
 mod tests {
@@ -524,5 +569,41 @@ mod tests {
             };
             assert_eq!(bits(&resumed), bits(&whole));
         }
+    }
+
+    #[test]
+    fn a_dark_lenslet_gets_light_where_that_tells_more_and_resumed_runs_do_the_same() {
+        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        // The whole sensor sees more of the scene through two lenslets.
+        let lenslet = |weight| Lenslet::round(4.0, 7.5, 0.8, weight);
+        let start = LensletArray { rows: 16, cols: 16, lenslets: vec![lenslet(1.0), lenslet(0.0)] };
+        let settings = IdealSettings {
+            patch: Some((16, 16)),
+            refit_every: 1,
+            first_fit: 1,
+            refit: 1,
+            last_fit: 1,
+            patches: 2,
+            steps: 4,
+            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
+        };
+        let run = || Ideal::new(&imaging, &start, Limits::default(), settings.clone()).unwrap();
+        let mut whole = run();
+        let mut kept = Vec::new();
+        while !whole.is_finished() {
+            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            kept.push(whole.to_bytes().unwrap());
+        }
+        assert_eq!(whole.state.events, [IdealEvent::Relit { step: 1, lenslet: 1 }]);
+        let [_, after, ..] = &whole.state.frames[..] else { panic!("a frame of every step") };
+        assert_eq!((whole.state.frames[0].distinct_lenslets, after.distinct_lenslets), (1, 2));
+        assert!(after.bits_per_pixel > whole.state.frames[0].bits_per_pixel + LEAST_GAIN);
+        let mut resumed = run().resumed(&kept[0]).unwrap();
+        while !resumed.is_finished() {
+            resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        }
+        assert_eq!(resumed.state.array, whole.state.array);
     }
 }

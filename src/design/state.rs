@@ -48,6 +48,13 @@ pub enum IdealEvent {
         /// Steps of the mask so far.
         step: usize,
     },
+    /// A lenslet without light of its own was given the mean light of the others at another place, where that tells more.
+    Relit {
+        /// Steps of the mask so far.
+        step: usize,
+        /// Its place in the list, from 0.
+        lenslet: usize,
+    },
     /// The density model had lost track of the mask: one that began anew knew more and took its place; the rates were halved.
     Refitted {
         /// Steps of the mask so far.

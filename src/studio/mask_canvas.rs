@@ -17,6 +17,7 @@ use super::menus;
 use super::picture_menu::{self, View};
 use super::state::{MaskDrag, State};
 use super::viewport::Placement;
+use crate::design::{Frame, IdealEvent};
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
 use crate::workbench::{Command, LensletChange};
 
@@ -126,16 +127,24 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
 /// The ways that lenslets took in the run whose mask is shown, the bright ones more clearly.
 fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let Some(run) = state.run.as_ref().filter(|_| state.optimize_form.trails) else { return };
-    let frames: Vec<&LensletArray> = run.frames.iter().map(|frame| &frame.array).collect();
-    let shown = frames.iter().position(|frame| **frame == *array);
+    let shown = run.frames.iter().position(|frame| frame.array == *array);
     let is_newest = *run.array == *array;
-    if (shown.is_none() && !is_newest) || frames.iter().any(|frame| frame.lenslets.len() != array.lenslets.len()) {
+    let is_other = |frame: &Frame| frame.array.lenslets.len() != array.lenslets.len();
+    if (shown.is_none() && !is_newest) || run.frames.iter().any(is_other) {
         return;
     }
-    let frames = &frames[..shown.map_or(frames.len(), |shown| shown + 1)];
+    let frames = &run.frames[..shown.map_or(run.frames.len(), |shown| shown + 1)];
     let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
     for (index, lenslet) in array.lenslets.iter().enumerate() {
-        let way = frames.iter().map(|frame| frame.lenslets[index]).chain([*lenslet]);
+        // A lenslet that got light elsewhere took no way there.
+        let relit = |event: &IdealEvent| match event {
+            IdealEvent::Relit { step, lenslet } if *lenslet == index => {
+                frames.iter().position(|frame| frame.step >= *step)
+            }
+            _ => None,
+        };
+        let since = run.events.iter().filter_map(relit).max().unwrap_or(0);
+        let way = frames[since..].iter().map(|frame| frame.array.lenslets[index]).chain([*lenslet]);
         let points: Vec<_> = way.map(|lenslet| placement.to_screen(lenslet.x, lenslet.y)).collect();
         let share = (lenslet.weight / brightest.max(1e-12)) as f32;
         let stroke = Stroke::new(1.5, TRAIL.gamma_multiply(0.25 + 0.75 * share));

@@ -447,6 +447,10 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
     let count = |is: fn(&IdealEvent) -> bool| run.events.iter().filter(|event| is(event)).count();
     let refitted = count(|event| matches!(event, IdealEvent::Refitted { .. }));
     let refused = count(|event| matches!(event, IdealEvent::Refused { .. }));
+    let relit = count(|event| matches!(event, IdealEvent::Relit { .. }));
+    if relit > 0 {
+        ui.weak(format!("{relit} times a faint lenslet got light at another place, where it told more."));
+    }
     if refitted + refused > 0 {
         ui.weak(format!(
             "{refused} steps without finite numbers were refused; {refitted} times the run's model had lost track of the mask and \

@@ -74,6 +74,17 @@ impl Guide for PosteriorGuide<'_> {
         Ok((bound.bits_per_pixel, bound.interval_95))
     }
 
+    fn foreseen(
+        &self,
+        array: &LensletArray,
+        (samples, seed): (usize, u64),
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<f64>, IdealError> {
+        let channel = channel(self.imaging, array, self.patch)?;
+        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), seed, go_on)?;
+        Ok(Some(bound.bits_per_pixel))
+    }
+
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {
         let channel = channel(self.imaging, array, self.patch)?;
         let by_spot = spot_slope(&channel, &self.decoder, (draw.seed, 0, draw.patches))?;

@@ -1,0 +1,160 @@
+//! Light for lenslets that have none of their own, at places where no slope would bring them.
+//!
+//! What a faint spot tells grows with the square of its light while what is taken for it from others is lost at once, so a
+//! lenslet that has gone dark stays so, however much a fair share of the light would tell where it stands or elsewhere. So
+//! masks with such a share at places all over the grid are judged as they are.
+
+use super::merge::{closest, joined, merged};
+use super::movement::project;
+use super::settings::IdealSettings;
+use crate::optics::{Lenslet, LensletArray, Limits};
+
+/// Places along each side of the region where lenslets may stand.
+const PLACES: usize = 5;
+/// A lenslet is faint that has less than this share of the mean light of the others.
+const FAINT: f64 = 0.25;
+/// Distance of centres below which two lenslets may as well be one, px.
+const CLOSE_PX: f64 = 1.0;
+
+/// Masks in which a faint lenslet, or one of two that all but coincide, has the mean light of the others at another place, and
+/// which lenslet that is. None where lenslets, light or places are not free.
+pub(super) fn relit(
+    array: &LensletArray,
+    (settings, limits): (&IdealSettings, &Limits),
+    pruned: &[usize],
+) -> Option<(usize, Vec<LensletArray>)> {
+    if !settings.free.positions || !settings.free.weights {
+        return None;
+    }
+    let (spare, without) = spared(array, |index| !settings.locked.contains(&index) && !pruned.contains(&index))?;
+    let bright = merged(&without).lenslets;
+    let brightest = bright.iter().max_by(|one, other| one.weight.total_cmp(&other.weight))?;
+    let light = without.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() / bright.len() as f64;
+    let mut lenslet = Lenslet { weight: light, ..array.lenslets[spare] };
+    if settings.free.widths {
+        lenslet.spot = brightest.spot;
+    }
+    let (left, right) = limits.coordinate_range(array.cols);
+    let (top, bottom) = limits.coordinate_range(array.rows);
+    let along = |low: f64, high: f64, place: usize| low + (high - low) * place as f64 / (PLACES - 1) as f64;
+    // Half the way to the next place.
+    let near = (0.5 * (right - left).max(bottom - top) / (PLACES - 1) as f64).max(settings.min_separation_px);
+    let masks = (0..PLACES * PLACES).filter_map(|place| {
+        let (x, y) = (along(left, right, place % PLACES), along(top, bottom, place / PLACES));
+        let taken = |other: &Lenslet| other.plane == lenslet.plane && (other.x - x).hypot(other.y - y) < near;
+        if bright.iter().any(taken) {
+            return None;
+        }
+        let mut mask = without.clone();
+        mask.lenslets[spare] = Lenslet { x, y, ..lenslet };
+        project(&mut mask, settings, limits);
+        Some(mask)
+    });
+    Some((spare, masks.collect()))
+}
+
+/// A lenslet that the mask can do without, and the mask without its light.
+fn spared(array: &LensletArray, is_free: impl Fn(usize) -> bool) -> Option<(usize, LensletArray)> {
+    let free: Vec<usize> = (0..array.lenslets.len()).filter(|&index| is_free(index)).collect();
+    let weight = |index: usize| array.lenslets[index].weight;
+    let faintest = *free.iter().min_by(|&&one, &&other| weight(one).total_cmp(&weight(other)))?;
+    let mut without = array.clone();
+    without.lenslets[faintest].weight = 0.0;
+    let others = without.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>();
+    if weight(faintest) < FAINT * others / merged(&without).lenslets.len() as f64 {
+        return Some((faintest, without));
+    }
+    let lenslets: Vec<Lenslet> = free.iter().map(|&index| array.lenslets[index]).collect();
+    let (one, other, _) = closest(&lenslets).filter(|&(_, _, distance)| distance < CLOSE_PX)?;
+    without.clone_from(array);
+    without.lenslets[free[one]] = joined(lenslets[one], lenslets[other]);
+    without.lenslets[free[other]].weight = 0.0;
+    Some((free[other], without))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::{Free, Objective, Preset};
+    use super::*;
+    use crate::optics::Spot;
+
+    fn settings() -> IdealSettings {
+        IdealSettings::new(Preset::Default, Objective::Posterior, 1)
+    }
+
+    /// Three bright lenslets and a faint one.
+    fn mask() -> LensletArray {
+        let lenslet = |x, y, weight| Lenslet::round(x, y, 1.0, weight);
+        let lenslets = vec![
+            lenslet(3.1, 3.1, 0.32),
+            lenslet(15.0, 15.0, 0.02),
+            lenslet(27.9, 3.1, 0.42),
+            lenslet(15.5, 27.9, 0.24),
+        ];
+        LensletArray { rows: 32, cols: 32, lenslets }
+    }
+
+    #[test]
+    fn a_faint_lenslet_gets_the_mean_light_at_every_free_place() {
+        let mut mask = mask();
+        mask.lenslets[2].spot = Spot::Isotropic(0.9);
+        let (spare, masks) = relit(&mask, (&settings(), &Limits::default()), &[]).unwrap();
+        assert_eq!(spare, 1);
+        // The three bright ones take a place each.
+        assert_eq!(masks.len(), PLACES * PLACES - 3);
+        for relit in &masks {
+            let moved = relit.lenslets[1];
+            assert!((moved.weight - 0.25).abs() < 1e-12, "{moved:?}");
+            assert_eq!(moved.spot, Spot::Isotropic(0.9), "as sharp as the brightest");
+            assert!((relit.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() - 1.0).abs() < 1e-12);
+            for other in [0, 2, 3] {
+                assert!((moved.x - mask.lenslets[other].x).hypot(moved.y - mask.lenslets[other].y) > 3.0);
+                assert!((relit.lenslets[other].weight / mask.lenslets[other].weight - 0.75 / 0.98).abs() < 1e-12);
+            }
+        }
+        let (left, right) = Limits::default().coordinate_range(32);
+        let corner = |x: f64, y: f64| {
+            masks.iter().any(|mask| (mask.lenslets[1].x - x).abs() < 1e-9 && (mask.lenslets[1].y - y).abs() < 1e-9)
+        };
+        assert!(corner(left, right) && corner(right, right) && !corner(left, left));
+    }
+
+    #[test]
+    fn one_of_two_lenslets_on_one_spot_can_be_spared() {
+        let mut mask = mask();
+        mask.lenslets[1] = Lenslet { x: 27.5, weight: 0.4, ..mask.lenslets[2] };
+        let (spare, masks) = relit(&mask, (&settings(), &Limits::default()), &[]).unwrap();
+        assert_eq!(spare, 2);
+        // What stays has the light of both.
+        let share = |index: usize| masks[0].lenslets[index].weight / 0.75;
+        assert!((share(1) - 0.82 / 1.38).abs() < 1e-12 && (share(0) - 0.32 / 1.38).abs() < 1e-12);
+        mask.lenslets[1].x = 20.0;
+        assert!(relit(&mask, (&settings(), &Limits::default()), &[]).is_none(), "all are needed");
+    }
+
+    #[test]
+    fn what_must_stay_stays() {
+        let limits = Limits::default();
+        let held = |free: Free| IdealSettings { free, ..settings() };
+        let none = |settings: &IdealSettings, pruned: &[usize]| relit(&mask(), (settings, &limits), pruned).is_none();
+        assert!(none(&held(Free { positions: false, ..Free::default() }), &[]));
+        assert!(none(&held(Free { weights: false, ..Free::default() }), &[]));
+        assert!(none(&IdealSettings { locked: vec![1], ..settings() }, &[]));
+        assert!(none(&settings(), &[1]));
+        let settings = IdealSettings {
+            locked: vec![0],
+            min_separation_px: 10.0,
+            ..held(Free { widths: false, ..Free::default() })
+        };
+        let (_, masks) = relit(&mask(), (&settings, &limits), &[]).unwrap();
+        assert!(!masks.is_empty());
+        for relit in masks {
+            let moved = relit.lenslets[1];
+            assert_eq!(moved.spot, mask().lenslets[1].spot);
+            assert_eq!(relit.lenslets[0], mask().lenslets[0]);
+            for other in [0, 2, 3].map(|index| relit.lenslets[index]) {
+                assert!((moved.x - other.x).hypot(moved.y - other.y) > 9.9);
+            }
+        }
+    }
+}
