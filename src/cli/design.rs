@@ -9,7 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
-use super::design_args::{SceneArgs, open_design};
+use super::design_args::{SceneArgs, check_input_stays, open_design};
 use super::output::Meter;
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
@@ -139,6 +139,7 @@ impl Arguments {
         let design = self.start()?;
         let settings = self.settings(&design)?;
         check_folder(&self.out)?;
+        check_input_stays(self.design.as_deref(), &self.out, None)?;
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
         let from = kept.load()?;
@@ -307,7 +308,11 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     let count = |is: fn(&IdealEvent) -> bool| record.events.iter().filter(|event| is(event)).count();
     let relit = count(|event| matches!(event, IdealEvent::Relit { .. }));
     if relit > 0 {
-        lines.push(format!("{relit} times a faint lenslet got light at another place, where it told more"));
+        lines.push(format!("lenslets that told little and got light at another place: {relit}"));
+    }
+    let returned = count(|event| matches!(event, IdealEvent::Returned { .. }));
+    if returned > 0 {
+        lines.push(format!("returns to an earlier mask that told more: {returned}"));
     }
     let went_wrong = count(|event| matches!(event, IdealEvent::Refused { .. } | IdealEvent::Refitted { .. }));
     if went_wrong > 0 {
@@ -323,7 +328,7 @@ fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
     });
     let left = time_left(state, settings, progress.seconds)
         .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));
-    match progress.fitting {
+    match progress.doing {
         Some(_) if state.frames.is_empty() => "First fit".into(),
         _ => format!("{value}{left}"),
     }

@@ -54,6 +54,12 @@ impl<'a> Imaging<'a> {
         Ok(Self { set, bias, noise, plan: Convolution::new(set.field(), grid)? })
     }
 
+    /// The same with the noise by which densities bound from above; see [`Noise::bounding`].
+    #[must_use]
+    pub fn bounding(&self) -> Self {
+        Self { noise: self.noise.bounding(), plan: self.plan.clone(), ..*self }
+    }
+
     /// The transforms.
     pub fn plan(&self) -> &Convolution {
         &self.plan

@@ -19,6 +19,9 @@ pub(super) struct Momentum {
     first: Vec<[f64; PARAMETERS]>,
     second: Vec<[f64; PARAMETERS]>,
     steps: i32,
+    /// Steps after which the means of each lenslet began.
+    #[serde(default)]
+    since: Vec<i32>,
 }
 
 impl Momentum {
@@ -35,6 +38,7 @@ impl Momentum {
         let count = array.lenslets.len();
         self.first.resize(count, [0.0; PARAMETERS]);
         self.second.resize(count, [0.0; PARAMETERS]);
+        self.since.resize(count, 0);
         self.steps = self.steps.saturating_add(1);
         let moving = |index: &usize| !settings.locked.contains(index) && !pruned.contains(index);
         for index in (0..count).filter(moving) {
@@ -71,10 +75,26 @@ impl Momentum {
         project(array, settings, limits);
     }
 
+    /// Begins anew for all lenslets.
+    pub fn forget_all(&mut self) {
+        for index in 0..self.since.len() {
+            self.forget(index);
+        }
+    }
+
+    /// Begins anew for a lenslet that has been put elsewhere: its steps so far tell nothing of those from there.
+    pub fn forget(&mut self, index: usize) {
+        if index < self.since.len() {
+            (self.first[index], self.second[index]) = ([0.0; PARAMETERS], [0.0; PARAMETERS]);
+            self.since[index] = self.steps;
+        }
+    }
+
     /// The step of each parameter of one lenslet, of order one.
     fn moves(&mut self, index: usize, gradient: [f64; PARAMETERS]) -> [f64; PARAMETERS] {
         let (first_decay, second_decay) = DECAYS;
-        let bias = (1.0 - first_decay.powi(self.steps), 1.0 - second_decay.powi(self.steps));
+        let steps = self.steps - self.since[index];
+        let bias = (1.0 - first_decay.powi(steps), 1.0 - second_decay.powi(steps));
         let mut moves = [0.0; PARAMETERS];
         for (parameter, &slope) in gradient.iter().enumerate() {
             let first = &mut self.first[index][parameter];
@@ -240,6 +260,27 @@ mod tests {
         let locked = climbed(&IdealSettings { locked: vec![1], ..settings() }, &[4]);
         assert_eq!(locked.lenslets[1], start.lenslets[1]);
         assert_eq!((locked.lenslets[4].x, locked.lenslets[4].y), (start.lenslets[4].x, start.lenslets[4].y));
+    }
+
+    #[test]
+    fn a_lenslet_that_was_put_elsewhere_moves_as_in_the_first_step() {
+        let limits = Limits::default();
+        let (mut array, mut momentum) = (heuristic_layout(2), Momentum::default());
+        let by = |x| LensletGradient { x, y: 0.0, sigma: 0.0, covariance: [0.0; 3], weight: 0.0 };
+        let climb = |array: &mut LensletArray, momentum: &mut Momentum, slope: f64| {
+            let before = array.lenslets[0].x;
+            momentum.climb(array, &[by(slope), by(slope)], (&settings(), &limits), &[], 1.0);
+            (array.lenslets[0].x - before) / settings().rates.position
+        };
+        for _ in 0..50 {
+            climb(&mut array, &mut momentum, 0.0);
+        }
+        momentum.forget(0);
+        assert!((climb(&mut array, &mut momentum, 3.0) - 1.0).abs() < 1e-6);
+        let mut late = momentum.clone();
+        late.forget_all();
+        assert!((climb(&mut array.clone(), &mut late, -2.0) + 1.0).abs() < 1e-6);
+        assert!((climb(&mut array, &mut momentum, -2.0) + 1.0).abs() > 0.1, "the first step counts");
     }
 
     #[test]

@@ -14,34 +14,45 @@ const PLACES: usize = 5;
 /// A lenslet is faint that has less than this share of the mean light of the others.
 const FAINT: f64 = 0.25;
 /// Distance of centres below which two lenslets may as well be one, px.
-const CLOSE_PX: f64 = 1.0;
+pub(super) const CLOSE_PX: f64 = 1.0;
+/// Eighths of the steps after which lenslets may get light again.
+pub(super) const OCCASIONS: std::ops::RangeInclusive<usize> = 2..=6;
 
 /// Masks in which a faint lenslet, or one of two that all but coincide, has the mean light of the others at another place, and
-/// which lenslet that is. None where lenslets, light or places are not free.
+/// which lenslet that is; of several without any light another one on each occasion. None where lenslets, light or places are
+/// not free.
 pub(super) fn relit(
     array: &LensletArray,
     (settings, limits): (&IdealSettings, &Limits),
     pruned: &[usize],
+    occasion: usize,
 ) -> Option<(usize, Vec<LensletArray>)> {
     if !settings.free.positions || !settings.free.weights {
         return None;
     }
-    let (spare, without) = spared(array, |index| !settings.locked.contains(&index) && !pruned.contains(&index))?;
+    let is_free = |index: &usize| !settings.locked.contains(index) && !pruned.contains(index);
+    let free: Vec<usize> = (0..array.lenslets.len()).filter(is_free).collect();
+    let (spare, mut without) = spared(array, &free, occasion)?;
     let bright = merged(&without).lenslets;
-    let brightest = bright.iter().max_by(|one, other| one.weight.total_cmp(&other.weight))?;
-    let light = without.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() / bright.len() as f64;
-    let mut lenslet = Lenslet { weight: light, ..array.lenslets[spare] };
+    let mut lenslet = Lenslet { weight: mean_light(&without, &free), ..array.lenslets[spare] };
     if settings.free.widths {
-        lenslet.spot = brightest.spot;
+        lenslet.spot = bright.iter().max_by(|one, other| one.weight.total_cmp(&other.weight))?.spot;
+    } else {
+        for (lenslet, before) in without.lenslets.iter_mut().zip(&array.lenslets) {
+            lenslet.spot = before.spot;
+        }
     }
     let (left, right) = limits.coordinate_range(array.cols);
     let (top, bottom) = limits.coordinate_range(array.rows);
     let along = |low: f64, high: f64, place: usize| low + (high - low) * place as f64 / (PLACES - 1) as f64;
     // Half the way to the next place.
-    let near = (0.5 * (right - left).max(bottom - top) / (PLACES - 1) as f64).max(settings.min_separation_px);
+    let near = 0.5 * (right - left).max(bottom - top) / (PLACES - 1) as f64;
     let masks = (0..PLACES * PLACES).filter_map(|place| {
         let (x, y) = (along(left, right, place % PLACES), along(top, bottom, place / PLACES));
-        let taken = |other: &Lenslet| other.plane == lenslet.plane && (other.x - x).hypot(other.y - y) < near;
+        let taken = |other: &Lenslet| {
+            let distance = (other.x - x).hypot(other.y - y);
+            distance < settings.min_separation_px || (other.plane == lenslet.plane && distance < near)
+        };
         if bright.iter().any(taken) {
             return None;
         }
@@ -54,14 +65,14 @@ pub(super) fn relit(
 }
 
 /// A lenslet that the mask can do without, and the mask without its light.
-fn spared(array: &LensletArray, is_free: impl Fn(usize) -> bool) -> Option<(usize, LensletArray)> {
-    let free: Vec<usize> = (0..array.lenslets.len()).filter(|&index| is_free(index)).collect();
+fn spared(array: &LensletArray, free: &[usize], occasion: usize) -> Option<(usize, LensletArray)> {
     let weight = |index: usize| array.lenslets[index].weight;
-    let faintest = *free.iter().min_by(|&&one, &&other| weight(one).total_cmp(&weight(other)))?;
+    let least = free.iter().map(|&index| weight(index)).min_by(f64::total_cmp)?;
+    let faintest: Vec<usize> = free.iter().copied().filter(|&index| weight(index) == least).collect();
+    let faintest = faintest[(occasion - OCCASIONS.start()) * faintest.len() / OCCASIONS.count()];
     let mut without = array.clone();
     without.lenslets[faintest].weight = 0.0;
-    let others = without.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>();
-    if weight(faintest) < FAINT * others / merged(&without).lenslets.len() as f64 {
+    if least < FAINT * mean_light(&without, free) {
         return Some((faintest, without));
     }
     let lenslets: Vec<Lenslet> = free.iter().map(|&index| array.lenslets[index]).collect();
@@ -70,6 +81,13 @@ fn spared(array: &LensletArray, is_free: impl Fn(usize) -> bool) -> Option<(usiz
     without.lenslets[free[one]] = joined(lenslets[one], lenslets[other]);
     without.lenslets[free[other]].weight = 0.0;
     Some((free[other], without))
+}
+
+/// Light that free lenslets have on average, dark ones left out and coincident ones taken for one.
+fn mean_light(array: &LensletArray, free: &[usize]) -> f64 {
+    let lenslets: Vec<Lenslet> = free.iter().map(|&index| array.lenslets[index]).collect();
+    let all = lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>();
+    all / merged(&LensletArray { lenslets, ..array.clone() }).lenslets.len().max(1) as f64
 }
 
 #[cfg(test)]
@@ -98,7 +116,7 @@ mod tests {
     fn a_faint_lenslet_gets_the_mean_light_at_every_free_place() {
         let mut mask = mask();
         mask.lenslets[2].spot = Spot::Isotropic(0.9);
-        let (spare, masks) = relit(&mask, (&settings(), &Limits::default()), &[]).unwrap();
+        let (spare, masks) = relit(&mask, (&settings(), &Limits::default()), &[], 2).unwrap();
         assert_eq!(spare, 1);
         // The three bright ones take a place each.
         assert_eq!(masks.len(), PLACES * PLACES - 3);
@@ -123,20 +141,54 @@ mod tests {
     fn one_of_two_lenslets_on_one_spot_can_be_spared() {
         let mut mask = mask();
         mask.lenslets[1] = Lenslet { x: 27.5, weight: 0.4, ..mask.lenslets[2] };
-        let (spare, masks) = relit(&mask, (&settings(), &Limits::default()), &[]).unwrap();
+        let (spare, masks) = relit(&mask, (&settings(), &Limits::default()), &[], 2).unwrap();
         assert_eq!(spare, 2);
         // What stays has the light of both.
         let share = |index: usize| masks[0].lenslets[index].weight / 0.75;
         assert!((share(1) - 0.82 / 1.38).abs() < 1e-12 && (share(0) - 0.32 / 1.38).abs() < 1e-12);
+        // A width that may not change is not that of both.
+        mask.lenslets[1].spot = Spot::Isotropic(2.0);
+        let held = IdealSettings { free: Free { widths: false, ..Free::default() }, ..settings() };
+        let (_, masks) = relit(&mask, (&held, &Limits::default()), &[], 2).unwrap();
+        assert_eq!(masks[0].lenslets[1].spot, Spot::Isotropic(2.0));
         mask.lenslets[1].x = 20.0;
-        assert!(relit(&mask, (&settings(), &Limits::default()), &[]).is_none(), "all are needed");
+        assert!(relit(&mask, (&settings(), &Limits::default()), &[], 2).is_none(), "all are needed");
+    }
+
+    #[test]
+    fn each_occasion_tries_another_of_the_dark_lenslets_away_from_all_others() {
+        let mut mask = mask();
+        let dark = |plane| Lenslet { weight: 0.0, plane, ..mask.lenslets[1] };
+        mask.lenslets = [&mask.lenslets[..], &[dark(0), dark(1), dark(2), dark(3), dark(4)]].concat();
+        mask.lenslets.remove(1);
+        let settings = IdealSettings { min_separation_px: 4.0, ..settings() };
+        let tried = OCCASIONS.map(|occasion| {
+            let (spare, masks) = relit(&mask, (&settings, &Limits::default()), &[], occasion).unwrap();
+            for relit in &masks {
+                assert_eq!(relit.lenslets[..3].iter().map(|lenslet| lenslet.x).collect::<Vec<_>>(), [3.1, 27.9, 15.5]);
+            }
+            spare
+        });
+        assert_eq!(tried.collect::<Vec<_>>(), [3, 4, 5, 6, 7]);
+    }
+
+    #[test]
+    fn the_share_is_that_of_lenslets_whose_light_is_free() {
+        let mut mask = mask();
+        let settings = IdealSettings { locked: vec![2], ..settings() };
+        let (_, masks) = relit(&mask, (&settings, &Limits::default()), &[], 2).unwrap();
+        // Two free lenslets shared 0.56 and the spare one's 0.02.
+        assert!((masks[0].lenslets[1].weight - 0.58 / 3.0).abs() < 1e-12, "{:?}", masks[0].lenslets[1]);
+        (mask.lenslets[0].weight, mask.lenslets[1].weight, mask.lenslets[3].weight) = (0.0, 0.0, 0.0);
+        assert!(relit(&mask, (&settings, &Limits::default()), &[], 2).is_none(), "no light is free");
     }
 
     #[test]
     fn what_must_stay_stays() {
         let limits = Limits::default();
         let held = |free: Free| IdealSettings { free, ..settings() };
-        let none = |settings: &IdealSettings, pruned: &[usize]| relit(&mask(), (settings, &limits), pruned).is_none();
+        let none =
+            |settings: &IdealSettings, pruned: &[usize]| relit(&mask(), (settings, &limits), pruned, 2).is_none();
         assert!(none(&held(Free { positions: false, ..Free::default() }), &[]));
         assert!(none(&held(Free { weights: false, ..Free::default() }), &[]));
         assert!(none(&IdealSettings { locked: vec![1], ..settings() }, &[]));
@@ -146,7 +198,7 @@ mod tests {
             min_separation_px: 10.0,
             ..held(Free { widths: false, ..Free::default() })
         };
-        let (_, masks) = relit(&mask(), (&settings, &limits), &[]).unwrap();
+        let (_, masks) = relit(&mask(), (&settings, &limits), &[], 2).unwrap();
         assert!(!masks.is_empty());
         for relit in masks {
             let moved = relit.lenslets[1];

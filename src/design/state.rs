@@ -1,5 +1,6 @@
 //! Where a run of IDEAL has come to.
 
+use std::fmt;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,13 @@ pub enum IdealEvent {
         /// Its place in the list, from 0.
         lenslet: usize,
     },
+    /// The mask told less than an earlier one, by bounds from below, and the run took that up again; the rates were halved.
+    Returned {
+        /// Steps of the mask so far.
+        step: usize,
+        /// Steps of the mask that was taken up.
+        to: usize,
+    },
     /// The density model had lost track of the mask: one that began anew knew more and took its place; the rates were halved.
     Refitted {
         /// Steps of the mask so far.
@@ -105,13 +113,31 @@ impl IdealState {
     }
 }
 
+/// What a run does between steps of the mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doing {
+    /// It fits its model, or measures the mask by it.
+    Fitting,
+    /// It tries light at other places.
+    Relighting,
+}
+
+impl fmt::Display for Doing {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Fitting => "fitting",
+            Self::Relighting => "trying light at other places",
+        })
+    }
+}
+
 /// What a run is doing.
 #[derive(Clone, Copy, Debug)]
 pub struct IdealProgress<'a> {
     /// The run so far.
     pub state: &'a IdealState,
-    /// Share of a fit that is done; none while the mask moves.
-    pub fitting: Option<f64>,
+    /// What it does besides moving the mask, and the share of that that is done.
+    pub doing: Option<(Doing, f64)>,
     /// Seconds of computing since the start of the run.
     pub seconds: f64,
 }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use super::ideal::OnIdeal;
-use super::state::{IdealProgress, IdealState};
+use super::state::{Doing, IdealProgress, IdealState};
 
 /// Tells whoever watches a run, and counts the seconds of computing: those that a watch takes, as it does while a run is
 /// paused, are not among them.
@@ -28,11 +28,11 @@ impl<'a> Watched<'a> {
         self.before + self.started.elapsed().saturating_sub(self.waited.get()).as_secs_f64()
     }
 
-    /// Tells where the run is and the share of a fit that is done; the answer is whether to go on.
-    pub fn tell(&self, state: &IdealState, fitting: Option<f64>) -> ControlFlow<()> {
+    /// Tells where the run is and what it does besides moving the mask; the answer is whether to go on.
+    pub fn tell(&self, state: &IdealState, doing: Option<(Doing, f64)>) -> ControlFlow<()> {
         let seconds = self.seconds();
         let asked = Instant::now();
-        let answer = self.watch.borrow_mut()(&IdealProgress { state, fitting, seconds });
+        let answer = self.watch.borrow_mut()(&IdealProgress { state, doing, seconds });
         self.waited.set(self.waited.get() + asked.elapsed());
         answer
     }
@@ -48,18 +48,18 @@ mod tests {
         let pause = Duration::from_millis(20);
         let mut told = Vec::new();
         let mut wait = |progress: &IdealProgress<'_>| {
-            told.push((progress.fitting, progress.seconds));
+            told.push((progress.doing, progress.seconds));
             std::thread::sleep(pause);
             if told.len() < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
         let state = IdealState::new(heuristic_layout(1));
         let began = Instant::now();
         let watch = Watched::new(&mut wait, 5.0);
-        assert!(watch.tell(&state, Some(0.5)).is_continue());
+        assert!(watch.tell(&state, Some((Doing::Fitting, 0.5))).is_continue());
         assert!(watch.tell(&state, None).is_break());
         let seconds = watch.seconds();
         assert!(seconds >= 5.0 && seconds - 5.0 <= began.elapsed().saturating_sub(2 * pause).as_secs_f64());
-        assert_eq!((told[0].0, told[1].0), (Some(0.5), None));
+        assert_eq!((told[0].0, told[1].0), (Some((Doing::Fitting, 0.5)), None));
         assert!(told[0].1 <= told[1].1 && told[1].1 <= seconds);
     }
 }

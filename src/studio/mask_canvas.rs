@@ -139,7 +139,9 @@ fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
         // A lenslet that got light elsewhere took no way there.
         let relit = |event: &IdealEvent| match event {
             IdealEvent::Relit { step, lenslet } if *lenslet == index => {
-                frames.iter().position(|frame| frame.step >= *step)
+                // Of the two frames where a run that had ended goes on, the later one is after it; one may still be to come.
+                let at = run.frames.iter().rposition(|frame| frame.step == *step).unwrap_or(run.frames.len());
+                (at < frames.len() || shown.is_none()).then_some(at)
             }
             _ => None,
         };

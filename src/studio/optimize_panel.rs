@@ -449,7 +449,11 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
     let refused = count(|event| matches!(event, IdealEvent::Refused { .. }));
     let relit = count(|event| matches!(event, IdealEvent::Relit { .. }));
     if relit > 0 {
-        ui.weak(format!("{relit} times a faint lenslet got light at another place, where it told more."));
+        ui.weak(format!("Lenslets that told little and got light at another place: {relit}."));
+    }
+    let returned = count(|event| matches!(event, IdealEvent::Returned { .. }));
+    if returned > 0 {
+        ui.weak(format!("Returns to an earlier mask that told more: {returned}."));
     }
     if refitted + refused > 0 {
         ui.weak(format!(

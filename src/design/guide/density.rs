@@ -14,7 +14,8 @@ use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
-    imaging: &'a Imaging<'a>,
+    /// With the noise that bounds from above.
+    imaging: Imaging<'a>,
     moments: KnownMoments<'a>,
     patch: (usize, usize),
     seed: u64,
@@ -34,13 +35,14 @@ impl<'a> DensityGuide<'a> {
     /// # Errors
     /// Where objects, noise and patch allow none.
     pub fn new(
-        imaging: &'a Imaging<'a>,
+        imaging: &Imaging<'a>,
         start: &LensletArray,
         limits: &Limits,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
+        let imaging = imaging.bounding();
         let moments = imaging.known_moments(Split::Train, (start.rows, start.cols), patch)?;
-        let held_out = HeldOut::new(imaging, patch, seed)?;
+        let held_out = HeldOut::new(&imaging, patch, seed)?;
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let planes = imaging.set.planes();
         let drawn = |array: &LensletArray| -> Result<_, IdealError> {
@@ -96,7 +98,7 @@ impl Guide for DensityGuide<'_> {
         _last: bool,
         _go_on: &dyn Fn() -> bool,
     ) -> Result<(f64, [f64; 2]), IdealError> {
-        let (clean, noisy) = self.held_out.measured(self.imaging, array)?;
+        let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
         let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
         self.held_out.value(&information)
     }

@@ -55,14 +55,14 @@ pub(super) trait Guide {
     /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
     fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError>;
 
-    /// Information of a mask that it does not follow, bits per pixel, on so many scenes that the seed decides; none from a
-    /// guide that knows only the mask that it follows. It ends early where `go_on` says so.
+    /// Information of a mask that it does not follow, bits per pixel, and half the width of its 95 % interval, on so many scenes
+    /// that the seed decides; none from a guide that knows only the mask that it follows. It ends early where `go_on` says so.
     fn foreseen(
         &self,
         _array: &LensletArray,
         (_samples, _seed): (usize, u64),
         _go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<f64>, IdealError> {
+    ) -> Result<Option<(f64, f64)>, IdealError> {
         Ok(None)
     }
 

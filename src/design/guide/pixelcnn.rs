@@ -22,7 +22,8 @@ const MIN_WIDTH: f32 = 1.0;
 
 /// The network and the fit of Kabuli et al. 2026.
 pub(in crate::design) struct PixelCnnGuide<'a> {
-    imaging: &'a Imaging<'a>,
+    /// With the noise that bounds from above.
+    imaging: Imaging<'a>,
     patch: (usize, usize),
     seed: u64,
     /// Exact for values, whereas slopes take the published approximation.
@@ -39,13 +40,14 @@ impl<'a> PixelCnnGuide<'a> {
     /// # Errors
     /// Where objects, noise and patch allow none.
     pub fn new(
-        imaging: &'a Imaging<'a>,
+        imaging: &Imaging<'a>,
         start: &LensletArray,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
+        let imaging = imaging.bounding();
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
-        let held_out = HeldOut::new(imaging, patch, seed)?;
-        let stream = stream(imaging, start, patch)?;
+        let held_out = HeldOut::new(&imaging, patch, seed)?;
+        let stream = stream(&imaging, start, patch)?;
         let sample = stream.draw(SAMPLE, derived_seed(seed, 2))?;
         let scale = DataScale::of(sample.noisy.view(), MIN_WIDTH)?;
         let network = PixelCnn::new(PixelCnnShape::default(), scale, seed);
@@ -55,7 +57,7 @@ impl<'a> PixelCnnGuide<'a> {
 
 impl Guide for PixelCnnGuide<'_> {
     fn follow(&mut self, array: &LensletArray, _warm: bool) -> Result<(), IdealError> {
-        self.stream = stream(self.imaging, array, self.patch)?;
+        self.stream = stream(&self.imaging, array, self.patch)?;
         Ok(())
     }
 
@@ -80,7 +82,7 @@ impl Guide for PixelCnnGuide<'_> {
         _last: bool,
         _go_on: &dyn Fn() -> bool,
     ) -> Result<(f64, [f64; 2]), IdealError> {
-        let (clean, noisy) = self.held_out.measured(self.imaging, array)?;
+        let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
         let noisy = dequantised(noisy.view(), derived_seed(self.seed, 7), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
         let of_noise = self.entropy.patch_bits(clean.view())?;
@@ -108,7 +110,7 @@ impl Guide for PixelCnnGuide<'_> {
 }
 
 fn stream<'a>(
-    imaging: &'a Imaging<'a>,
+    imaging: &Imaging<'a>,
     array: &LensletArray,
     patch: (usize, usize),
 ) -> Result<MeasurementStream<'a>, IdealError> {

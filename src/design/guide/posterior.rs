@@ -79,10 +79,11 @@ impl Guide for PosteriorGuide<'_> {
         array: &LensletArray,
         (samples, seed): (usize, u64),
         go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<f64>, IdealError> {
+    ) -> Result<Option<(f64, f64)>, IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
         let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), seed, go_on)?;
-        Ok(Some(bound.bits_per_pixel))
+        let [low, high] = bound.interval_95;
+        Ok(Some((bound.bits_per_pixel, 0.5 * (high - low))))
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {

@@ -82,9 +82,10 @@ impl Designer {
             (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
             run.status = RunStatus::Stopped;
             if let Some((bytes, state)) = state {
-                // One that was to go on after its score has another mask by now.
+                // One that was to go on after its score has more steps before it, or another mask by now.
                 let found = Encoder::Lenslets(merged(&state.array));
-                if state.finished && run.ranked.iter().any(|result| result.design.encoder == found) {
+                let has_ended = state.finished && state.step >= run.settings.steps;
+                if has_ended && run.ranked.iter().any(|result| result.design.encoder == found) {
                     run.status = RunStatus::Finished;
                 }
                 run.take_up(&state);
@@ -385,7 +386,7 @@ impl Shared {
         self.tell(&step, state.step as f64 / settings.steps.max(1) as f64, left);
         self.change(|run| {
             run.take_up(state);
-            run.doing = progress.fitting.map(|share| ("fitting".into(), share));
+            run.doing = progress.doing.map(|(doing, share)| (doing.to_string(), share));
             run.seconds = progress.seconds;
             run.left = left;
         });
