@@ -3,13 +3,13 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 
 use super::choices::EncoderChoice;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
-use crate::workbench::Design;
+use crate::workbench::{DESIGN_FILE, Design};
 
 /// Most bytes that are read from standard input.
 const LARGEST_DESIGN: u64 = 256 << 20;
@@ -53,6 +53,11 @@ pub struct SceneArgs {
 }
 
 impl DesignArgs {
+    /// Refuses to put `design` in place of the file that was given, where that holds another.
+    pub fn check_file_stays(&self, out: &Path, design: &Design) -> anyhow::Result<()> {
+        check_input_stays(self.design.as_deref(), out, Some(design))
+    }
+
     /// The design, with the scene replaced by what `scene` gives.
     pub fn design(&self, scene: &SceneArgs) -> anyhow::Result<Design> {
         let mut design = match &self.design {
@@ -69,6 +74,18 @@ impl DesignArgs {
         design.check()?;
         Ok(design)
     }
+}
+
+/// Refuses to put another design in place of the file that one was read from: `DESIGN_FILE` in `out` will hold `design`, or one
+/// that is not known yet.
+pub fn check_input_stays(input: Option<&Path>, out: &Path, design: Option<&Design>) -> anyhow::Result<()> {
+    let output = out.join(DESIGN_FILE);
+    let Some(input) = input.filter(|input| *input != Path::new("-")) else { return Ok(()) };
+    let (Ok(read), Ok(written)) = (input.canonicalize(), output.canonicalize()) else { return Ok(()) };
+    if read == written && (design.is_none() || Design::open(input).ok().as_ref() != design) {
+        bail!("{}: another design would take the place of this one; choose another --out", input.display());
+    }
+    Ok(())
 }
 
 /// Reads a design from a file, or from standard input where it is called `-`.

@@ -45,6 +45,7 @@ impl Arguments {
     pub fn run(self) -> Result<(), Failure> {
         let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
+        self.design.check_file_stays(&self.out, &design)?;
         let mut files = export_design(&design, &self.out)?;
         if let Some(colormap) = self.colormap {
             let image = design.psf(1)?.sum_axis(ndarray::Axis(0)).mapv(|value| value as f32);

@@ -111,7 +111,7 @@ impl Look {
         let optics = Optics::of(design, scene.set.planes())?;
         let prepared = SceneOptics::new(scene, design.encoder.grid())?;
         let measurements = prepared.measure(design, &optics, scene)?;
-        let information = NoiseEntropy::new(design.noise, Protocol::Default)
+        let information = NoiseEntropy::new(design.noise.bounding(), Protocol::Default)
             .map_err(EvaluationError::from)
             .and_then(|entropy| prepared.information(design, &optics, scene, &measurements, &entropy));
         let (information, no_information) = match information {

@@ -61,6 +61,7 @@ impl Arguments {
         check_count("--count", self.count, 1..=MOST_OBJECTS)?;
         let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
+        self.design.check_file_stays(&self.out, &design)?;
         let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
         let format = if self.tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
         let meter = Meter::new();

@@ -100,7 +100,8 @@ impl Estimate {
     /// An estimate above the ceiling gets a note that says so.
     ///
     /// # Errors
-    /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches.
+    /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches, where
+    /// these do not depend on time.
     pub fn new(trials: &[Trial], provenance: Provenance) -> Result<Self, InformationError> {
         let best = trials.iter().min_by(|a, b| a.bits_per_pixel().total_cmp(&b.bits_per_pixel()));
         let best = best.ok_or(InformationError::Empty)?;
@@ -186,16 +187,23 @@ impl Estimate {
     }
 
     /// The smallest upper bound on what measurements of beads tell: that of a density model, the ceiling, or posterior
-    /// sampling from above.
+    /// sampling from above where that can be had.
     ///
     /// # Errors
     /// As [`Estimate::new`].
-    pub fn at_most(trials: &[Trial], above: &PosteriorBound, provenance: Provenance) -> Result<Self, InformationError> {
-        let mut estimate = Self::with_bounds(trials, vec![NamedBound::from(above)], Vec::new(), provenance)?;
-        estimate.notes.push(format!(
-            "posteriors of {} fresh samples followed in {} groups of sites over {} levels",
-            above.samples, above.groups, above.levels
-        ));
+    pub fn at_most(
+        trials: &[Trial],
+        above: Option<&PosteriorBound>,
+        provenance: Provenance,
+    ) -> Result<Self, InformationError> {
+        let bounds = above.map(NamedBound::from).into_iter().collect();
+        let mut estimate = Self::with_bounds(trials, bounds, Vec::new(), provenance)?;
+        estimate.notes.extend(above.map(|above| {
+            format!(
+                "posteriors of {} fresh samples followed in {} groups of sites over {} levels",
+                above.samples, above.groups, above.levels
+            )
+        }));
         Ok(estimate)
     }
 
@@ -218,6 +226,9 @@ impl Estimate {
             interval_95: [ceiling; 2],
         }));
         let bracket = Bracket::new(above, below).ok_or(InformationError::Empty)?;
+        if bracket.width().is_some_and(|width| width < 0.0) {
+            estimate.notes.push("the bounds have met and cross by chance: the information is that of both".to_owned());
+        }
         estimate.bits_per_pixel = bracket.upper;
         estimate.interval_95 = bracket.upper_interval_95;
         estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
@@ -235,6 +246,7 @@ impl Estimate {
         let [low, high] = self.interval_95;
         let (bits, from) = (self.bits_per_pixel, self.upper_from());
         match self.lower() {
+            Some(lower) if lower > bits => format!("{bits:.4} bits per pixel, where the bounds meet"),
             Some(lower) => format!("between {lower:.4} and {bits:.4} bits per pixel"),
             None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),
         }
@@ -283,6 +295,8 @@ impl Estimate {
 
 fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
     let (first, second) = (a.settings(), b.settings());
+    // Those that are fitted to fresh patches for a time get through as many as they do.
+    let is_counted = !matches!(first.estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
     let what = if first.estimator != second.estimator {
         "estimator"
     } else if a.engine() != b.engine() {
@@ -293,7 +307,7 @@ fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
         "noise"
     } else if first.patch != second.patch {
         "patch"
-    } else if (first.patches_train, a.patches_test()) != (second.patches_train, b.patches_test()) {
+    } else if a.patches_test() != b.patches_test() || (is_counted && first.patches_train != second.patches_train) {
         "the number of patches"
     } else {
         return Ok(());
@@ -357,6 +371,33 @@ mod tests {
         let estimate = Estimate::with_bounds(&trials, Vec::new(), Vec::new(), provenance()).unwrap();
         assert_eq!(estimate.in_words(), "at most 0.4500 bits per pixel [0.4500, 0.4500] (gaussian-full: ceiling)");
         assert_eq!(Estimate::new(&trials, provenance()).unwrap().upper_from(), "gaussian-full");
+    }
+
+    #[test]
+    fn trials_that_are_fitted_for_a_time_take_as_many_patches_as_they_do() {
+        let of = |estimator, patches_train, bits: f64| {
+            let settings = TrialSettings { estimator, patches_train, ..*trial(0.5, 1, Protocol::Default).settings() };
+            Trial::from_patches(settings, &[5.0 + bits; 3], &[5.0; 3], 0.5, Vec::new()).unwrap()
+        };
+        let live = [of(Estimator::Live, 400, 0.4), of(Estimator::Live, 404, 0.3)];
+        let estimate = Estimate::new(&live, provenance()).unwrap();
+        assert_eq!((estimate.trials, estimate.patches_train), (2, 404), "those of the smallest");
+        let network = [of(Estimator::PixelCnn, 400, 0.4), of(Estimator::PixelCnn, 404, 0.3)];
+        let what = "the number of patches";
+        assert_eq!(Estimate::new(&network, provenance()), Err(InformationError::TrialsDiffer { what }));
+    }
+
+    #[test]
+    fn bounds_that_cross_by_chance_say_so() {
+        let below = |bits: f64| {
+            let bound =
+                NamedBound { from: "decoder".into(), bits_per_pixel: bits, interval_95: [bits - 0.02, bits + 0.02] };
+            Estimate::with_bounds(&[trial(0.5, 1, Protocol::Default)], Vec::new(), vec![bound], provenance()).unwrap()
+        };
+        assert_eq!(below(0.44).in_words(), "between 0.4400 and 0.4500 bits per pixel");
+        let crossed = below(0.46);
+        assert_eq!(crossed.in_words(), "0.4500 bits per pixel, where the bounds meet");
+        assert!(crossed.notes.iter().any(|note| note.contains("cross by chance")), "{:?}", crossed.notes);
     }
 
     #[test]

@@ -102,10 +102,14 @@ impl Studio {
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
         match Snapshots::read(&folder.join(KEPT)) {
-            Ok((snapshots, 0)) => self.state.snapshots = snapshots,
-            Ok((snapshots, broken)) => {
+            Ok((snapshots, (broken, unlisted))) => {
                 self.state.snapshots = snapshots;
-                self.tell(format!("{broken} kept designs could not be read; they are left as they are"));
+                if broken > 0 {
+                    self.tell(format!("{broken} kept designs could not be read; they are left as they are"));
+                }
+                if unlisted > 0 {
+                    self.tell(format!("{unlisted} older kept designs are not listed; they are left as they are"));
+                }
             }
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }

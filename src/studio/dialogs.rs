@@ -9,13 +9,13 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use egui::accesskit::Live;
 use egui::{Key, TextEdit};
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, Array4, ArrayD, Axis};
 
 use super::messages::{Severity, speak};
 use super::state::State;
 use crate::objects::ObjectSource;
 use crate::workbench::{
-    Colormap, Curve, DESIGN_FILES, IdealRecord, Job, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+    Colormap, Curve, DESIGN_FILE, DESIGN_FILES, IdealRecord, Job, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
 };
 
 /// What a path is asked for.
@@ -173,7 +173,7 @@ impl Purpose {
 
 /// A file for a design that is in none, which is not there yet: `design.json`, `design-2.json` and so on.
 fn free_name(folder: &Path) -> PathBuf {
-    let first = folder.join("design.json");
+    let first = folder.join(DESIGN_FILE);
     let others = (2..1000).map(|number| folder.join(format!("design-{number}.json")));
     let free = std::iter::once(first.clone()).chain(others).find(|path| !path.exists());
     // Among so many, a person chooses.
@@ -397,6 +397,14 @@ fn answer(state: &mut State, question: &Question) {
     }
 }
 
+/// Objects of shape (n, planes, rows, cols) as they are exported: those of one plane have no axis for it.
+fn objects_of(objects: &Array4<f32>) -> ArrayD<f32> {
+    match objects.len_of(Axis(1)) {
+        1 => objects.index_axis(Axis(1), 0).to_owned().into_dyn(),
+        _ => objects.clone().into_dyn(),
+    }
+}
+
 fn export_measurements(state: &mut State, folder: PathBuf, format: MeasurementFormat) {
     let scene = state.live.scene.as_ref().filter(|scene| state.is_current(scene.revision));
     let (Some(scene), Some(measurements)) = (scene, state.current_measurements()) else {
@@ -405,7 +413,7 @@ fn export_measurements(state: &mut State, folder: PathBuf, format: MeasurementFo
         return;
     };
     state.bench.submit(Job::ExportMeasurements {
-        objects: scene.value.objects.sum_axis(Axis(1)),
+        objects: objects_of(&scene.value.objects),
         noiseless: measurements.value.noiseless.clone(),
         noisy: measurements.value.noisy.clone(),
         format,

@@ -68,6 +68,11 @@ impl Design {
     /// Largest mean or background in photons per pixel.
     pub const MAX_PHOTONS: f64 = 1e7;
 
+    /// The design whose measurements bound the information of this one from above by a density; see [`Noise::bounding`].
+    pub(super) fn bounding(&self) -> Self {
+        Self { noise: self.noise.bounding(), ..self.clone() }
+    }
+
     /// Whether this design can be computed.
     ///
     /// # Errors

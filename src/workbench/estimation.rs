@@ -18,7 +18,7 @@ use crate::information::{
     PixelCnnRequest, PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
     pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
 };
-use crate::objects::{Progress, Split};
+use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
 
 /// Which density model.
@@ -146,27 +146,32 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     if let DensityModel::PixelCnn { engine, .. } = request.model {
         engine.open()?;
     }
-    tell(watch, "Reading objects", 0, 1)?;
-    let set = {
-        let watch = RefCell::new(&mut *watch);
-        let reading = |Progress { done, total }: Progress| {
-            let step = "Reading objects".to_owned();
-            (*watch.borrow_mut())(&EstimateProgress { step, done, total, fit: None })
-        };
-        open_set_with(design, &reading)?
-    };
+    let set = read(design, watch)?;
     let analytic_alone = matches!(request.model, DensityModel::Analytic);
     if analytic_alone && set.whole_pictures(Split::All).is_some() {
         return Err(EvaluationError::NotStationary { objects: design.objects.to_string() });
     }
-    let imaging = imaging(design, &set)?;
+    // Published densities took the noise as it is.
+    let bounding = if request.protocol == Protocol::Paper { design.clone() } else { design.bounding() };
+    let imaging = imaging(&bounding, &set)?;
     let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
     let (rows, cols) = convolver.plan().measurement_shape();
     let patch = request.patch.unwrap_or((rows, cols));
     // A patch that fits no measurement is told before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
-    let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol: request.protocol };
+    let protocol = request.protocol;
+    let source = PatchSource { design: &bounding, imaging: &imaging, convolver: &convolver, patch, protocol };
     let channel = imaging.bead_channel(seen_psf(design, &set)?.view(), patch);
+    let channel = channel.map(|channel| BeadChannel { noise: design.noise, ..channel });
+    // Told before anything is fitted; a density model does without the prior.
+    let refusal = channel.as_ref().and_then(|channel| channel.checked_spot().err());
+    if matches!(request.model, DensityModel::Bracket { .. })
+        && let Some(refusal) = refusal
+    {
+        return Err(refusal.into());
+    }
+    let is_bead = channel.is_some();
+    let channel = channel.filter(|_| refusal.is_none());
     let density_share = |others: f64| if channel.is_some() { 1.0 - others } else { 1.0 };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
     if matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch) && request.patches_train < 2 {
@@ -194,12 +199,17 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
             if analytic_alone { trial } else { source.sharing(trial?, request.patches_test, seed) }
         })
         .collect::<Result<Vec<_>, _>>()?;
-    // Fitted Gaussians see such patches as they are.
-    let phases = (analytic_alone && !set.is_stationary(patch)).then(|| {
-        "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and one only for \
-         whole tiles"
-            .to_owned()
-    });
+    let mut notes = set.notices().to_vec();
+    if analytic_alone && !set.is_stationary(patch) {
+        // Fitted Gaussians see such patches as they are.
+        notes.push(PHASES.to_owned());
+    }
+    if let Some(refusal) = refusal.filter(|_| matches!(request.model, DensityModel::Causal { .. })) {
+        notes.push(format!("no bound by posterior sampling: {refusal}"));
+    }
+    if bounding.noise != design.noise {
+        notes.push(WEAK_READ_NOISE.to_owned());
+    }
     let psf = design.psf(set.planes())?;
     let ceiling = ceiling_of(design, &set, psf.view(), patch)?.map(|ceiling| ceiling.bits_per_pixel);
     let provenance = Provenance {
@@ -208,7 +218,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         objects_fingerprint: set.fingerprint(),
         encoder: design.encoder.describe(),
         ceiling,
-        notes: set.notices().iter().cloned().chain(phases).collect(),
+        notes,
     };
     let mut estimate = match (request.model, &channel) {
         (DensityModel::Bracket { length }, channel) => {
@@ -224,14 +234,32 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         (DensityModel::Causal { length, .. }, Some(channel)) if let Some(decoder) = Decoder::shipped() => {
             let fit = posterior_fit(design.seed, share_of(length, FOLLOWING_ABOVE), ABOVE);
             let above = posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))?;
-            Estimate::at_most(&trials, &above, provenance)?
+            Estimate::at_most(&trials, Some(&above), provenance)?
         }
+        (DensityModel::Causal { .. }, None) if is_bead => Estimate::at_most(&trials, None, provenance)?,
         _ => Estimate::new(&trials, provenance)?,
     };
+    estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64();
     forget_kept(request.keep.as_deref());
     Ok(estimate)
+}
+
+const PHASES: &str = "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and \
+                      one only for whole tiles";
+const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts are whole: upper bounds are those of shot noise \
+                               alone, which it can only lower";
+
+/// The objects of a design.
+fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
+    tell(watch, "Reading objects", 0, 1)?;
+    let watch = RefCell::new(watch);
+    let reading = |Progress { done, total }: Progress| {
+        let step = "Reading objects".to_owned();
+        (*watch.borrow_mut())(&EstimateProgress { step, done, total, fit: None })
+    };
+    Ok(open_set_with(design, &reading)?)
 }
 
 fn fitted(

@@ -256,7 +256,7 @@ impl SceneOptics {
         Ok(Measurements { noiseless, noisy, tamura })
     }
 
-    /// The bounds on the information of a PSF's measurements.
+    /// The bounds on the information of a PSF's measurements; `noise_entropy` is that of [`Noise::bounding`].
     ///
     /// # Errors
     /// [`InformationError`] where there is no noise, so that information is unbounded.
@@ -272,7 +272,7 @@ impl SceneOptics {
         let per_image = noise_entropy.patch_bits(measurements.noiseless.view())?;
         let entropy_y_given_x = per_image.iter().sum::<f64>() / per_image.len().max(1) as f64;
         let mean = mean_measurement(&scene.set, seen, design.bias_photons);
-        let gaussian = self.analytic.evaluate(seen, mean, design.noise, entropy_y_given_x)?;
+        let gaussian = self.analytic.evaluate(seen, mean, design.noise.bounding(), entropy_y_given_x)?;
         let interval_95 = bootstrap_interval(&[gaussian.entropy_y], &per_image, design.seed)?;
         let ceiling = match &self.beads {
             Some((table, spot)) => {

@@ -28,7 +28,9 @@ pub enum ExportError {
 }
 
 /// The files of an exported design; the last one is of lenslets alone.
-pub const DESIGN_FILES: [&str; 6] = ["psf.npy", "psf.tiff", "psf.png", "psf16.png", "design.json", "lenslets.csv"];
+pub const DESIGN_FILES: [&str; 6] = ["psf.npy", "psf.tiff", "psf.png", "psf16.png", DESIGN_FILE, "lenslets.csv"];
+/// The one of them that can be opened.
+pub const DESIGN_FILE: &str = "design.json";
 
 /// Writes a design into `folder`, which is made if need be: `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
 /// `psf16.png` (0 to the PSF's maximum), `design.json`, and `lenslets.csv` where there are lenslets; where there are

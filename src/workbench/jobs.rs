@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, ArrayD, Axis};
 
 use super::colormap::Colormap;
 use super::design::Design;
@@ -72,8 +72,8 @@ pub enum Job {
     },
     /// Writes objects and measurements into a folder.
     ExportMeasurements {
-        /// Objects, shape (n, rows, cols).
-        objects: Array3<f32>,
+        /// Objects, shape (n, rows, cols), those of several planes (n, planes, rows, cols).
+        objects: ArrayD<f32>,
         /// Encoded images, shape (n, rows, cols).
         noiseless: Array3<f32>,
         /// Noisy measurements, shape (n, rows, cols).
@@ -265,8 +265,9 @@ impl Job {
             }
             Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {
                 let [first, second, third] = MEASUREMENT_STACKS;
-                let stacks = [(first, objects), (second, noiseless), (third, noisy)];
-                let stacks = stacks.map(|(name, stack)| (name, stack.view().into_dyn()));
+                let measured = [(second, noiseless), (third, noisy)];
+                let [noiseless, noisy] = measured.map(|(name, stack)| (name, stack.view().into_dyn()));
+                let stacks = [(first, objects.view()), noiseless, noisy];
                 let files = stacks::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files })
             }

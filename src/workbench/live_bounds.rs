@@ -49,7 +49,7 @@ impl Draws {
 /// those that were stopped leave the ones before.
 pub(super) struct Beads<'a> {
     /// None without a prior.
-    channel: Option<&'a BeadChannel>,
+    pub channel: Option<&'a BeadChannel>,
     /// Seed of the design.
     seed: u64,
     pub lower: Option<(NamedBound, Draws)>,

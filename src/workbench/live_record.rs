@@ -242,9 +242,24 @@ mod tests {
             let repeated = read.repeat(&|_| true).unwrap();
             assert!(repeated.same && repeated.notes.is_empty(), "{repeated:#?}");
             assert_eq!(repeated.numbers.bits_per_pixel, live.bits_per_pixel);
-            assert!(read.repeat(&|steps| steps < 3).is_err_and(|error| error.is_cancelled()));
+            assert!(read.repeat(&|_| false).is_err_and(|error| error.is_cancelled()));
         }
         assert_ne!(LiveRecord::new(&one, &scene, &cold).file_name(), LiveRecord::new(&one, &scene, &warm).file_name());
+    }
+
+    #[test]
+    fn last_bounds_that_were_interrupted_come_without_another_fit() {
+        let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
+        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let mut refiner = Refiner::default();
+        // So slow that the fewest steps are planned.
+        refiner.set_pace(1.0);
+        let settled = first(&mut refiner, &design, &scene, |live| live.remaining.is_none());
+        let mut published = Vec::new();
+        refiner.refine(&design, &scene, &mut |live| published.push(live), &|| false).unwrap();
+        let [last] = &published[..] else { panic!("{} estimates", published.len()) };
+        assert_eq!((last.bits_per_pixel, last.recipe.steps), (settled.bits_per_pixel, settled.recipe.steps));
+        assert!(last.lower.is_some() && last.recipe.upper != settled.recipe.upper, "{:?}", last.recipe);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::information::{
     NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map, paired_interval,
 };
 use crate::objects::Split;
-use crate::sensor::Convolver;
+use crate::sensor::{Convolver, Noise};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design.
 const WARM_RATE: f64 = 0.5;
@@ -37,11 +37,17 @@ pub(super) struct Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    pub fn new(design: &'a Design, scene: &Scene, imaging: &'a Imaging<'a>) -> Result<Self, EvaluationError> {
+    /// Of [`Design::bounding`] and its imaging; the beads are seen with the noise that there is.
+    pub fn new(
+        design: &'a Design,
+        noise: Noise,
+        scene: &Scene,
+        imaging: &'a Imaging<'a>,
+    ) -> Result<Self, EvaluationError> {
         let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
         let psf = design.psf(scene.set.planes())?;
         let convolver = imaging.convolver(psf.view())?;
-        let channel = imaging.bead_channel(psf.view(), patch);
+        let channel = imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
         Ok(Self { design, imaging, patch, convolver, channel, entropy, psf })
     }

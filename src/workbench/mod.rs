@@ -45,7 +45,7 @@ pub use estimator::{EstimateOrder, Estimates, FinishedEstimate, RunningEstimate}
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
-pub use export::{Curve, DESIGN_FILES, ExportError, export_design};
+pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptRun, RankedStart, RunStatus, Start, curve_of, patches_of, run_ideal, score_settings,

@@ -116,9 +116,17 @@ pub(super) struct Refiner {
     last: Option<(Arc<Scene>, Arc<CausalStart>)>,
     /// Seconds of a step, and the patch that they are of.
     pace: Option<(f64, (usize, usize))>,
+    /// A settled estimate whose last bounds were interrupted.
+    unbounded: Option<(Arc<Scene>, Design, LiveEstimate)>,
 }
 
 impl Refiner {
+    /// Takes steps for as slow as this, seconds.
+    #[cfg(test)]
+    pub fn set_pace(&mut self, pace: f64) {
+        self.pace = Some((pace, (super::evaluation::LIVE_PATCH, super::evaluation::LIVE_PATCH)));
+    }
+
     /// Refines the live estimate of a design until it settles. `publish` gets every number; `stop` is asked at every step.
     ///
     /// Every design is scored on the same held-out objects at the same places, so that differences between edits are not
@@ -133,9 +141,15 @@ impl Refiner {
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), EvaluationError> {
-        let imaging = imaging(design, &scene.set)?;
-        let subject = Subject::new(design, scene, &imaging)?;
-        let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(design.noise);
+        let bounding = design.bounding();
+        let imaging = imaging(&bounding, &scene.set)?;
+        let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
+        let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
+        let is_this = |(of, known, _): &(_, Design, _)| Arc::ptr_eq(of, scene) && known == design;
+        if let Some((_, _, estimate)) = self.unbounded.take().filter(is_this) {
+            return self.bound_at_last((design, scene), estimate, &mut beads, publish, stop);
+        }
+        let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         let start = self.last.take().filter(serves).map(|(_, start)| start);
         let test = subject.test(SCORED)?;
         let train = subject.stream(Split::Train);
@@ -147,7 +161,6 @@ impl Refiner {
             let estimate = subject.score(model, test, (planned, steps), start.clone())?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
-        let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
         let mut scores = SCORES.into_iter();
         let (mut next, mut next_followed) = (scores.next().unwrap_or_default(), FIRST_FOLLOWED);
         let mut few = Some(test.first(SCORED_FIRST));
@@ -197,19 +210,37 @@ impl Refiner {
         if let Some(failure) = failure {
             return Err(failure.into());
         }
-        if let Ok(steps) = fitted {
-            let mut estimate = score(&model, &subject.test(SCORED_LAST)?, steps, None)?;
-            estimate.gradient = pull(design, &imaging, &model);
-            publish(with_bounds(&beads, estimate.clone()));
-            beads.decode(LOWER_SAMPLES_LAST, stop);
-            beads.follow(FOLLOWED_LAST, stop);
-            publish(with_bounds(&beads, estimate));
-        }
         // Weights of a fit that went astray would lead the next one astray, too.
         if matches!(fitted, Ok(_) | Err(InformationError::Cancelled)) {
             self.last = Some((Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         }
-        Ok(fitted.map(|_| ())?)
+        let mut estimate = score(&model, &subject.test(SCORED_LAST)?, fitted?, None)?;
+        estimate.gradient = pull(design, &imaging, &model);
+        publish(with_bounds(&beads, estimate.clone()));
+        self.bound_at_last((design, scene), estimate, &mut beads, publish, stop)
+    }
+
+    /// Takes the bounds that know the prior once more where the estimate has settled.
+    fn bound_at_last(
+        &mut self,
+        (design, scene): (&Design, &Arc<Scene>),
+        estimate: LiveEstimate,
+        beads: &mut Beads<'_>,
+        publish: &mut dyn FnMut(LiveEstimate),
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(), EvaluationError> {
+        if beads.channel.is_none() {
+            return Ok(());
+        }
+        beads.decode(LOWER_SAMPLES_LAST, stop);
+        beads.follow(FOLLOWED_LAST, stop);
+        if stop() {
+            let estimate = with_bounds(beads, estimate);
+            self.unbounded = Some((Arc::clone(scene), design.clone(), estimate));
+            return Err(InformationError::Cancelled.into());
+        }
+        publish(with_bounds(beads, estimate));
+        Ok(())
     }
 
     /// Steps for which the time of a fit suffices, as fast as they were of late. They are planned before it begins, so that
@@ -247,8 +278,9 @@ pub(super) fn repeated(
     (recipe, start): (&LiveRecipe, Option<&CausalStart>),
     go_on: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<LiveEstimate, EvaluationError> {
-    let imaging = imaging(design, &scene.set)?;
-    let subject = Subject::new(design, scene, &imaging)?;
+    let bounding = design.bounding();
+    let imaging = imaging(&bounding, &scene.set)?;
+    let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
     let test = subject.test(recipe.test_patches)?;
     let train = subject.stream(Split::Train);
     let mut model = subject.model(&train, &test, start)?;

@@ -261,7 +261,7 @@ pub type FileChange = (String, Option<FileText>);
 
 impl Snapshots {
     /// Most designs that are kept.
-    const MOST: usize = 200;
+    pub const MOST: usize = 200;
 
     /// Puts the open design aside.
     ///
@@ -306,11 +306,12 @@ impl Snapshots {
         Ok(())
     }
 
-    /// The designs that were kept in a folder by this program or another, and how many files there could not be read.
+    /// The newest designs that were kept in a folder by this program or another, and how many files there could not be read and
+    /// how many are more than it lists.
     ///
     /// # Errors
     /// Where the folder cannot be made.
-    pub fn read(folder: &Path) -> Result<(Self, usize), FormatError> {
+    pub fn read(folder: &Path) -> Result<(Self, (usize, usize)), FormatError> {
         create_folder(folder)?;
         let mut files: Vec<_> = std::fs::read_dir(folder)
             .map_err(|error| FormatError::from_read(folder, error))?
@@ -320,7 +321,8 @@ impl Snapshots {
         files.sort();
         let found = files.len();
         let mut all = Self::default();
-        for path in files.iter().take(Self::MOST) {
+        let unlisted = found.saturating_sub(Self::MOST);
+        for path in files.iter().skip(unlisted) {
             let Ok(Kept { name, design, numbers }) = read_json(path) else { continue };
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
@@ -351,7 +353,7 @@ impl Snapshots {
             });
         }
         let read = all.entries.len();
-        Ok((all, found.min(Self::MOST) - read))
+        Ok((all, (found - unlisted - read, unlisted)))
     }
 
     /// Forgets one, its file as well, until it is [brought back](Snapshots::bring_back).
@@ -473,5 +475,24 @@ impl Snapshots {
             header: header.map(String::from).to_vec(),
             rows: self.entries.iter().map(row).collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_too_many_files_the_newest_are_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..Snapshots::MOST + 3 {
+            let kept = serde_json::json!({ "name": format!("Design {number}"), "design": Design::default() });
+            let text = if number == 50 { "{".to_owned() } else { kept.to_string() };
+            std::fs::write(folder.path().join(format!("{number:04}.json")), text).unwrap();
+        }
+        let (snapshots, left) = Snapshots::read(folder.path()).unwrap();
+        assert_eq!(left, (1, 3), "one is broken, three are older");
+        let names: Vec<&str> = snapshots.entries.iter().map(|kept| kept.name.as_str()).collect();
+        assert_eq!((names.len(), names[0], names[names.len() - 1]), (Snapshots::MOST - 1, "Design 3", "Design 202"));
     }
 }

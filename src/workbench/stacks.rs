@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{ArrayViewD, Axis};
 
 use super::design::Design;
-use super::export::ExportError;
+use super::export::{DESIGN_FILE, ExportError};
 use super::simulation::Simulator;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::sparsity::tamura_of_stack;
@@ -187,7 +187,7 @@ fn measure_in_batches(
         progress(first);
     }
     let complete = vec![objects.complete()?, noiseless.complete()?, noisy.complete()?];
-    let record = folder.join("design.json");
+    let record = folder.join(DESIGN_FILE);
     design.save(&record)?;
     let mut files = put_in_place(complete)?;
     files.push(record);

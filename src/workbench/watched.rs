@@ -153,6 +153,11 @@ impl Workbench {
         }
     }
 
+    /// Notes that a mask which was accepted is gone with its document.
+    pub(super) fn note_discarded(&mut self) {
+        self.watched.accepted = None;
+    }
+
     /// Notes that the open design is in a file: a run whose result it holds need not be taken up any more.
     pub(super) fn note_saved(&mut self) {
         // One that was stopped can go on the other day.

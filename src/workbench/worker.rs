@@ -356,11 +356,12 @@ impl Evaluator {
         let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
         publish(&|live| live.measurements = Some(Stamped { revision, value: Arc::clone(&measurements) }));
         // Tables of the noise's entropy are worth keeping while the noise stays the same.
+        let bounding = design.noise.bounding();
         let noise_entropy = match &self.noise_entropy {
-            Some((noise, known)) if *noise == design.noise => known,
+            Some((noise, known)) if *noise == bounding => known,
             _ => {
-                let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-                &self.noise_entropy.insert((design.noise, entropy)).1
+                let entropy = NoiseEntropy::new(bounding, Protocol::Default)?;
+                &self.noise_entropy.insert((bounding, entropy)).1
             }
         };
         let information = Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
@@ -454,18 +455,27 @@ impl Evaluator {
         shared: &Shared,
     ) -> Result<Outcome, String> {
         let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
+        let earlier = self.scene.clone();
         // Who opens a file again wants what is in it now.
-        let earlier = self.scene.take_if(|_| design.objects.is_read());
+        self.scene.take_if(|_| design.objects.is_read());
         // Edits go on while objects are read; they do not make them useless.
         let scene = self.scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress));
-        let scene = scene.map_err(|error| {
-            self.scene = earlier;
-            error.to_string()
-        })?;
-        Convolution::new(scene.set.field(), design.encoder.grid())
-            .map_err(|error| format!("{}: {error}", design.objects))?;
-        let notices = scene.set.notices().to_vec();
-        Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document, notices })
+        let fitting = scene.map_err(|error| error.to_string()).and_then(|scene| {
+            Convolution::new(scene.set.field(), design.encoder.grid())
+                .map(|_| scene)
+                .map_err(|error| format!("{}: {error}", design.objects))
+        });
+        match fitting {
+            Ok(scene) => {
+                let notices = scene.set.notices().to_vec();
+                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document, notices })
+            }
+            Err(refusal) => {
+                // The open design goes on with its own.
+                self.scene = earlier;
+                Err(refusal)
+            }
+        }
     }
 }
 

@@ -189,6 +189,69 @@ fn an_estimate_is_never_bare() {
 }
 
 #[test]
+fn weak_read_noise_tells_no_more_than_none() {
+    let bench = Bench::new();
+    let bits = |line: &str, noise: &str| {
+        let found = bench.json(&format!("{line} --noise {noise}"));
+        (found["bits_per_pixel"].as_f64().unwrap(), found)
+    };
+    let lines = [
+        "estimate --estimator gaussian-analytic --patch 8 --patches-test 60",
+        "estimate --patch 8 --patches-train 300 --patches-test 60",
+        "estimate --estimator live --steps 4 --patch 8 --patches-test 20 --lenslets heuristic:2",
+    ];
+    for line in lines {
+        let (shot, _) = bits(line, "shot");
+        let (weak, found) = bits(line, "shot+read:0.05");
+        assert_eq!(weak, shot, "{line}");
+        assert_eq!(found["noise"], "shot+read:0.05", "{line}");
+        assert!(found["notes"].to_string().contains("whole"), "{line}: {}", found["notes"]);
+        // Where it hides the counts it is seen as it is, which is hardly less here.
+        let (more, found) = bits(line, "shot+read:0.5");
+        assert!(more != shot && more < shot + 0.05, "{line}: {more} {shot}");
+        assert!(!found["notes"].to_string().contains("whole counts"), "{}", found["notes"]);
+    }
+    let gaussian = |noise: &str| bench.json(&format!("look --noise {noise}"))["information"]["gaussian_bound"].clone();
+    assert!(gaussian("shot").is_number(), "{}", bench.json("look"));
+    assert_eq!(gaussian("shot+read:0.05"), gaussian("shot"));
+}
+
+#[test]
+fn trials_of_fits_for_a_time_are_compared() {
+    let bench = Bench::new();
+    let found = bench.json("estimate --estimator live --budget 1s --trials 2 --patch 6 --patches-test 20 --seed 4");
+    assert_eq!(found["trials"], 2);
+    assert!(found["trial_spread"].as_f64().unwrap() >= 0.0);
+}
+
+#[test]
+fn beads_that_no_light_comes_from_are_told_before_a_fit() {
+    let bench = Bench::new();
+    // The one lenslet looks at a plane that the beads are not in.
+    let line = "estimate --lenslets depth:1 --patch 6 --patches-test 20 --steps 2";
+    let refusal = bench.refused(&format!("{line} --estimator bracket"));
+    assert!(refusal.contains("no photons"), "{refusal}");
+    let found = bench.json(&format!("{line} --estimator live"));
+    assert!(found["notes"].to_string().contains("no bound by posterior sampling"), "{}", found["notes"]);
+}
+
+#[test]
+fn a_design_is_not_replaced_by_another_one() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --out own");
+    for line in [
+        "export own/design.json --bias 3 --out own",
+        "measure own/design.json --seed 9 --count 1 --out own",
+        "design own/design.json --steps 1 --out own",
+    ] {
+        let refusal = bench.refused(line);
+        assert!(refusal.contains("design.json") && refusal.contains("--out"), "{line}: {refusal}");
+    }
+    bench.done("export own/design.json --out own");
+    bench.done("measure own/design.json --count 1 --out own");
+}
+
+#[test]
 fn a_bracket_names_both_bounds_and_where_they_come_from() {
     let bench = Bench::new();
     let line = "estimate --estimator bracket --lenslets heuristic:2 --patch 12 --patches-test 60 --budget 4s --seed 3";

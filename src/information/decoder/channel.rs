@@ -39,7 +39,7 @@ impl BeadChannel {
     }
 
     /// Refuses what is no channel, and returns the spot without its dark edges.
-    pub(super) fn checked_spot(&self) -> Result<Array3<f64>, InformationError> {
+    pub(crate) fn checked_spot(&self) -> Result<Array3<f64>, InformationError> {
         self.check_numbers()?;
         self.of_sites(self.trimmed()?)
     }

@@ -91,8 +91,9 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
                 continue;
             };
             let name = &cell.design;
-            let highest = rivals().filter_map(|cell| highest_of(cell)).fold(0.0, f64::max);
-            let judged = if low > highest {
+            // A rival that could not be estimated may be the best.
+            let is_above = |cell: &&StudyCell| highest_of(cell).is_some_and(|highest| low > highest);
+            let judged = if rivals().all(is_above) {
                 "proves the gain: no heuristic mask can tell as much"
             } else if low > high {
                 "confirms the gain"
@@ -176,5 +177,8 @@ mod tests {
         };
         set("design", 50.0);
         assert!(judged(&record).contains("proves the gain") && judged(&record).contains("(heuristic:3)"));
+        // One that could not be estimated may tell more.
+        record.cells.iter_mut().find(|cell| cell.design == "heuristic:1").unwrap().estimate = None;
+        assert!(judged(&record).ends_with("confirms the gain"), "{}", judged(&record));
     }
 }

@@ -144,7 +144,8 @@ pub struct PosteriorBound {
 /// Hears of progress, on any thread, and answers whether to go on.
 pub type OnPosterior<'a> = &'a mut (dyn FnMut(&PosteriorProgress) -> ControlFlow<()> + Send);
 
-/// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it.
+/// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it. It is that of
+/// [`Noise::bounding`].
 ///
 /// # Errors
 /// For what is no channel or no fit, and when cancelled: `on_progress` is called every 50 ms and may break off.
@@ -154,7 +155,8 @@ pub fn posterior_upper_bound(
     decoder: &Decoder,
     on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
-    bound(channel, fit, (decoder, Side::Above), on_progress)
+    let bounding = BeadChannel { noise: channel.noise.bounding(), ..channel.clone() };
+    bound(&bounding, fit, (decoder, Side::Above), on_progress)
 }
 
 /// A lower bound on the information of a channel, for any decoder; a better one and more levels raise it. All sites are
