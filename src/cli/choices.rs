@@ -29,6 +29,16 @@ pub enum EncoderChoice {
     Design(PathBuf),
 }
 
+impl EncoderChoice {
+    /// The design file that it is read from.
+    pub fn design_file(&self) -> Option<&Path> {
+        match self {
+            Self::Design(path) => Some(path),
+            _ => None,
+        }
+    }
+}
+
 const CHOICES: &str =
     "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), or design:FILE";
 

@@ -139,7 +139,9 @@ impl Arguments {
         let design = self.start()?;
         let settings = self.settings(&design)?;
         check_folder(&self.out)?;
-        check_input_stays(self.design.as_deref(), &self.out, None)?;
+        for file in [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::design_file)] {
+            check_input_stays(file, &self.out, None)?;
+        }
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
         let from = kept.load()?;

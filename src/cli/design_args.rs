@@ -55,7 +55,8 @@ pub struct SceneArgs {
 impl DesignArgs {
     /// Refuses to put `design` in place of the file that was given, where that holds another.
     pub fn check_file_stays(&self, out: &Path, design: &Design) -> anyhow::Result<()> {
-        check_input_stays(self.design.as_deref(), out, Some(design))
+        let mask = self.lenslets.as_ref().and_then(EncoderChoice::design_file);
+        [self.design.as_deref(), mask].into_iter().try_for_each(|file| check_input_stays(file, out, Some(design)))
     }
 
     /// The design, with the scene replaced by what `scene` gives.

@@ -197,10 +197,10 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     if let (Some(lower), Some(from), Some([low, high])) =
         (bracket.lower, &bracket.lower_from, bracket.lower_interval_95)
     {
+        let (least, most) = Bracket::in_order(lower, bracket.upper);
         return format!(
-            "between {lower:.4} and {:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
-             the {upper}",
-            bracket.upper
+            "between {least:.4} and {most:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
+             the {upper}"
         );
     }
     let [low, high] = bracket.upper_interval_95;

@@ -1,5 +1,7 @@
 //! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
+mod returns;
+
 use std::ops::ControlFlow;
 
 use ndarray::Array4;
@@ -226,51 +228,6 @@ impl<'a> Ideal<'a> {
         Ok(())
     }
 
-    /// The best mask so far that has the lenslets which are left, where values can only be too low.
-    fn best(&self) -> Option<&Frame> {
-        let is_dark = |frame: &Frame| self.state.pruned.iter().all(|&index| frame.array.lenslets[index].weight == 0.0);
-        let frames = self.state.frames.iter().filter(|frame| !self.guide.can_overrate() && is_dark(frame));
-        frames.max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
-    }
-
-    /// Where the mask has come to tell clearly less than before, goes on from the best one more slowly. A decoder that does not
-    /// see all that measurements tell also errs about what would make them tell more.
-    fn take_back(&mut self) -> Result<(), IdealError> {
-        let (Some(best), Some(last)) = (self.best(), self.state.frames.last()) else { return Ok(()) };
-        if self.state.finished || best.bits_per_pixel - last.bits_per_pixel < MOST_LOSS {
-            return Ok(());
-        }
-        let (array, to) = (best.array.clone(), best.step);
-        self.return_to(array, to)
-    }
-
-    fn return_to(&mut self, array: LensletArray, to: usize) -> Result<(), IdealError> {
-        self.guide.follow(&array, true)?;
-        let state = &mut self.state;
-        state.array = array;
-        state.momentum.forget_all();
-        state.caution = (0.5 * state.caution).max(SLOWEST);
-        state.events.push(IdealEvent::Returned { step: state.step, to });
-        Ok(())
-    }
-
-    /// The best mask so far where it is better than the last one, measured as that was.
-    fn better_than(&mut self, last: &Frame, watch: &Watched<'_>) -> Result<Option<Frame>, IdealError> {
-        let Some(best) = self.best().filter(|best| best.bits_per_pixel > last.bits_per_pixel) else { return Ok(None) };
-        let (array, to) = (best.array.clone(), best.step);
-        let (before, state) = (self.guide.to_bytes(Vec::new())?, self.state.clone());
-        self.return_to(array, to)?;
-        self.fit((self.settings.last_fit, 1), watch)?;
-        let again = self.frame(true, watch)?;
-        if again.bits_per_pixel > last.bits_per_pixel {
-            return Ok(Some(again));
-        }
-        self.state = state;
-        self.guide.restore(&before)?;
-        self.guide.follow(&self.state.array, true)?;
-        Ok(None)
-    }
-
     /// Fits the guide to the mask as it is: so many steps, each part of a round with draws of its own.
     fn fit(&mut self, (steps, part): (usize, u64), watch: &Watched<'_>) -> Result<(), IdealError> {
         let round = self.state.frames.len() as u64;
@@ -439,10 +396,6 @@ impl<'a> Ideal<'a> {
 /// compared with the mask as it is.
 const SCREENED: usize = 256;
 const COMPARED: usize = 2048;
-
-/// Loss beyond which a mask is given up for the best one, bits per pixel: on the same scenes and by one decoder after the other
-/// values differ by less than half of it where the mask stays.
-const MOST_LOSS: f64 = 0.006;
 
 /// Frames from one bound from below to the next, and the samples that it rests on.
 const LOWER_EVERY: usize = 5;
@@ -660,55 +613,6 @@ mod tests {
             resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         }
         assert_eq!(resumed.state.array, whole.state.array);
-    }
-
-    /// Two bright lenslets before beads, up the posterior, a step in every round.
-    fn two_lenslets<'a>(imaging: &'a Imaging<'a>, steps: usize) -> Ideal<'a> {
-        let lenslet = |x| Lenslet::round(x, 7.5, 0.8, 0.5);
-        let start = LensletArray { rows: 16, cols: 16, lenslets: vec![lenslet(4.0), lenslet(11.0)] };
-        let settings = IdealSettings {
-            patch: Some((16, 16)),
-            refit_every: 1,
-            first_fit: 1,
-            refit: 1,
-            last_fit: 1,
-            patches: 2,
-            steps,
-            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
-        };
-        Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
-    }
-
-    #[test]
-    fn a_mask_that_lost_information_is_given_up_for_the_best_one() {
-        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
-        let set = ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
-        let mut ideal = two_lenslets(&imaging, 2);
-        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-        let blur = |ideal: &mut Ideal<'_>| {
-            for lenslet in &mut ideal.state.array.lenslets {
-                lenslet.spot = crate::optics::Spot::Isotropic(5.0);
-            }
-        };
-        advance(&mut ideal);
-        assert_eq!(ideal.state.events, []);
-        blur(&mut ideal);
-        advance(&mut ideal);
-        let [good, blurred] = &ideal.state.frames[..] else { panic!("two frames") };
-        assert!(blurred.bits_per_pixel < good.bits_per_pixel - MOST_LOSS);
-        assert_eq!(ideal.state.events, [IdealEvent::Returned { step: 1, to: 0 }]);
-        // It has taken a step from there since.
-        let (now, then) = (ideal.state.array.lenslets[0], good.array.lenslets[0]);
-        assert!(now != then && (now.x - then.x).abs() <= ideal.settings.rates.position, "{now:?}");
-        let bits = good.bits_per_pixel;
-        blur(&mut ideal);
-        advance(&mut ideal);
-        assert!(ideal.is_finished());
-        let last = ideal.state.frames.last().unwrap();
-        assert_eq!((&last.array, &ideal.state.array), (&ideal.state.frames[0].array, &ideal.state.frames[0].array));
-        assert!((last.bits_per_pixel - bits).abs() < 0.02, "measured anew: {} {bits}", last.bits_per_pixel);
-        assert_eq!(ideal.state.events[1..], [IdealEvent::Returned { step: 2, to: 0 }]);
     }
 
     #[test]

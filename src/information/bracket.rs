@@ -106,6 +106,11 @@ impl Bracket {
         Self::new(upper, lower)
     }
 
+    /// Lower and upper bound in order, bits per pixel: bounds that have met can cross by chance.
+    pub fn in_order(lower: f64, upper: f64) -> (f64, f64) {
+        (lower.min(upper), lower.max(upper))
+    }
+
     /// Distance between the bounds, bits per pixel.
     pub fn width(&self) -> Option<f64> {
         self.lower.map(|lower| self.upper - lower)

@@ -227,7 +227,9 @@ impl Estimate {
         }));
         let bracket = Bracket::new(above, below).ok_or(InformationError::Empty)?;
         if bracket.width().is_some_and(|width| width < 0.0) {
-            estimate.notes.push("the bounds have met and cross by chance: the information is that of both".to_owned());
+            estimate
+                .notes
+                .push("the bounds have met and cross by chance: the information is about that of both".to_owned());
         }
         estimate.bits_per_pixel = bracket.upper;
         estimate.interval_95 = bracket.upper_interval_95;
@@ -246,8 +248,10 @@ impl Estimate {
         let [low, high] = self.interval_95;
         let (bits, from) = (self.bits_per_pixel, self.upper_from());
         match self.lower() {
-            Some(lower) if lower > bits => format!("{bits:.4} bits per pixel, where the bounds meet"),
-            Some(lower) => format!("between {lower:.4} and {bits:.4} bits per pixel"),
+            Some(lower) => {
+                let (low, high) = Bracket::in_order(lower, bits);
+                format!("between {low:.4} and {high:.4} bits per pixel")
+            }
             None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),
         }
     }
@@ -396,7 +400,7 @@ mod tests {
         };
         assert_eq!(below(0.44).in_words(), "between 0.4400 and 0.4500 bits per pixel");
         let crossed = below(0.46);
-        assert_eq!(crossed.in_words(), "0.4500 bits per pixel, where the bounds meet");
+        assert_eq!(crossed.in_words(), "between 0.4500 and 0.4600 bits per pixel");
         assert!(crossed.notes.iter().any(|note| note.contains("cross by chance")), "{:?}", crossed.notes);
     }
 

@@ -140,14 +140,6 @@ impl From<Noise> for String {
 mod tests {
     use super::*;
 
-    #[test]
-    fn read_noise_that_leaves_counts_apart_is_left_out_of_bounds_from_above() {
-        let of = |sigma| Noise::ShotRead { sigma }.bounding();
-        assert_eq!((of(0.05), of(0.49)), (Noise::Shot, Noise::Shot));
-        assert_eq!(of(0.5), Noise::ShotRead { sigma: 0.5 });
-        let read = Noise::Read { sigma: 0.05 };
-        assert_eq!([Noise::Shot, read, Noise::None].map(Noise::bounding), [Noise::Shot, read, Noise::None]);
-    }
     use ndarray::s;
 
     #[test]
@@ -186,5 +178,14 @@ mod tests {
         assert_eq!(noise.draw(encoded.slice(s![..2, .., ..]), 3), whole.slice(s![..2, .., ..]));
         assert_eq!(noise.draw_from(encoded.slice(s![2.., .., ..]), 2, 3), whole.slice(s![2.., .., ..]));
         assert_ne!(noise.draw(encoded.view(), 4), whole);
+    }
+
+    #[test]
+    fn read_noise_that_leaves_counts_apart_is_left_out_of_bounds_from_above() {
+        let of = |sigma| Noise::ShotRead { sigma }.bounding();
+        assert_eq!((of(0.05), of(0.49)), (Noise::Shot, Noise::Shot));
+        assert_eq!(of(0.5), Noise::ShotRead { sigma: 0.5 });
+        let read = Noise::Read { sigma: 0.05 };
+        assert_eq!([Noise::Shot, read, Noise::None].map(Noise::bounding), [Noise::Shot, read, Noise::None]);
     }
 }

@@ -10,7 +10,7 @@ use super::image_view::name_widget;
 use super::information_panel::{DENSITY, LOWER, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
-use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command,
 };
@@ -218,10 +218,13 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 
 /// The number of an estimate in one line.
 fn summary(estimate: &Estimate) -> String {
-    let (bits, from) = (rounded(estimate.bits_per_pixel), estimate.upper_from());
+    let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
     match estimate.lower() {
-        Some(lower) => format!("{} to {bits} bits per pixel", rounded(lower)),
-        None => format!("\u{2264} {bits} {} bits per pixel ({from})", interval(estimate.interval_95)),
+        Some(lower) => {
+            let (low, high) = Bracket::in_order(lower, bits);
+            format!("{} to {} bits per pixel", rounded(low), rounded(high))
+        }
+        None => format!("\u{2264} {} {} bits per pixel ({from})", rounded(bits), interval(estimate.interval_95)),
     }
 }
 

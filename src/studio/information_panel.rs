@@ -202,18 +202,24 @@ pub fn interval([low, high]: [f64; 2]) -> String {
     format!("[{low:.3}, {high:.3}]")
 }
 
+/// Both bounds, from the smaller to the larger.
+fn between(lower: f64, upper: f64) -> String {
+    let (low, high) = Bracket::in_order(lower, upper);
+    format!("{low:.3} \u{2013} {high:.3}")
+}
+
 /// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
 fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
     let (text, name, patch) = match (&known.sensor, known.lower()) {
         (Some((Bracket { lower: Some(lower), upper, lower_from: Some(below), upper_from, .. }, [rows, cols])), _) => (
-            format!("{lower:.3} \u{2013} {upper:.3}"),
+            between(*lower, *upper),
             format!("whole sensor: {}", both(below, upper_from)),
             format!("The information of whole measurements ({rows} x {cols} px) lies between these bounds."),
         ),
         (_, Some(lower)) => (
-            format!("{:.3} \u{2013} {upper:.3}", lower.bits_per_pixel),
+            between(lower.bits_per_pixel, upper),
             both(&lower.from, &from),
             format!("The information of {rows} x {cols} px patches lies between these bounds."),
         ),

@@ -135,6 +135,12 @@ fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
     }
     let frames = &run.frames[..shown.map_or(run.frames.len(), |shown| shown + 1)];
     let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
+    // Masks that the run came back from are not on the way.
+    let last = frames.last().map_or(0, |frame| frame.step);
+    let is_given_up = |frame: &Frame| {
+        let of = |event: &IdealEvent| matches!(event, IdealEvent::Returned { step, to } if *step <= last && (*to + 1..=*step).contains(&frame.step));
+        run.events.iter().any(of)
+    };
     for (index, lenslet) in array.lenslets.iter().enumerate() {
         // A lenslet that got light elsewhere took no way there.
         let relit = |event: &IdealEvent| match event {
@@ -146,7 +152,8 @@ fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
             _ => None,
         };
         let since = run.events.iter().filter_map(relit).max().unwrap_or(0);
-        let way = frames[since..].iter().map(|frame| frame.array.lenslets[index]).chain([*lenslet]);
+        let frames = frames[since..].iter().filter(|frame| !is_given_up(frame));
+        let way = frames.map(|frame| frame.array.lenslets[index]).chain([*lenslet]);
         let points: Vec<_> = way.map(|lenslet| placement.to_screen(lenslet.x, lenslet.y)).collect();
         let share = (lenslet.weight / brightest.max(1e-12)) as f32;
         let stroke = Stroke::new(1.5, TRAIL.gamma_multiply(0.25 + 0.75 * share));

@@ -11,6 +11,7 @@ use super::information_panel::{DENSITY, LOWER, interval, rounded};
 use super::messages::Severity;
 use super::state::{Leave, State};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset};
+use crate::information::Bracket;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, random_layout};
 use crate::workbench::{
@@ -481,7 +482,10 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         let estimate = &result.estimate;
         ui.horizontal_wrapped(|ui| {
             let bits = match estimate.lower() {
-                Some(lower) => format!("{} to {}", rounded(lower), rounded(estimate.bits_per_pixel)),
+                Some(lower) => {
+                    let (low, high) = Bracket::in_order(lower, estimate.bits_per_pixel);
+                    format!("{} to {}", rounded(low), rounded(high))
+                }
                 None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
             };
             let text = format!("{}. {}: {bits}", place + 1, result.name);

@@ -265,10 +265,7 @@ impl Workbench {
     /// Another document: what was done to the last one is forgotten.
     fn take_up(&mut self, design: Design, path: Option<PathBuf>) {
         self.watched.following = false;
-        // A mask that was accepted and is not in a file goes with its document.
-        if self.is_dirty() {
-            self.note_discarded();
-        }
+        self.note_discarded(self.saved_contents);
         self.open = None;
         self.document += 1;
         self.history.clear();

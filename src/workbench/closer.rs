@@ -51,14 +51,16 @@ pub struct Closer {
 impl CloserOrder {
     /// Looks; breaks off without an answer where it is not to `go_on`: another design waits.
     pub(super) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<Closer> {
-        let Measurements { noiseless, noisy, .. } = &*self.measurements;
+        let Measurements { noiseless, noisy, counts, .. } = &*self.measurements;
         let last = noisy.len_of(Axis(0)).saturating_sub(1);
         let of = self.key.sample.min(last);
         let (clean, measured) = (noiseless.index_axis(Axis(0), of), noisy.index_axis(Axis(0), of));
         let spectrum = power_spectrum(middle(if self.key.noisy { measured } else { clean }));
+        // The model is one of the noise that bounds from above.
+        let modelled = counts.as_ref().map_or(measured, |counts| counts.index_axis(Axis(0), of));
         // Without a map the picture is shown as it is.
         let model = self.model.as_ref().filter(|_| measured.len() <= MOST_MAPPED);
-        let map = match model.map(|model| information_over(model, measured, clean, go_on)) {
+        let map = match model.map(|model| information_over(model, modelled, clean, go_on)) {
             Some(Err(InformationError::Cancelled)) => return None,
             map => map.and_then(Result::ok),
         };

@@ -176,6 +176,8 @@ pub struct Measurements {
     pub noiseless: Array3<f32>,
     /// With noise.
     pub noisy: Array3<f32>,
+    /// The counts beneath read noise that bounds from above leave out; none where it leaves out nothing.
+    pub counts: Option<Array3<f32>>,
     /// Tamura coefficient of the noisy measurements' patches, the published sensor TC.
     pub tamura: TamuraSummary,
 }
@@ -253,10 +255,13 @@ impl SceneOptics {
             sd: 0.0,
             count: 0,
         });
-        Ok(Measurements { noiseless, noisy, tamura })
+        let bounding = design.noise.bounding();
+        // Read noise is drawn after all counts of an image.
+        let counts = (bounding != design.noise).then(|| bounding.draw(noiseless.view(), design.seed));
+        Ok(Measurements { noiseless, noisy, counts, tamura })
     }
 
-    /// The bounds on the information of a PSF's measurements; `noise_entropy` is that of [`Noise::bounding`].
+    /// The bounds on the information of a PSF's measurements; `noise_entropy` is that of the noise that bounds from above.
     ///
     /// # Errors
     /// [`InformationError`] where there is no noise, so that information is unbounded.
@@ -277,7 +282,7 @@ impl SceneOptics {
         let ceiling = match &self.beads {
             Some((table, spot)) => {
                 let on_sensor = spots_on_sensor(spot, seen);
-                Some(table.evaluate(on_sensor.view(), design.bias_photons, self.patch, design.noise)?)
+                Some(table.evaluate(on_sensor.view(), design.bias_photons, self.patch, design.noise.bounding())?)
             }
             None => None,
         };
@@ -303,7 +308,8 @@ pub(super) fn ceiling_of(
     let seen = psf.slice_move(ndarray::s![..set.planes(), .., ..]);
     let beads = bead_ceiling(set)?;
     let ceiling = beads.map(|(table, spot)| {
-        table.evaluate_exact(spots_on_sensor(&spot, seen).view(), design.bias_photons, patch, design.noise)
+        let spots = spots_on_sensor(&spot, seen);
+        table.evaluate_exact(spots.view(), design.bias_photons, patch, design.noise.bounding())
     });
     ceiling.transpose()
 }

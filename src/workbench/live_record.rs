@@ -198,10 +198,13 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
 
+    use super::super::closer::{CloserKey, CloserOrder};
+    use super::super::evaluation::{Optics, SceneOptics};
     use super::super::live_bounds::Draws;
     use super::super::refinement::Refiner;
     use super::*;
     use crate::optics::{Encoder, heuristic_layout};
+    use crate::sensor::Noise;
 
     /// The first estimate that is wanted of a design.
     fn first(
@@ -257,9 +260,29 @@ mod tests {
         let settled = first(&mut refiner, &design, &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
         refiner.refine(&design, &scene, &mut |live| published.push(live), &|| false).unwrap();
-        let [last] = &published[..] else { panic!("{} estimates", published.len()) };
+        let [first, last] = &published[..] else { panic!("{} estimates", published.len()) };
+        assert_eq!(first.upper, settled.upper);
         assert_eq!((last.bits_per_pixel, last.recipe.steps), (settled.bits_per_pixel, settled.recipe.steps));
         assert!(last.lower.is_some() && last.recipe.upper != settled.recipe.upper, "{:?}", last.recipe);
+    }
+
+    #[test]
+    fn where_weak_read_noise_is_left_out_of_bounds_the_map_is_of_the_counts() {
+        let noise = Noise::ShotRead { sigma: 0.1 };
+        let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), noise, ..Design::default() };
+        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let live = first(&mut Refiner::default(), &design, &scene, |_| true);
+        let optics = Optics::of(&design, scene.set.planes()).unwrap();
+        let prepared = SceneOptics::new(&scene, design.encoder.grid()).unwrap();
+        let measurements = Arc::new(prepared.measure(&design, &optics, &scene).unwrap());
+        let counts = measurements.counts.as_ref().unwrap();
+        let are_below = |(count, noisy): (&f32, &f32)| count.fract() == 0.0 && (count - noisy).abs() < 1.0;
+        assert!(counts.iter().zip(&measurements.noisy).all(are_below));
+        let key = CloserKey { revision: 1, sample: 0, noisy: true, steps: Some(live.recipe.steps) };
+        let closer = CloserOrder { key, measurements, model: Some(live.model) }.look(&|| true).unwrap();
+        let map = closer.map.unwrap();
+        let told = map.iter().map(|&bits| f64::from(bits)).sum::<f64>() / map.len() as f64;
+        assert!((0.0..2.0).contains(&told), "{told} bits per pixel");
     }
 
     #[test]

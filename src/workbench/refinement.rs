@@ -117,7 +117,7 @@ pub(super) struct Refiner {
     /// Seconds of a step, and the patch that they are of.
     pace: Option<(f64, (usize, usize))>,
     /// A settled estimate whose last bounds were interrupted.
-    unbounded: Option<(Arc<Scene>, Design, LiveEstimate)>,
+    awaits_bounds: Option<(Arc<Scene>, Design, LiveEstimate)>,
 }
 
 impl Refiner {
@@ -146,8 +146,12 @@ impl Refiner {
         let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
         let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
         let is_this = |(of, known, _): &(_, Design, _)| Arc::ptr_eq(of, scene) && known == design;
-        if let Some((_, _, estimate)) = self.unbounded.take().filter(is_this) {
-            return self.bound_at_last((design, scene), estimate, &mut beads, publish, stop);
+        if let Some((_, _, estimate)) = self.awaits_bounds.take().filter(is_this) {
+            beads.lower = estimate.lower.clone().zip(estimate.recipe.lower);
+            beads.upper = estimate.upper.clone().zip(estimate.recipe.upper);
+            // An edit may interrupt again.
+            publish(estimate.clone());
+            return self.take_last_bounds((design, scene), estimate, &mut beads, publish, stop);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         let start = self.last.take().filter(serves).map(|(_, start)| start);
@@ -214,14 +218,15 @@ impl Refiner {
         if matches!(fitted, Ok(_) | Err(InformationError::Cancelled)) {
             self.last = Some((Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         }
-        let mut estimate = score(&model, &subject.test(SCORED_LAST)?, fitted?, None)?;
+        let steps = fitted?;
+        let mut estimate = score(&model, &subject.test(SCORED_LAST)?, steps, None)?;
         estimate.gradient = pull(design, &imaging, &model);
         publish(with_bounds(&beads, estimate.clone()));
-        self.bound_at_last((design, scene), estimate, &mut beads, publish, stop)
+        self.take_last_bounds((design, scene), estimate, &mut beads, publish, stop)
     }
 
     /// Takes the bounds that know the prior once more where the estimate has settled.
-    fn bound_at_last(
+    fn take_last_bounds(
         &mut self,
         (design, scene): (&Design, &Arc<Scene>),
         estimate: LiveEstimate,
@@ -236,7 +241,7 @@ impl Refiner {
         beads.follow(FOLLOWED_LAST, stop);
         if stop() {
             let estimate = with_bounds(beads, estimate);
-            self.unbounded = Some((Arc::clone(scene), design.clone(), estimate));
+            self.awaits_bounds = Some((Arc::clone(scene), design.clone(), estimate));
             return Err(InformationError::Cancelled.into());
         }
         publish(with_bounds(beads, estimate));

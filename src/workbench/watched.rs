@@ -153,9 +153,9 @@ impl Workbench {
         }
     }
 
-    /// Notes that a mask which was accepted is gone with its document.
-    pub(super) fn note_discarded(&mut self) {
-        self.watched.accepted = None;
+    /// Notes that a mask which was accepted since the contents of this number were saved is gone with its document.
+    pub(super) fn note_discarded(&mut self, saved: u64) {
+        self.watched.accepted.take_if(|(_, accepted)| *accepted > saved);
     }
 
     /// Notes that the open design is in a file: a run whose result it holds need not be taken up any more.

@@ -243,6 +243,8 @@ fn a_design_is_not_replaced_by_another_one() {
         "export own/design.json --bias 3 --out own",
         "measure own/design.json --seed 9 --count 1 --out own",
         "design own/design.json --steps 1 --out own",
+        "export --lenslets design:own/design.json --seed 5 --out own",
+        "design --start design:own/design.json --steps 1 --out own",
     ] {
         let refusal = bench.refused(line);
         assert!(refusal.contains("design.json") && refusal.contains("--out"), "{line}: {refusal}");

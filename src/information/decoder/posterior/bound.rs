@@ -144,8 +144,8 @@ pub struct PosteriorBound {
 /// Hears of progress, on any thread, and answers whether to go on.
 pub type OnPosterior<'a> = &'a mut (dyn FnMut(&PosteriorProgress) -> ControlFlow<()> + Send);
 
-/// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it. It is that of
-/// [`Noise::bounding`].
+/// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it. The noise is
+/// that of [`bounding`](crate::sensor::Noise::bounding).
 ///
 /// # Errors
 /// For what is no channel or no fit, and when cancelled: `on_progress` is called every 50 ms and may break off.

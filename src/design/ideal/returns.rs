@@ -1,0 +1,127 @@
+//! The way back of a run whose mask has come to tell less than before. A decoder that does not see all that measurements tell
+//! also errs about what would make them tell more, so that its slopes can lead down.
+
+use super::Ideal;
+use crate::design::error::IdealError;
+use crate::design::state::{Frame, IdealEvent};
+use crate::design::watched::Watched;
+use crate::optics::LensletArray;
+
+/// Loss beyond which a mask is given up for the best one, bits per pixel: on the same scenes and by one decoder after the other
+/// values differ by less than half of it where the mask stays.
+const MOST_LOSS: f64 = 0.006;
+
+impl Ideal<'_> {
+    /// The best mask so far that has the lenslets which are left, where values can only be too low. Masks at which the run had
+    /// ended before were measured more closely; they count by what they were worth when it went on.
+    fn best(&self) -> Option<&Frame> {
+        if self.guide.can_overrate() {
+            return None;
+        }
+        let (state, frames) = (&self.state, &self.state.frames);
+        let is_whole = |frame: &Frame| state.pruned.iter().all(|&index| frame.array.lenslets[index].weight == 0.0);
+        let went_on = |at: usize| frames.get(at + 1).is_some_and(|next| next.step == frames[at].step);
+        let alike = frames.iter().enumerate().filter(|&(at, frame)| is_whole(frame) && !went_on(at));
+        alike.map(|(_, frame)| frame).max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
+    }
+
+    /// Goes on from the best mask where the last one tells clearly less.
+    pub(super) fn take_back(&mut self) -> Result<(), IdealError> {
+        let (Some(best), Some(last)) = (self.best(), self.state.frames.last()) else { return Ok(()) };
+        if self.state.finished || best.bits_per_pixel - last.bits_per_pixel < MOST_LOSS {
+            return Ok(());
+        }
+        let (array, to) = (best.array.clone(), best.step);
+        self.return_to(array, to)
+    }
+
+    fn return_to(&mut self, array: LensletArray, to: usize) -> Result<(), IdealError> {
+        self.guide.follow(&array, true)?;
+        let state = &mut self.state;
+        state.array = array;
+        state.momentum.forget_all();
+        state.events.push(IdealEvent::Returned { step: state.step, to });
+        Ok(())
+    }
+
+    /// The best mask so far where it is better than the `last` one, measured as that was; the run is then there.
+    pub(super) fn better_than(&mut self, last: &Frame, watch: &Watched<'_>) -> Result<Option<Frame>, IdealError> {
+        let Some(best) = self.best().filter(|best| best.bits_per_pixel > last.bits_per_pixel) else { return Ok(None) };
+        let (array, to) = (best.array.clone(), best.step);
+        let (before, state) = (self.guide.to_bytes(Vec::new())?, self.state.clone());
+        let again = self.return_to(array, to).and_then(|()| {
+            self.fit((self.settings.last_fit, 1), watch)?;
+            self.frame(true, watch)
+        });
+        match again {
+            Ok(frame) if frame.bits_per_pixel > last.bits_per_pixel => Ok(Some(frame)),
+            again => {
+                self.state = state;
+                self.guide.restore(&before)?;
+                self.guide.follow(&self.state.array, true)?;
+                again.map(|_| None)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::*;
+    use crate::design::imaging::Imaging;
+    use crate::design::settings::{IdealSettings, Objective, Preset};
+    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::optics::{Lenslet, Limits, Spot};
+    use crate::sensor::Noise;
+
+    /// Two bright lenslets before beads, up the posterior, a step in every round.
+    fn two_lenslets<'a>(imaging: &'a Imaging<'a>, steps: usize) -> Ideal<'a> {
+        let lenslet = |x| Lenslet::round(x, 7.5, 0.8, 0.5);
+        let start = LensletArray { rows: 16, cols: 16, lenslets: vec![lenslet(4.0), lenslet(11.0)] };
+        let settings = IdealSettings {
+            patch: Some((16, 16)),
+            refit_every: 1,
+            first_fit: 1,
+            refit: 1,
+            last_fit: 1,
+            patches: 2,
+            steps,
+            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
+        };
+        Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
+    }
+
+    #[test]
+    fn a_mask_that_lost_information_is_given_up_for_the_best_one() {
+        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let mut ideal = two_lenslets(&imaging, 2);
+        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let blur = |ideal: &mut Ideal<'_>| {
+            for lenslet in &mut ideal.state.array.lenslets {
+                lenslet.spot = Spot::Isotropic(5.0);
+            }
+        };
+        advance(&mut ideal);
+        assert_eq!(ideal.state.events, []);
+        blur(&mut ideal);
+        advance(&mut ideal);
+        let [good, blurred] = &ideal.state.frames[..] else { panic!("two frames") };
+        assert!(blurred.bits_per_pixel < good.bits_per_pixel - MOST_LOSS);
+        assert_eq!(ideal.state.events, [IdealEvent::Returned { step: 1, to: 0 }]);
+        // It has taken a step from there since.
+        let (now, then) = (ideal.state.array.lenslets[0], good.array.lenslets[0]);
+        assert!(now != then && (now.x - then.x).abs() <= ideal.settings.rates.position, "{now:?}");
+        let bits = good.bits_per_pixel;
+        blur(&mut ideal);
+        advance(&mut ideal);
+        assert!(ideal.is_finished());
+        let last = ideal.state.frames.last().unwrap();
+        assert_eq!((&last.array, &ideal.state.array), (&ideal.state.frames[0].array, &ideal.state.frames[0].array));
+        assert!((last.bits_per_pixel - bits).abs() < 0.02, "measured anew: {} {bits}", last.bits_per_pixel);
+        assert_eq!(ideal.state.events[1..], [IdealEvent::Returned { step: 2, to: 0 }]);
+    }
+}
