@@ -56,7 +56,7 @@ pub enum IdealEvent {
         /// Its place in the list, from 0.
         lenslet: usize,
     },
-    /// The mask told less than an earlier one, by bounds from below, and the run took that up again; the rates were halved.
+    /// The mask told less than an earlier one, by bounds from below, and the run took that up again.
     Returned {
         /// Steps of the mask so far.
         step: usize,

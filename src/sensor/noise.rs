@@ -139,7 +139,6 @@ impl From<Noise> for String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
     use ndarray::s;
 
     #[test]

@@ -261,7 +261,7 @@ pub type FileChange = (String, Option<FileText>);
 
 impl Snapshots {
     /// Most designs that are kept.
-    pub const MOST: usize = 200;
+    const MOST: usize = 200;
 
     /// Puts the open design aside.
     ///

@@ -205,11 +205,11 @@ fn weak_read_noise_tells_no_more_than_none() {
         let (weak, found) = bits(line, "shot+read:0.05");
         assert_eq!(weak, shot, "{line}");
         assert_eq!(found["noise"], "shot+read:0.05", "{line}");
-        assert!(found["notes"].to_string().contains("whole"), "{line}: {}", found["notes"]);
+        assert!(found["notes"].to_string().contains("counts are whole"), "{line}: {}", found["notes"]);
         // Where it hides the counts it is seen as it is, which is hardly less here.
         let (more, found) = bits(line, "shot+read:0.5");
         assert!(more != shot && more < shot + 0.05, "{line}: {more} {shot}");
-        assert!(!found["notes"].to_string().contains("whole counts"), "{}", found["notes"]);
+        assert!(!found["notes"].to_string().contains("counts are whole"), "{}", found["notes"]);
     }
     let gaussian = |noise: &str| bench.json(&format!("look --noise {noise}"))["information"]["gaussian_bound"].clone();
     assert!(gaussian("shot").is_number(), "{}", bench.json("look"));

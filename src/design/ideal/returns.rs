@@ -7,8 +7,7 @@ use crate::design::state::{Frame, IdealEvent};
 use crate::design::watched::Watched;
 use crate::optics::LensletArray;
 
-/// Loss beyond which a mask is given up for the best one, bits per pixel: on the same scenes and by one decoder after the other
-/// values differ by less than half of it where the mask stays.
+/// Loss beyond which a mask is given up for the best one, bits per pixel.
 const MOST_LOSS: f64 = 0.006;
 
 impl Ideal<'_> {
