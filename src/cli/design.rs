@@ -307,19 +307,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     if record.start.objects.is_beads() {
         lines.push("`estimate --estimator bracket` bounds the design from both sides".into());
     }
-    let count = |is: fn(&IdealEvent) -> bool| record.events.iter().filter(|event| is(event)).count();
-    let relit = count(|event| matches!(event, IdealEvent::Relit { .. }));
-    if relit > 0 {
-        lines.push(format!("lenslets that told little and got light at another place: {relit}"));
-    }
-    let returned = count(|event| matches!(event, IdealEvent::Returned { .. }));
-    if returned > 0 {
-        lines.push(format!("returns to an earlier mask that told more: {returned}"));
-    }
-    let went_wrong = count(|event| matches!(event, IdealEvent::Refused { .. } | IdealEvent::Refitted { .. }));
-    if went_wrong > 0 {
-        lines.push(format!("note: {went_wrong} times a step was refused or the model had lost track; see run.json"));
-    }
+    lines.extend(IdealEvent::detours(&record.events));
     lines
 }
 

@@ -1,5 +1,7 @@
 //! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
+mod prune;
+mod relight;
 mod returns;
 
 use std::ops::ControlFlow;
@@ -10,16 +12,15 @@ use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide};
 use super::imaging::{Imaging, derived_seed};
-use super::merge::{closest, joined, merged};
+use super::merge::merged;
 use super::movement::project;
-use super::relight::{CLOSE_PX, OCCASIONS, relit};
 use super::settings::{IdealSettings, Objective};
 use super::state::{Doing, Frame, IdealEvent, IdealProgress, IdealState};
 use super::watched::Watched;
 use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLowerBound};
 use crate::network::read_detail;
 use crate::objects::Split;
-use crate::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
+use crate::optics::{LensletArray, Limits, Spot, render_psf};
 use crate::sparsity::tamura_of_stack;
 
 /// Held-out measurements that the Tamura coefficient is taken from.
@@ -35,9 +36,6 @@ const AUDIT_EVERY: usize = 30;
 /// Factor by which the rates, halved where a model that begins anew takes over, recover in a round, and their least factor.
 const RECOVERY: f64 = 1.2;
 const SLOWEST: f64 = 0.25;
-/// Share of the steps after which no more than the wished number of lenslets is left.
-const PRUNED_BY: f64 = 0.6;
-
 /// Hears of every step of mask and model, and answers whether to go on; after `Break` the run ends in
 /// [`InformationError::Cancelled`].
 pub type OnIdeal<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
@@ -314,88 +312,7 @@ impl<'a> Ideal<'a> {
         let go_on = || watch.tell(&self.state, Some((Doing::Fitting, 1.0))).is_continue();
         Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
     }
-
-    /// Now and then, gives a lenslet without light of its own some at another place, where that tells more.
-    fn relight(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
-        let eighth = |step: usize| 8 * step / self.settings.steps.max(1);
-        let (before, now) =
-            (eighth(self.state.step.saturating_sub(self.settings.refit_every)), eighth(self.state.step));
-        if before == now || !OCCASIONS.contains(&now) {
-            return Ok(());
-        }
-        let state = &self.state;
-        let Some((lenslet, masks)) = relit(&state.array, (&self.settings, &self.limits), &state.pruned, now) else {
-            return Ok(());
-        };
-        let seed = |part: u64| derived_seed(self.settings.seed, RELIT_SEEDS | part << 28 | state.step as u64);
-        let foreseen = |mask: &LensletArray, samples: usize, part: u64, share: f64| {
-            let go_on = || watch.tell(state, Some((Doing::Relighting, share))).is_continue();
-            self.guide.foreseen(mask, (samples, seed(part)), &go_on)
-        };
-        let mut best: Option<(f64, LensletArray)> = None;
-        let count = masks.len() as f64;
-        for (index, mask) in masks.into_iter().enumerate() {
-            let Some((bits, _)) = foreseen(&mask, SCREENED, 0, index as f64 / count)? else { return Ok(()) };
-            if best.as_ref().is_none_or(|(most, _)| bits > *most) {
-                best = Some((bits, mask));
-            }
-        }
-        let Some((_, mask)) = best else { return Ok(()) };
-        let (before, after) = (foreseen(&state.array, COMPARED, 1, 1.0)?, foreseen(&mask, COMPARED, 1, 1.0)?);
-        let is_more =
-            |((before, around), (after, beside)): ((f64, f64), (f64, f64))| after - before > around.hypot(beside);
-        if before.zip(after).is_some_and(is_more) {
-            self.state.array = mask;
-            self.state.momentum.forget(lenslet);
-            self.state.events.push(IdealEvent::Relit { step: self.state.step, lenslet });
-        }
-        Ok(())
-    }
-
-    /// Takes out lenslets until no more are left than are wished for by now: the closer of two where they all but
-    /// coincide, the darkest otherwise.
-    fn prune(&mut self) {
-        let Some(wished) = self.settings.lenslets else { return };
-        let state = &mut self.state;
-        let all = state.array.lenslets.len();
-        let share = (state.step as f64 / self.settings.steps as f64 / PRUNED_BY).min(1.0);
-        let allowed = all - ((all.saturating_sub(wished)) as f64 * share).floor() as usize;
-        while all - state.pruned.len() > allowed.max(1) {
-            let is_free = |index: &usize| !state.pruned.contains(index) && !self.settings.locked.contains(index);
-            let free: Vec<usize> = (0..all).filter(is_free).collect();
-            let lenslets: Vec<Lenslet> = free.iter().map(|&index| state.array.lenslets[index]).collect();
-            let close = closest(&lenslets).filter(|&(_, _, distance)| distance < CLOSE_PX);
-            let out = if let Some((one, other, _)) = close {
-                let (before, mut after) = (lenslets[one], joined(lenslets[one], lenslets[other]));
-                // What may not change does not, here either.
-                if !self.settings.free.positions {
-                    (after.x, after.y) = (before.x, before.y);
-                }
-                if !self.settings.free.widths {
-                    after.spot = before.spot;
-                }
-                if !self.settings.free.weights {
-                    after.weight = before.weight;
-                }
-                state.array.lenslets[free[one]] = after;
-                free[other]
-            } else {
-                let weight = |index: usize| state.array.lenslets[index].weight;
-                let darkest = free.iter().copied().min_by(|&one, &other| weight(one).total_cmp(&weight(other)));
-                let Some(darkest) = darkest else { return };
-                darkest
-            };
-            state.array.lenslets[out].weight = 0.0;
-            state.pruned.push(out);
-        }
-        project(&mut state.array, &self.settings, &self.limits);
-    }
 }
-
-/// Scenes on which masks with a lenslet that gets light elsewhere are judged, and other ones on which the best of them is
-/// compared with the mask as it is.
-const SCREENED: usize = 256;
-const COMPARED: usize = 2048;
 
 /// Frames from one bound from below to the next, and the samples that it rests on.
 const LOWER_EVERY: usize = 5;
@@ -408,13 +325,14 @@ const RELIT_SEEDS: u64 = 1 << 34;
 
 #[cfg(test)]
 mod tests {
-    use super::super::guide::{OnFit, Slopes};
-    use super::super::settings::{Free, Preset};
+    use super::super::guide::{OnFit, Slopes, Valued};
+    use super::super::settings::Preset;
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::optics::Lenslet;
     use crate::sensor::Noise;
 
-    fn beads() -> ObjectSet {
+    pub(super) fn beads() -> ObjectSet {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap()
     }
@@ -423,6 +341,28 @@ mod tests {
     fn small<'a>(imaging: &'a Imaging<'a>, settings: &IdealSettings) -> Ideal<'a> {
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let settings = IdealSettings { refit_every: 1, ..settings.clone() };
+        Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
+    }
+
+    /// Beads that are so few that a small sensor sees more of them through more lenslets.
+    pub(super) fn few_beads() -> ObjectSet {
+        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
+        ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap()
+    }
+
+    /// A short run up the posterior of such beads, a step in every round.
+    pub(super) fn short<'a>(imaging: &'a Imaging<'a>, lenslets: &[Lenslet], steps: usize) -> Ideal<'a> {
+        let start = LensletArray { rows: 16, cols: 16, lenslets: lenslets.to_vec() };
+        let settings = IdealSettings {
+            patch: Some((16, 16)),
+            refit_every: 1,
+            first_fit: 1,
+            refit: 1,
+            last_fit: 1,
+            patches: 2,
+            steps,
+            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
+        };
         Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
     }
 
@@ -512,12 +452,7 @@ mod tests {
             if fit.warm { Ok(()) } else { self.0.restore(&without_weights(self.0.to_bytes(Vec::new())?)) }
         }
 
-        fn value(
-            &self,
-            array: &LensletArray,
-            last: bool,
-            go_on: &dyn Fn() -> bool,
-        ) -> Result<(f64, [f64; 2]), IdealError> {
+        fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
             self.0.value(array, last, go_on)
         }
 
@@ -577,67 +512,5 @@ mod tests {
             };
             assert_eq!(bits(&resumed), bits(&whole));
         }
-    }
-
-    #[test]
-    fn a_dark_lenslet_gets_light_where_that_tells_more_and_resumed_runs_do_the_same() {
-        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
-        let set = ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
-        // The whole sensor sees more of the scene through two lenslets.
-        let lenslet = |weight| Lenslet::round(4.0, 7.5, 0.8, weight);
-        let start = LensletArray { rows: 16, cols: 16, lenslets: vec![lenslet(1.0), lenslet(0.0)] };
-        let settings = IdealSettings {
-            patch: Some((16, 16)),
-            refit_every: 1,
-            first_fit: 1,
-            refit: 1,
-            last_fit: 1,
-            patches: 2,
-            steps: 4,
-            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
-        };
-        let run = || Ideal::new(&imaging, &start, Limits::default(), settings.clone()).unwrap();
-        let mut whole = run();
-        let mut kept = Vec::new();
-        while !whole.is_finished() {
-            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-            kept.push(whole.to_bytes().unwrap());
-        }
-        assert_eq!(whole.state.events[0], IdealEvent::Relit { step: 1, lenslet: 1 });
-        let [_, after, ..] = &whole.state.frames[..] else { panic!("a frame of every step") };
-        assert_eq!((whole.state.frames[0].distinct_lenslets, after.distinct_lenslets), (1, 2));
-        assert!(after.bits_per_pixel > whole.state.frames[0].bits_per_pixel);
-        let mut resumed = run().resumed(&kept[0]).unwrap();
-        while !resumed.is_finished() {
-            resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-        }
-        assert_eq!(resumed.state.array, whole.state.array);
-    }
-
-    #[test]
-    fn pruning_joins_free_lenslets_alone_and_leaves_weights_that_are_held() {
-        let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let lenslets = [2.0, 2.1, 6.0, 6.4, 9.0].map(|x| Lenslet::round(x, 5.0, 1.0, 0.2)).to_vec();
-        let start = LensletArray { rows: 12, cols: 12, lenslets };
-        let settings = IdealSettings {
-            patch: Some((6, 6)),
-            lenslets: Some(4),
-            locked: vec![0],
-            free: Free { weights: false, ..Free::default() },
-            steps: 10,
-            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
-        };
-        let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
-        ideal.state.step = 10;
-        ideal.prune();
-        assert_eq!(ideal.state.pruned, [3]);
-        let found: Vec<(f64, f64)> = ideal.state.array.lenslets.iter().map(|one| (one.x, one.weight)).collect();
-        assert!((found[2].0 - 6.2).abs() < 1e-9, "{found:?}");
-        assert!(
-            [0, 1, 2, 4].iter().all(|&index| (found[index].1 - 0.2).abs() < 1e-12) && found[3].1 == 0.0,
-            "{found:?}"
-        );
     }
 }

@@ -1,9 +1,12 @@
 //! Lenslets that have become one, or dark: how many there really are, and the mask without the others.
 
+use super::settings::Free;
 use crate::optics::{Lenslet, LensletArray, Spot};
 
 /// Distance of centres below which two lenslets make one spot, px.
 const COINCIDENT_PX: f64 = 0.25;
+/// Distance of centres below which two lenslets may as well be one, px.
+const CLOSE_PX: f64 = 1.0;
 /// Share of the light below which a lenslet is dark, and the same as a share of what one lenslet of many has on average:
 /// where there are hundreds, all of them may have little.
 const DARK: f64 = 1e-3;
@@ -18,7 +21,7 @@ pub fn merged(array: &LensletArray) -> LensletArray {
     while let Some((one, other)) =
         closest(&lenslets).filter(|&(_, _, distance)| distance < COINCIDENT_PX).map(|p| (p.0, p.1))
     {
-        lenslets[one] = joined(lenslets[one], lenslets[other]);
+        lenslets[one] = joined(lenslets[one], lenslets[other], Free::default());
         lenslets.remove(other);
     }
     if lenslets.is_empty() {
@@ -28,7 +31,7 @@ pub fn merged(array: &LensletArray) -> LensletArray {
 }
 
 /// The two lenslets of one plane whose centres are closest, and their distance in px.
-pub(super) fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
+fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
     let mut found: Option<(usize, usize, f64)> = None;
     for (one, a) in lenslets.iter().enumerate() {
         for (other, b) in lenslets.iter().enumerate().skip(one + 1).filter(|(_, b)| b.plane == a.plane) {
@@ -41,19 +44,28 @@ pub(super) fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
     found
 }
 
-/// One lenslet with the light of two.
-pub(super) fn joined(one: Lenslet, other: Lenslet) -> Lenslet {
+/// Of some lenslets of an array the two that all but coincide, as places in the list.
+pub(super) fn close_pair(array: &LensletArray, among: &[usize]) -> Option<(usize, usize)> {
+    let lenslets: Vec<Lenslet> = among.iter().map(|&index| array.lenslets[index]).collect();
+    let (one, other, _) = closest(&lenslets).filter(|&(_, _, distance)| distance < CLOSE_PX)?;
+    Some((among[one], among[other]))
+}
+
+/// One lenslet with the light of two; what is not free is as it was in the first.
+pub(super) fn joined(one: Lenslet, other: Lenslet, free: Free) -> Lenslet {
     let weight = one.weight + other.weight;
     let share = if weight > 0.0 { one.weight / weight } else { 0.5 };
     let mean = |a: f64, b: f64| share * a + (1.0 - share) * b;
     let spot = match (one.spot, other.spot) {
+        _ if !free.widths => one.spot,
         (Spot::Isotropic(a), Spot::Isotropic(b)) => Spot::Isotropic(mean(a * a, b * b).sqrt()),
         (a, b) => {
             let ((axx, axy, ayy), (bxx, bxy, byy)) = (a.covariance(), b.covariance());
             Spot::Anisotropic { xx: mean(axx, bxx), xy: mean(axy, bxy), yy: mean(ayy, byy) }
         }
     };
-    Lenslet { x: mean(one.x, other.x), y: mean(one.y, other.y), spot, weight, plane: one.plane }
+    let (x, y) = if free.positions { (mean(one.x, other.x), mean(one.y, other.y)) } else { (one.x, one.y) };
+    Lenslet { x, y, spot, weight: if free.weights { weight } else { one.weight }, plane: one.plane }
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ mod ideal;
 mod imaging;
 mod merge;
 mod movement;
-mod relight;
 mod settings;
 mod state;
 mod watched;

@@ -40,8 +40,7 @@ impl Momentum {
         self.second.resize(count, [0.0; PARAMETERS]);
         self.since.resize(count, 0);
         self.steps = self.steps.saturating_add(1);
-        let moving = |index: &usize| !settings.locked.contains(index) && !pruned.contains(index);
-        for index in (0..count).filter(moving) {
+        for index in settings.free_lenslets(count, pruned) {
             let lenslet = &mut array.lenslets[index];
             let by = &gradient[index];
             let [xx, xy, yy] = match lenslet.spot {

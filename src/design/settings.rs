@@ -340,6 +340,11 @@ impl IdealSettings {
         Self { steps, patch, free, locked, min_separation_px, lenslets, anisotropic, seed, ..after }
     }
 
+    /// Places in the list of those of `count` lenslets that may change: none that is locked or was pruned.
+    pub(super) fn free_lenslets(&self, count: usize, pruned: &[usize]) -> Vec<usize> {
+        (0..count).filter(|index| !self.locked.contains(index) && !pruned.contains(index)).collect()
+    }
+
     /// Factor of the rates at a step.
     pub(super) fn rate(&self, step: usize) -> f64 {
         let left = 1.0 - step as f64 / self.steps.max(1) as f64;

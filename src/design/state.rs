@@ -70,6 +70,29 @@ pub enum IdealEvent {
     },
 }
 
+impl IdealEvent {
+    /// What a run had to do besides climbing, for people: a line for each kind of event that came, and how often.
+    pub fn detours(events: &[Self]) -> Vec<String> {
+        let told = |what: &str, is: fn(&Self) -> bool| {
+            let count = events.iter().filter(|event| is(event)).count();
+            (count > 0).then(|| format!("{what}: {count}"))
+        };
+        [
+            told("Lenslets that told little and got light at another place", |event| {
+                matches!(event, Self::Relit { .. })
+            }),
+            told("Returns to an earlier mask that told more", |event| matches!(event, Self::Returned { .. })),
+            told("Steps without finite numbers, which were refused", |event| matches!(event, Self::Refused { .. })),
+            told("Models that had lost track of the mask and made room for one that began anew", |event| {
+                matches!(event, Self::Refitted { .. })
+            }),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
 /// Where a run has come to: with the start and the settings it is all that decides how it goes on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IdealState {

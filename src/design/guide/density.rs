@@ -2,7 +2,7 @@
 
 use ndarray::{Array3, Axis, concatenate};
 
-use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, WARM_RATE};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
@@ -92,12 +92,7 @@ impl Guide for DensityGuide<'_> {
         Ok(())
     }
 
-    fn value(
-        &self,
-        array: &LensletArray,
-        _last: bool,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<(f64, [f64; 2]), IdealError> {
+    fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
         let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
         let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
         self.held_out.value(&information)

@@ -40,6 +40,8 @@ pub(super) struct GuideFit {
     pub warm: bool,
 }
 
+/// Information and its 95 % interval, bits per pixel.
+pub(super) type Valued = (f64, [f64; 2]);
 /// How the information changes with every lenslet.
 pub(super) type Slopes = Result<Vec<LensletGradient>, IdealError>;
 
@@ -53,16 +55,16 @@ pub(super) trait Guide {
 
     /// Information of a mask on objects that neither guide nor mask has seen, the same ones every time, and its 95 %
     /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
-    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError>;
+    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError>;
 
-    /// Information of a mask that it does not follow, bits per pixel, and half the width of its 95 % interval, on so many scenes
-    /// that the seed decides; none from a guide that knows only the mask that it follows. It ends early where `go_on` says so.
+    /// The same of a mask that it does not follow, on so many scenes, which the seed decides; none from a guide that knows only
+    /// the mask that it follows.
     fn foreseen(
         &self,
         _array: &LensletArray,
         (_samples, _seed): (usize, u64),
         _go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<(f64, f64)>, IdealError> {
+    ) -> Result<Option<Valued>, IdealError> {
         Ok(None)
     }
 
@@ -121,7 +123,7 @@ impl HeldOut {
     }
 
     /// Mean and 95 % interval of what a model says of each patch, bits per pixel.
-    fn value(&self, information: &[f64]) -> Result<(f64, [f64; 2]), IdealError> {
+    fn value(&self, information: &[f64]) -> Result<Valued, IdealError> {
         let mean = information.iter().sum::<f64>() / information.len() as f64;
         Ok((mean, self.shared.widened(information, mean, paired_interval(information, self.seed)?)))
     }

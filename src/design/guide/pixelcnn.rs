@@ -1,6 +1,6 @@
 //! The published model of the measurements, a `PixelCNN`.
 
-use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, MeasurementStream, derived_seed};
@@ -76,12 +76,7 @@ impl Guide for PixelCnnGuide<'_> {
         Ok(())
     }
 
-    fn value(
-        &self,
-        array: &LensletArray,
-        _last: bool,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<(f64, [f64; 2]), IdealError> {
+    fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
         let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
         let noisy = dequantised(noisy.view(), derived_seed(self.seed, 7), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;

@@ -2,7 +2,7 @@
 
 use ndarray::{Array2, Array3, ArrayView3, s};
 
-use super::{Guide, GuideFit, OnFit, Slopes, WARM_RATE};
+use super::{Guide, GuideFit, OnFit, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, derived_seed};
@@ -47,6 +47,20 @@ impl<'a> PosteriorGuide<'a> {
     }
 }
 
+impl PosteriorGuide<'_> {
+    /// What the decoder tells of so many scenes through a mask, which the seed decides.
+    fn bound(
+        &self,
+        array: &LensletArray,
+        (samples, seed): (usize, u64),
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Valued, IdealError> {
+        let channel = channel(self.imaging, array, self.patch)?;
+        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), seed, go_on)?;
+        Ok((bound.bits_per_pixel, bound.interval_95))
+    }
+}
+
 impl Guide for PosteriorGuide<'_> {
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
         self.channel = channel(self.imaging, array, self.patch)?;
@@ -67,23 +81,18 @@ impl Guide for PosteriorGuide<'_> {
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<(f64, [f64; 2]), IdealError> {
-        let channel = channel(self.imaging, array, self.patch)?;
+    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
         let samples = if last { LAST_SAMPLES } else { SAMPLES };
-        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), derived_seed(self.seed, 6), go_on)?;
-        Ok((bound.bits_per_pixel, bound.interval_95))
+        self.bound(array, (samples, derived_seed(self.seed, 6)), go_on)
     }
 
     fn foreseen(
         &self,
         array: &LensletArray,
-        (samples, seed): (usize, u64),
+        draw: (usize, u64),
         go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<(f64, f64)>, IdealError> {
-        let channel = channel(self.imaging, array, self.patch)?;
-        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), seed, go_on)?;
-        let [low, high] = bound.interval_95;
-        Ok(Some((bound.bits_per_pixel, 0.5 * (high - low))))
+    ) -> Result<Option<Valued>, IdealError> {
+        self.bound(array, draw, go_on).map(Some)
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {

@@ -68,36 +68,18 @@ impl Ideal<'_> {
 mod tests {
     use std::ops::ControlFlow;
 
+    use super::super::tests::{few_beads, short};
     use super::*;
     use crate::design::imaging::Imaging;
-    use crate::design::settings::{IdealSettings, Objective, Preset};
-    use crate::objects::{ObjectOptions, ObjectSet};
-    use crate::optics::{Lenslet, Limits, Spot};
+    use crate::optics::{Lenslet, Spot};
     use crate::sensor::Noise;
-
-    /// Two bright lenslets before beads, up the posterior, a step in every round.
-    fn two_lenslets<'a>(imaging: &'a Imaging<'a>, steps: usize) -> Ideal<'a> {
-        let lenslet = |x| Lenslet::round(x, 7.5, 0.8, 0.5);
-        let start = LensletArray { rows: 16, cols: 16, lenslets: vec![lenslet(4.0), lenslet(11.0)] };
-        let settings = IdealSettings {
-            patch: Some((16, 16)),
-            refit_every: 1,
-            first_fit: 1,
-            refit: 1,
-            last_fit: 1,
-            patches: 2,
-            steps,
-            ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
-        };
-        Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
-    }
 
     #[test]
     fn a_mask_that_lost_information_is_given_up_for_the_best_one() {
-        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
-        let set = ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap();
+        let set = few_beads();
         let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
-        let mut ideal = two_lenslets(&imaging, 2);
+        let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 0.8, 0.5));
+        let mut ideal = short(&imaging, &lenslets, 2);
         let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         let blur = |ideal: &mut Ideal<'_>| {
             for lenslet in &mut ideal.state.array.lenslets {

@@ -4,24 +4,72 @@
 //! lenslet that has gone dark stays so, however much a fair share of the light would tell where it stands or elsewhere. So
 //! masks with such a share at places all over the grid are judged as they are.
 
-use super::merge::{closest, joined, merged};
-use super::movement::project;
-use super::settings::IdealSettings;
+use super::{Ideal, RELIT_SEEDS};
+use crate::design::error::IdealError;
+use crate::design::guide::Valued;
+use crate::design::imaging::derived_seed;
+use crate::design::merge::{close_pair, joined, merged};
+use crate::design::movement::project;
+use crate::design::settings::IdealSettings;
+use crate::design::state::{Doing, IdealEvent};
+use crate::design::watched::Watched;
 use crate::optics::{Lenslet, LensletArray, Limits};
 
 /// Places along each side of the region where lenslets may stand.
 const PLACES: usize = 5;
 /// A lenslet is faint that has less than this share of the mean light of the others.
 const FAINT: f64 = 0.25;
-/// Distance of centres below which two lenslets may as well be one, px.
-pub(super) const CLOSE_PX: f64 = 1.0;
 /// Eighths of the steps after which lenslets may get light again.
-pub(super) const OCCASIONS: std::ops::RangeInclusive<usize> = 2..=6;
+const OCCASIONS: std::ops::RangeInclusive<usize> = 2..=6;
+/// Scenes on which masks with a lenslet that gets light elsewhere are judged, and other ones on which the best of them is
+/// compared with the mask as it is.
+const SCREENED: usize = 256;
+const COMPARED: usize = 2048;
+
+impl Ideal<'_> {
+    /// Now and then, gives a lenslet without light of its own some at another place, where that tells more.
+    pub(super) fn relight(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
+        let eighth = |step: usize| 8 * step / self.settings.steps.max(1);
+        let (before, now) =
+            (eighth(self.state.step.saturating_sub(self.settings.refit_every)), eighth(self.state.step));
+        if before == now || !OCCASIONS.contains(&now) {
+            return Ok(());
+        }
+        let state = &self.state;
+        let Some((lenslet, masks)) = relit(&state.array, (&self.settings, &self.limits), &state.pruned, now) else {
+            return Ok(());
+        };
+        let seed = |part: u64| derived_seed(self.settings.seed, RELIT_SEEDS | part << 28 | state.step as u64);
+        let foreseen = |mask: &LensletArray, samples: usize, part: u64, share: f64| {
+            let go_on = || watch.tell(state, Some((Doing::Relighting, share))).is_continue();
+            self.guide.foreseen(mask, (samples, seed(part)), &go_on)
+        };
+        let mut best: Option<(f64, LensletArray)> = None;
+        let count = masks.len() as f64;
+        for (index, mask) in masks.into_iter().enumerate() {
+            let Some((bits, _)) = foreseen(&mask, SCREENED, 0, index as f64 / count)? else { return Ok(()) };
+            if best.as_ref().is_none_or(|(most, _)| bits > *most) {
+                best = Some((bits, mask));
+            }
+        }
+        let Some((_, mask)) = best else { return Ok(()) };
+        let (before, after) = (foreseen(&state.array, COMPARED, 1, 1.0)?, foreseen(&mask, COMPARED, 1, 1.0)?);
+        let half = |[low, high]: [f64; 2]| 0.5 * (high - low);
+        let is_more =
+            |((before, around), (after, beside)): (Valued, Valued)| after - before > half(around).hypot(half(beside));
+        if before.zip(after).is_some_and(is_more) {
+            self.state.array = mask;
+            self.state.momentum.forget(lenslet);
+            self.state.events.push(IdealEvent::Relit { step: self.state.step, lenslet });
+        }
+        Ok(())
+    }
+}
 
 /// Masks in which a faint lenslet, or one of two that all but coincide, has the mean light of the others at another place, and
 /// which lenslet that is; of several without any light another one on each occasion. None where lenslets, light or places are
 /// not free.
-pub(super) fn relit(
+fn relit(
     array: &LensletArray,
     (settings, limits): (&IdealSettings, &Limits),
     pruned: &[usize],
@@ -30,17 +78,12 @@ pub(super) fn relit(
     if !settings.free.positions || !settings.free.weights {
         return None;
     }
-    let is_free = |index: &usize| !settings.locked.contains(index) && !pruned.contains(index);
-    let free: Vec<usize> = (0..array.lenslets.len()).filter(is_free).collect();
-    let (spare, mut without) = spared(array, &free, occasion)?;
+    let free = settings.free_lenslets(array.lenslets.len(), pruned);
+    let (spare, without) = spared(array, settings, &free, occasion)?;
     let bright = merged(&without).lenslets;
     let mut lenslet = Lenslet { weight: mean_light(&without, &free), ..array.lenslets[spare] };
     if settings.free.widths {
         lenslet.spot = bright.iter().max_by(|one, other| one.weight.total_cmp(&other.weight))?.spot;
-    } else {
-        for (lenslet, before) in without.lenslets.iter_mut().zip(&array.lenslets) {
-            lenslet.spot = before.spot;
-        }
     }
     let (left, right) = limits.coordinate_range(array.cols);
     let (top, bottom) = limits.coordinate_range(array.rows);
@@ -65,7 +108,12 @@ pub(super) fn relit(
 }
 
 /// A lenslet that the mask can do without, and the mask without its light.
-fn spared(array: &LensletArray, free: &[usize], occasion: usize) -> Option<(usize, LensletArray)> {
+fn spared(
+    array: &LensletArray,
+    settings: &IdealSettings,
+    free: &[usize],
+    occasion: usize,
+) -> Option<(usize, LensletArray)> {
     let weight = |index: usize| array.lenslets[index].weight;
     let least = free.iter().map(|&index| weight(index)).min_by(f64::total_cmp)?;
     let faintest: Vec<usize> = free.iter().copied().filter(|&index| weight(index) == least).collect();
@@ -75,12 +123,11 @@ fn spared(array: &LensletArray, free: &[usize], occasion: usize) -> Option<(usiz
     if least < FAINT * mean_light(&without, free) {
         return Some((faintest, without));
     }
-    let lenslets: Vec<Lenslet> = free.iter().map(|&index| array.lenslets[index]).collect();
-    let (one, other, _) = closest(&lenslets).filter(|&(_, _, distance)| distance < CLOSE_PX)?;
+    let (one, other) = close_pair(array, free)?;
     without.clone_from(array);
-    without.lenslets[free[one]] = joined(lenslets[one], lenslets[other]);
-    without.lenslets[free[other]].weight = 0.0;
-    Some((free[other], without))
+    without.lenslets[one] = joined(array.lenslets[one], array.lenslets[other], settings.free);
+    without.lenslets[other].weight = 0.0;
+    Some((other, without))
 }
 
 /// Light that free lenslets have on average, dark ones left out and coincident ones taken for one.
@@ -92,9 +139,14 @@ fn mean_light(array: &LensletArray, free: &[usize]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::settings::{Free, Objective, Preset};
+    use std::ops::ControlFlow;
+
+    use super::super::tests::{few_beads, short};
     use super::*;
+    use crate::design::imaging::Imaging;
+    use crate::design::settings::{Free, Objective, Preset};
     use crate::optics::Spot;
+    use crate::sensor::Noise;
 
     fn settings() -> IdealSettings {
         IdealSettings::new(Preset::Default, Objective::Posterior, 1)
@@ -208,5 +260,29 @@ mod tests {
                 assert!((moved.x - other.x).hypot(moved.y - other.y) > 9.9);
             }
         }
+    }
+
+    #[test]
+    fn a_dark_lenslet_gets_light_where_that_tells_more_and_resumed_runs_do_the_same() {
+        let set = few_beads();
+        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        // The whole sensor sees more of the scene through two lenslets.
+        let lenslets = [1.0, 0.0].map(|weight| Lenslet::round(4.0, 7.5, 0.8, weight));
+        let run = || short(&imaging, &lenslets, 4);
+        let mut whole = run();
+        let mut kept = Vec::new();
+        while !whole.is_finished() {
+            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            kept.push(whole.to_bytes().unwrap());
+        }
+        assert_eq!(whole.state.events[0], IdealEvent::Relit { step: 1, lenslet: 1 });
+        let [_, after, ..] = &whole.state.frames[..] else { panic!("a frame of every step") };
+        assert_eq!((whole.state.frames[0].distinct_lenslets, after.distinct_lenslets), (1, 2));
+        assert!(after.bits_per_pixel > whole.state.frames[0].bits_per_pixel);
+        let mut resumed = run().resumed(&kept[0]).unwrap();
+        while !resumed.is_finished() {
+            resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        }
+        assert_eq!(resumed.state.array, whole.state.array);
     }
 }
