@@ -7,10 +7,10 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
-use super::information_panel::{DENSITY, LOWER, interval, rounded};
+use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
-use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
+use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command,
 };
@@ -220,10 +220,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 fn summary(estimate: &Estimate) -> String {
     let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
     match estimate.lower() {
-        Some(lower) => {
-            let (low, high) = Bracket::in_order(lower, bits);
-            format!("{} to {} bits per pixel", rounded(low), rounded(high))
-        }
+        Some(lower) => format!("{} bits per pixel", between(lower, bits)),
         None => format!("\u{2264} {} {} bits per pixel ({from})", rounded(bits), interval(estimate.interval_95)),
     }
 }

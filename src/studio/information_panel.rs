@@ -203,9 +203,9 @@ pub fn interval([low, high]: [f64; 2]) -> String {
 }
 
 /// Both bounds, from the smaller to the larger.
-fn between(lower: f64, upper: f64) -> String {
+pub fn between(lower: f64, upper: f64) -> String {
     let (low, high) = Bracket::in_order(lower, upper);
-    format!("{low:.3} \u{2013} {high:.3}")
+    format!("{} \u{2013} {}", rounded(low), rounded(high))
 }
 
 /// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.

@@ -16,8 +16,8 @@ use super::lenslet_menu::{self, inside, select};
 use super::menus;
 use super::picture_menu::{self, View};
 use super::state::{MaskDrag, State};
+use super::trails;
 use super::viewport::Placement;
-use crate::design::{Frame, IdealEvent};
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
 use crate::workbench::{Command, LensletChange};
 
@@ -31,8 +31,6 @@ const POINTS_PER_NOTCH: f32 = 40.0;
 const LONGEST_ARROW_PX: f64 = 3.0;
 /// Colour of gradient arrows, which is in no colour map.
 const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
-/// Colour of the ways of lenslets in a run.
-const TRAIL: Color32 = Color32::from_rgb(120, 230, 255);
 /// Handles are never smaller than this, in points.
 const MIN_HANDLE: f32 = 7.0;
 
@@ -94,7 +92,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     draw_limits(ui, placement, array, &design.limits, &state.selection);
-    draw_trails(ui, state, placement, array);
+    trails::draw(ui, state, placement, array);
     canvas_gestures(ui, state, placement, &response, array);
     for (index, lenslet) in array.lenslets.iter().enumerate() {
         handle(ui, state, placement, array, index, lenslet);
@@ -121,43 +119,6 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
             ui.painter().arrow(from, to - from, Stroke::new(3.5, Color32::from_black_alpha(160)));
             ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));
         }
-    }
-}
-
-/// The ways that lenslets took in the run whose mask is shown, the bright ones more clearly.
-fn draw_trails(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let Some(run) = state.run.as_ref().filter(|_| state.optimize_form.trails) else { return };
-    let shown = run.frames.iter().position(|frame| frame.array == *array);
-    let is_newest = *run.array == *array;
-    let is_other = |frame: &Frame| frame.array.lenslets.len() != array.lenslets.len();
-    if (shown.is_none() && !is_newest) || run.frames.iter().any(is_other) {
-        return;
-    }
-    let frames = &run.frames[..shown.map_or(run.frames.len(), |shown| shown + 1)];
-    let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
-    // Masks that the run came back from are not on the way.
-    let last = frames.last().map_or(0, |frame| frame.step);
-    let is_given_up = |frame: &Frame| {
-        let of = |event: &IdealEvent| matches!(event, IdealEvent::Returned { step, to } if *step <= last && (*to + 1..=*step).contains(&frame.step));
-        run.events.iter().any(of)
-    };
-    for (index, lenslet) in array.lenslets.iter().enumerate() {
-        // A lenslet that got light elsewhere took no way there.
-        let relit = |event: &IdealEvent| match event {
-            IdealEvent::Relit { step, lenslet } if *lenslet == index => {
-                // Of the two frames where a run that had ended goes on, the later one is after it; one may still be to come.
-                let at = run.frames.iter().rposition(|frame| frame.step == *step).unwrap_or(run.frames.len());
-                (at < frames.len() || shown.is_none()).then_some(at)
-            }
-            _ => None,
-        };
-        let since = run.events.iter().filter_map(relit).max().unwrap_or(0);
-        let frames = frames[since..].iter().filter(|frame| !is_given_up(frame));
-        let way = frames.map(|frame| frame.array.lenslets[index]).chain([*lenslet]);
-        let points: Vec<_> = way.map(|lenslet| placement.to_screen(lenslet.x, lenslet.y)).collect();
-        let share = (lenslet.weight / brightest.max(1e-12)) as f32;
-        let stroke = Stroke::new(1.5, TRAIL.gamma_multiply(0.25 + 0.75 * share));
-        ui.painter().add(egui::Shape::line(points, stroke));
     }
 }
 

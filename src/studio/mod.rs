@@ -37,6 +37,7 @@ mod sheets;
 mod spectrum_plot;
 mod state;
 mod status_bar;
+mod trails;
 mod viewport;
 mod welcome;
 mod window;

@@ -7,11 +7,10 @@ use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points};
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
-use super::information_panel::{DENSITY, LOWER, interval, rounded};
+use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
 use super::messages::Severity;
 use super::state::{Leave, State};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset};
-use crate::information::Bracket;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, random_layout};
 use crate::workbench::{
@@ -445,22 +444,8 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
 
 /// What the run had to do besides climbing.
 fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
-    let count = |is: fn(&IdealEvent) -> bool| run.events.iter().filter(|event| is(event)).count();
-    let refitted = count(|event| matches!(event, IdealEvent::Refitted { .. }));
-    let refused = count(|event| matches!(event, IdealEvent::Refused { .. }));
-    let relit = count(|event| matches!(event, IdealEvent::Relit { .. }));
-    if relit > 0 {
-        ui.weak(format!("Lenslets that told little and got light at another place: {relit}."));
-    }
-    let returned = count(|event| matches!(event, IdealEvent::Returned { .. }));
-    if returned > 0 {
-        ui.weak(format!("Returns to an earlier mask that told more: {returned}."));
-    }
-    if refitted + refused > 0 {
-        ui.weak(format!(
-            "{refused} steps without finite numbers were refused; {refitted} times the run's model had lost track of the mask and \
-             one that began anew took its place."
-        ));
+    for line in IdealEvent::detours(&run.events) {
+        ui.weak(line);
     }
     // The ceiling of this mask, in patches like those of the run.
     let is_shown = state.bench.design().encoder.lenslets() == Some(&*run.array);
@@ -482,10 +467,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         let estimate = &result.estimate;
         ui.horizontal_wrapped(|ui| {
             let bits = match estimate.lower() {
-                Some(lower) => {
-                    let (low, high) = Bracket::in_order(lower, estimate.bits_per_pixel);
-                    format!("{} to {}", rounded(low), rounded(high))
-                }
+                Some(lower) => between(lower, estimate.bits_per_pixel),
                 None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
             };
             let text = format!("{}. {}: {bits}", place + 1, result.name);

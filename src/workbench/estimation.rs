@@ -21,6 +21,13 @@ use crate::information::{
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
 
+/// Told of analytic bounds where patches show some parts of tiles more often than others.
+const PHASES: &str = "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and \
+                      one only for whole tiles";
+/// Told where bounds from above leave out the read noise.
+const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts are whole: upper bounds are those of shot noise \
+                               alone, which it can only lower";
+
 /// Which density model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DensityModel {
@@ -161,17 +168,13 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     let protocol = request.protocol;
     let source = PatchSource { design: &bounding, imaging: &imaging, convolver: &convolver, patch, protocol };
-    let channel = imaging.bead_channel(seen_psf(design, &set)?.view(), patch);
-    let channel = channel.map(|channel| BeadChannel { noise: design.noise, ..channel });
+    let (channel, refusal) = bead_channel(design, &imaging, patch)?;
     // Told before anything is fitted; a density model does without the prior.
-    let refusal = channel.as_ref().and_then(|channel| channel.checked_spot().err());
     if matches!(request.model, DensityModel::Bracket { .. })
         && let Some(refusal) = refusal
     {
         return Err(refusal.into());
     }
-    let is_bead = channel.is_some();
-    let channel = channel.filter(|_| refusal.is_none());
     let density_share = |others: f64| if channel.is_some() { 1.0 - others } else { 1.0 };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
     if matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch) && request.patches_train < 2 {
@@ -204,7 +207,9 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         // Fitted Gaussians see such patches as they are.
         notes.push(PHASES.to_owned());
     }
-    if let Some(refusal) = refusal.filter(|_| matches!(request.model, DensityModel::Causal { .. })) {
+    if let Some(refusal) = &refusal
+        && matches!(request.model, DensityModel::Causal { .. })
+    {
         notes.push(format!("no bound by posterior sampling: {refusal}"));
     }
     if bounding.noise != design.noise {
@@ -236,7 +241,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
             let above = posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))?;
             Estimate::at_most(&trials, Some(&above), provenance)?
         }
-        (DensityModel::Causal { .. }, None) if is_bead => Estimate::at_most(&trials, None, provenance)?,
+        (DensityModel::Causal { .. }, None) if refusal.is_some() => Estimate::at_most(&trials, None, provenance)?,
         _ => Estimate::new(&trials, provenance)?,
     };
     estimate.noise = design.noise;
@@ -246,10 +251,21 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     Ok(estimate)
 }
 
-const PHASES: &str = "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and \
-                      one only for whole tiles";
-const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts are whole: upper bounds are those of shot noise \
-                               alone, which it can only lower";
+/// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
+fn bead_channel(
+    design: &Design,
+    imaging: &Imaging<'_>,
+    patch: (usize, usize),
+) -> Result<(Option<BeadChannel>, Option<InformationError>), EvaluationError> {
+    let Some(channel) = imaging.bead_channel(seen_psf(design, imaging.set)?.view(), patch) else {
+        return Ok((None, None));
+    };
+    let channel = BeadChannel { noise: design.noise, ..channel };
+    Ok(match channel.checked_spot() {
+        Ok(_) => (Some(channel), None),
+        Err(refusal) => (None, Some(refusal)),
+    })
+}
 
 /// The objects of a design.
 fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {

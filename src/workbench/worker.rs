@@ -460,22 +460,17 @@ impl Evaluator {
         self.scene.take_if(|_| design.objects.is_read());
         // Edits go on while objects are read; they do not make them useless.
         let scene = self.scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress));
-        let fitting = scene.map_err(|error| error.to_string()).and_then(|scene| {
-            Convolution::new(scene.set.field(), design.encoder.grid())
-                .map(|_| scene)
-                .map_err(|error| format!("{}: {error}", design.objects))
+        let source = &design.objects;
+        let opened = scene.map_err(|error| error.to_string()).and_then(|scene| {
+            let fits = Convolution::new(scene.set.field(), design.encoder.grid());
+            fits.map_err(|error| format!("{source}: {error}"))?;
+            Ok(Outcome::ObjectsOpened { source: source.clone(), document, notices: scene.set.notices().to_vec() })
         });
-        match fitting {
-            Ok(scene) => {
-                let notices = scene.set.notices().to_vec();
-                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document, notices })
-            }
-            Err(refusal) => {
-                // The open design goes on with its own.
-                self.scene = earlier;
-                Err(refusal)
-            }
+        if opened.is_err() {
+            // The open design goes on with its own.
+            self.scene = earlier;
         }
+        opened
     }
 }
 
