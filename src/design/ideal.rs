@@ -285,7 +285,7 @@ impl<'a> Ideal<'a> {
     /// What the mask is worth on objects that neither guide nor mask has seen; the same ones every time.
     fn frame(&self, last: bool, watch: &Watched<'_>) -> Result<Frame, IdealError> {
         let array = &self.state.array;
-        let go_on = || watch.tell(&self.state, Some((Doing::Fitting, 1.0))).is_continue();
+        let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
         let (bits_per_pixel, interval_95) = self.guide.value(array, last, &go_on)?;
         let psf = render_psf(array, self.imaging.set.planes())?;
         let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
@@ -309,7 +309,7 @@ impl<'a> Ideal<'a> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let Some(channel) = self.imaging.bead_channel(psf.view(), self.patch) else { return Ok(None) };
         let seed = derived_seed(self.settings.seed, 6);
-        let go_on = || watch.tell(&self.state, Some((Doing::Fitting, 1.0))).is_continue();
+        let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
         Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
     }
 }

@@ -18,16 +18,33 @@ pub fn merged(array: &LensletArray) -> LensletArray {
     let total: f64 = array.lenslets.iter().map(|lenslet| lenslet.weight).sum();
     let dark = total * DARK.min(DARK_OF_MEAN / array.lenslets.len().max(1) as f64);
     let mut lenslets: Vec<Lenslet> = array.lenslets.iter().filter(|lenslet| lenslet.weight >= dark).copied().collect();
-    while let Some((one, other)) =
-        closest(&lenslets).filter(|&(_, _, distance)| distance < COINCIDENT_PX).map(|p| (p.0, p.1))
-    {
-        lenslets[one] = joined(lenslets[one], lenslets[other], Free::default());
-        lenslets.remove(other);
+    loop {
+        let apart = apart(&lenslets);
+        if apart.len() == lenslets.len() {
+            break;
+        }
+        // What was joined may have come upon another.
+        lenslets = apart;
     }
     if lenslets.is_empty() {
         return array.clone();
     }
     LensletArray { lenslets, ..array.clone() }.with_unit_weight()
+}
+
+/// The lenslets with each joined to the first one before it that it coincides with.
+fn apart(lenslets: &[Lenslet]) -> Vec<Lenslet> {
+    let mut apart: Vec<Lenslet> = Vec::with_capacity(lenslets.len());
+    for &lenslet in lenslets {
+        let coincides = |other: &&mut Lenslet| {
+            other.plane == lenslet.plane && (other.x - lenslet.x).hypot(other.y - lenslet.y) < COINCIDENT_PX
+        };
+        match apart.iter_mut().find(coincides) {
+            Some(other) => *other = joined(*other, lenslet, Free::default()),
+            None => apart.push(lenslet),
+        }
+    }
+    apart
 }
 
 /// The two lenslets of one plane whose centres are closest, and their distance in px.
@@ -85,6 +102,14 @@ mod tests {
         assert!((merged.effective_count() - 4.0).abs() < 0.3);
         array.lenslets[5].plane = 1;
         assert_eq!(super::merged(&array).lenslets.len(), 5, "planes are kept apart");
+    }
+
+    #[test]
+    fn lenslets_that_come_together_by_being_joined_are_one() {
+        let at = |x: f64| Lenslet::round(x, 5.0, 1.0, 1.0);
+        let array = LensletArray { rows: 10, cols: 10, lenslets: [5.0, 5.4, 5.2, 5.34].map(at).to_vec() };
+        let [one] = &merged(&array).lenslets[..] else { panic!("one lenslet") };
+        assert!((one.x - 5.235).abs() < 1e-12 && (one.weight - 1.0).abs() < 1e-12, "{one:?}");
     }
 
     #[test]

@@ -139,8 +139,10 @@ impl IdealState {
 /// What a run does between steps of the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doing {
-    /// It fits its model, or measures the mask by it.
+    /// It fits its model.
     Fitting,
+    /// It measures the mask by its model.
+    Measuring,
     /// It tries light at other places.
     Relighting,
 }
@@ -149,6 +151,7 @@ impl fmt::Display for Doing {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Fitting => "fitting",
+            Self::Measuring => "measuring the mask",
             Self::Relighting => "trying light at other places",
         })
     }

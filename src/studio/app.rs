@@ -122,7 +122,7 @@ impl Studio {
                     self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
                 }
                 Some(_) => {
-                    self.tell("What the last run has found was not accepted; Optimize > Show newest shows it.".into());
+                    self.tell("What the last run has found was not accepted; Optimize > Newest shows it.".into());
                 }
                 None => {}
             },

@@ -12,7 +12,7 @@ use super::menus;
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{Bracket, NUMBERS_VERSION, NamedBound};
-use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunStatus, Stamped};
+use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, RunStatus, Stamped};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;
@@ -72,7 +72,8 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
         return;
     };
-    let known = Known::of(state, &information.value, information.revision);
+    let mut known = Known::of(state, &information.value, information.revision);
+    known.run.take_if(|run| !run.is_of_mask);
     let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
         json!({
             "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
@@ -115,6 +116,8 @@ struct Known<'a> {
     /// Whether the bounds are those of the design as it is now.
     current: bool,
     live: Option<(Arc<LiveEstimate>, bool)>,
+    /// What the run knows whose mask is shown.
+    run: Option<RunBounds>,
     /// All bounds that finished estimates know of the design as it is now, for the patch that the live numbers refer to.
     bracket: Option<Bracket>,
     /// The same for whole measurements, with their shape.
@@ -134,10 +137,16 @@ impl<'a> Known<'a> {
             |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| *bracket));
         let here = [bounds.patch.0, bounds.patch.1];
         let live = state.estimates.live.as_ref();
+        let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
+        let has_live = live.as_ref().is_some_and(|(_, current)| *current);
+        let run = state.run.as_ref().and_then(|run| run.bounds_of(design, bounds.patch));
+        let run = run.filter(|run| run.is_of_mask || !has_live);
         Self {
             bounds,
             current: state.is_current(revision),
-            live: live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision))),
+            // Masks of a run are no edits of the design from before.
+            live: live.filter(|(_, current)| *current || run.is_none()),
+            run,
             bracket: of(here),
             sensor: brackets
                 .iter()
@@ -153,7 +162,12 @@ impl<'a> Known<'a> {
             Some(NamedBound { from: bracket.lower_from.clone()?, bits_per_pixel, interval_95 })
         });
         let live = self.sampling().and_then(|live| live.lower.clone());
-        bracket.into_iter().chain(live).max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
+        let run = self.run.as_ref().and_then(|run| run.lower.clone());
+        bracket
+            .into_iter()
+            .chain(live)
+            .chain(run)
+            .max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
     }
 
     /// The live estimate, if it is that of the design as it is now.
@@ -178,7 +192,7 @@ impl<'a> Known<'a> {
     /// The smallest upper bound for patches, where there is one, and its name.
     fn upper_bound(&self) -> Option<(f64, String)> {
         let mut bounds = Vec::from_iter(self.bounds.gaussian_is_bound.then(|| self.named_gaussian()));
-        bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "object-entropy ceiling".to_owned())));
+        bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "ceiling".to_owned())));
         if let Some((live, true)) = &self.live {
             bounds.push((live.bits_per_pixel, "density model".into()));
         }
@@ -187,6 +201,9 @@ impl<'a> Known<'a> {
         }
         if let Some(bracket) = &self.bracket {
             bounds.push((bracket.upper, bracket.upper_from.clone()));
+        }
+        if let Some(upper) = self.run.as_ref().and_then(|run| run.upper.as_ref()) {
+            bounds.push((upper.bits_per_pixel, upper.from.clone()));
         }
         bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
     }
@@ -240,13 +257,21 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
             },
         ),
     };
+    let patch = if known.run.as_ref().is_none_or(|run| run.is_of_mask) {
+        patch
+    } else {
+        format!("{rows} x {cols} px patches; the mask has moved since that step.")
+    };
     let text = RichText::new(text).size(28.0);
-    let text = if known.current { text.strong() } else { text.weak() };
+    // Masks of a run come so quickly that all numbers are some moments behind.
+    let moving = known.run.is_some() && state.bench.is_following();
+    let fresh = known.current || moving;
+    let text = if fresh { text.strong() } else { text.weak() };
     // A number that still changes leans.
     let changes = known.sampling().is_some_and(|live| live.remaining.is_some()) && !is_paused(state);
     let refining = known.sensor.is_none() && changes;
-    let text = if refining { text.italics() } else { text };
-    let name = if known.current { name } else { format!("{name}, of an earlier edit") };
+    let text = if refining || moving { text.italics() } else { text };
+    let name = if fresh { name } else { format!("{name}, of an earlier edit") };
     ui.horizontal(|ui| {
         // What is left beside the button in the corner.
         let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
@@ -276,7 +301,7 @@ fn warning(ui: &mut Ui, known: &Known<'_>) {
     if known.live.as_ref().is_some_and(|(live, current)| *current && live.interval_95[0] > ceiling) {
         let warning = "The density model lies above what the objects hold at all: do not rank masks by it.";
         ui.colored_label(ui.visuals().warn_fg_color, warning);
-    } else if ceiling < known.gaussian() && known.live.is_none() {
+    } else if ceiling < known.gaussian() && known.live.is_none() && known.run.is_none() {
         let warning = "The Gaussian bound lies above what the objects hold at all: it overstates this design.";
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
@@ -288,7 +313,9 @@ fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
     let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
-    marks.extend(known.sampling().map(|live| ("density model", live.bits_per_pixel, DENSITY)));
+    let density = known.sampling().map(|live| live.bits_per_pixel);
+    let density = density.or_else(|| Some(known.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
+    marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
     let sampled = known.sampling().and_then(|live| live.upper.as_ref());
     marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
@@ -408,6 +435,10 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
     if let Some((_, failure)) = failure {
         return (failure.clone(), gaussian);
     }
+    if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&known.live, &known.run) {
+        let text = format!("{} {} {}", rounded(upper.bits_per_pixel), interval(upper.interval_95), upper.from);
+        return (text, gaussian);
+    }
     let off = !state.bench.is_live();
     let paused = is_paused(state);
     match &known.live {
@@ -433,7 +464,8 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
 fn tamura(ui: &mut Ui, state: &State) {
     const RANGE: (f64, f64) = (0.5, 1.5);
     let Some(measurements) = &state.live.measurements else { return };
-    let (sensor, current) = (measurements.value.tamura, state.is_current(measurements.revision));
+    let (sensor, current) =
+        (measurements.value.tamura, state.is_current(measurements.revision) || state.bench.is_following());
     let objects = state.live.scene.as_ref().map(|scene| scene.value.tamura);
     let stage = if current { "" } else { ", of an earlier edit" };
     ui.horizontal(|ui| {

@@ -8,8 +8,13 @@ use egui::{DragValue, Ui};
 use super::image_view::{name_widget, placeholder};
 use super::lenslet_menu;
 use super::state::State;
+use crate::design::merged;
 use crate::optics::{Lenslet, LensletArray};
 use crate::workbench::{Command, LensletChange};
+
+/// What lenslets are counted, for people.
+pub const COUNTS: &str = "Dark lenslets are left out, and those on one spot are taken for one. Effective: as many equal lenslets would \
+                          spread the light alike";
 
 /// Shows the table.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -32,8 +37,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let lenslets = array.lenslets.iter().map(|&lenslet| Lenslet { weight, ..lenslet }).enumerate().collect();
             state.send(&Command::ChangeLenslets { what: LensletChange::Weight, lenslets });
         }
-        ui.weak(format!("{} lenslets, {:.1} effective", array.lenslets.len(), array.effective_count()))
-            .on_hover_text("Effective: as many equal lenslets would spread the light alike");
+        let (count, distinct) = (array.lenslets.len(), merged(array));
+        let effective = distinct.effective_count();
+        let text = match distinct.lenslets.len() {
+            all if all == count => format!("{count} lenslets, {effective:.1} effective"),
+            some => format!("{some} of {count} distinct, {effective:.1} effective"),
+        };
+        ui.weak(text).on_hover_text(COUNTS);
     });
     ui.add_space(4.0);
     let volumes = array.planes() > 1 || state.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);

@@ -2,14 +2,16 @@
 
 use std::sync::Arc;
 
-use egui::{Color32, ComboBox, DragValue, ProgressBar, Slider, Ui};
-use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points};
+use egui::{Align, Color32, ComboBox, DragValue, Layout, ProgressBar, Slider, Ui, vec2};
+use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
 use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
+use super::lenslet_table::COUNTS;
 use super::messages::Severity;
 use super::state::{Leave, State};
+use super::trails::TRAIL;
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, random_layout};
@@ -17,6 +19,10 @@ use crate::workbench::{
     Design, DesignRun, RunStatus, Start, curve_of, estimate_command, patches_of, run_command, spoken,
 };
 
+/// Height of what stands above the curve of a run, its numbers and the slider, in points.
+const ABOVE_PLOT: f32 = 84.0;
+/// Width of the button beside that slider, in points.
+const NEWEST_WIDTH: f32 = 68.0;
 /// Random starts of one order.
 const STARTS: u64 = 8;
 /// Colour of the Tamura coefficient in plots.
@@ -97,6 +103,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     if let RunStatus::Failed(sentence) = &run.status {
         ui.colored_label(ui.visuals().error_fg_color, sentence);
     }
+    let room = ui.available_height();
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         ranking(ui, state, &run);
         if run.frames.is_empty() {
@@ -105,9 +112,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             }
             return;
         }
-        rewind(ui, state, &run);
-        plots(ui, &run);
+        let last = run.frames.len() - 1;
+        let shown = state.optimize_form.frame.unwrap_or(last).min(last);
+        value(ui, state, &run, shown);
+        rewind(ui, state, &run, shown);
+        information_plot(ui, &run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
         notes(ui, state, &run);
+        other_plots(ui, &run);
     });
 }
 
@@ -286,7 +297,8 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let left = run.left.map_or(String::new(), |left| format!(", {} left", spoken(left)));
     let doing = match (&run.status, &run.doing) {
         (RunStatus::Paused, _) => "paused".to_owned(),
-        (_, Some((doing, share))) => format!("{doing}, {:.0} %", 100.0 * share),
+        (_, Some((doing, share))) if *share < 1.0 => format!("{doing}, {:.0} %", 100.0 * share),
+        (_, Some((doing, _))) => doing.clone(),
         _ => "moving lenslets".to_owned(),
     };
     ui.horizontal_wrapped(|ui| {
@@ -314,56 +326,76 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     });
 }
 
-/// A slider over all masks so far.
-fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
-    let last = run.frames.len() - 1;
-    let mut shown = state.optimize_form.frame.unwrap_or(last).min(last);
+/// What a mask is worth.
+fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
     let frame = &run.frames[shown];
-    ui.horizontal_wrapped(|ui| {
-        let (sign, hint) = match run.settings.objective {
-            Objective::Density | Objective::PixelCnn => (
-                '\u{2264}',
-                "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
-                 climb because it is loose; the lower bound tells.",
-            ),
-            Objective::Posterior => (
-                '\u{2265}',
-                "What the decoder of the run tells of fresh scenes: the information is at least this. A bracket of the \
-                 design follows the posterior and tells more.",
-            ),
-        };
-        ui.strong(format!("{sign} {}", rounded(frame.bits_per_pixel)));
-        ui.label(format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step)).on_hover_text(hint);
-        // The last that was taken up to this frame.
-        if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
-            ui.colored_label(LOWER, format!("\u{2265} {}", rounded(lower.bits_per_pixel))).on_hover_text(
-                "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
-                 least this.",
-            );
-        }
+    ui.horizontal(|ui| {
+        // What is left beside the button in the corner.
+        let room = vec2((ui.available_width() - 34.0).max(80.0), 20.0);
+        ui.allocate_ui_with_layout(room, Layout::left_to_right(Align::Min).with_main_wrap(true), |ui| {
+            ui.set_min_width(room.x);
+            let (sign, hint) = match run.settings.objective {
+                Objective::Density | Objective::PixelCnn => (
+                    '\u{2264}',
+                    "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
+                     climb because it is loose; the lower bound tells.",
+                ),
+                Objective::Posterior => (
+                    '\u{2265}',
+                    "What the decoder of the run tells of fresh scenes: the information is at least this. A bracket of the \
+                     design follows the posterior and tells more.",
+                ),
+            };
+            ui.strong(format!("{sign} {}", rounded(frame.bits_per_pixel)));
+            let text = format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step);
+            ui.label(text).on_hover_text(hint);
+            // The last that was taken up to this frame.
+            if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
+                let text = format!("\u{2265} {}", rounded(lower.bits_per_pixel));
+                ui.colored_label(LOWER, text).on_hover_text(
+                    "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
+                     least this.",
+                );
+            }
+        });
+        more(ui, state, run);
     });
     let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
     ui.weak(format!(
         "{patch}, {} lenslets ({:.1} effective), Tamura {:.3}",
         frame.distinct_lenslets, frame.effective_lenslets, frame.tamura
-    ));
-    ui.horizontal(|ui| {
-        ui.spacing_mut().slider_width = (ui.available_width() - 8.0).max(60.0);
-        let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
-        name_widget(&slider, "Rewind");
-        if slider.changed() && shown <= last {
-            state.optimize_form.frame = Some(shown);
-            state.bench.follow_run(false);
-            state.bench.look_at(&run.frames[shown].array, &run.start);
+    ))
+    .on_hover_text(COUNTS);
+}
+
+/// What can be taken from the run.
+fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let more = ui.menu_button("...", |ui| {
+        if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
+            let curve = curve_of(run.settings.objective, &run.frames);
+            state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+        }
+        if let Some(record) = &run.record {
+            let export = ui.button("Export record of run...");
+            if export.on_hover_text("Everything that is needed to repeat the run, as JSON").clicked() {
+                state.dialogs.ask(Purpose::ExportRecord(Arc::clone(record)), state.bench.path());
+            }
+        }
+        let copy = ui.button("Copy command of run");
+        if copy.on_hover_text("The command line that makes the same run again").clicked() {
+            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings, &run.events));
         }
     });
-    ui.horizontal_wrapped(|ui| {
-        if ui.button("Show newest").clicked() {
-            state.optimize_form.frame = None;
-            state.bench.look_at(&run.array, &run.start);
-            state.bench.follow_run(run.is_active());
-        }
-        let back = ui.button("Back to start").on_hover_text("The mask that the run started from");
+    let hint = "Export the curve or the record of the run, or copy the command line that makes it again";
+    name_widget(&more.response.on_hover_text(hint), "More of the run");
+}
+
+/// A slider over all masks so far, from that of the start to the newest.
+fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
+    let last = run.frames.len() - 1;
+    ui.horizontal(|ui| {
+        let back = ui.small_button("Start").on_hover_text("The mask that the run started from");
+        name_widget(&back, "Back to start");
         if back.clicked()
             && let Some(array) = run.start.encoder.lenslets()
         {
@@ -371,40 +403,38 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             state.bench.follow_run(false);
             state.bench.look_at(array, &run.start);
         }
-        let export = ui.small_button("Curve CSV...");
-        name_widget(&export, "Export curve of run");
-        if export.clicked() {
-            let curve = curve_of(run.settings.objective, &run.frames);
-            state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+        ui.spacing_mut().slider_width = (ui.available_width() - NEWEST_WIDTH).max(60.0);
+        let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
+        name_widget(&slider, "Rewind");
+        if slider.changed() && shown <= last {
+            state.optimize_form.frame = Some(shown);
+            state.bench.follow_run(false);
+            state.bench.look_at(&run.frames[shown].array, &run.start);
         }
-        if let Some(record) = &run.record {
-            let export =
-                ui.small_button("Record...").on_hover_text("Everything that is needed to repeat the run, as JSON");
-            name_widget(&export, "Export record of run");
-            if export.clicked() {
-                state.dialogs.ask(Purpose::ExportRecord(Arc::clone(record)), state.bench.path());
-            }
-        }
-        let copy = ui.small_button("Copy command").on_hover_text("The command line that makes the same run again");
-        name_widget(&copy, "Copy command of run");
-        if copy.clicked() {
-            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings, &run.events));
+        let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
+        name_widget(&newest, "Show newest");
+        if newest.clicked() {
+            state.optimize_form.frame = None;
+            state.bench.look_at(&run.array, &run.start);
+            state.bench.follow_run(run.is_active());
         }
     });
 }
 
-/// Information with its interval, and beside it what becomes of the mask.
-fn plots(ui: &mut Ui, run: &DesignRun) {
-    let points = |value: &dyn Fn(&Frame) -> f64| -> PlotPoints<'static> {
-        run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
-    };
+/// A curve over the steps of a run.
+fn points(run: &DesignRun, value: &dyn Fn(&Frame) -> f64) -> PlotPoints<'static> {
+    run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
+}
+
+/// Information with its interval; a line marks the mask that is shown.
+fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
     let link = ui.scope_id().with("run");
     let (name, colour) = match run.settings.objective {
         Objective::Density | Objective::PixelCnn => ("upper bound", DENSITY),
         Objective::Posterior => ("lower bound", LOWER),
     };
     Plot::new("Information of the run")
-        .height(140.0)
+        .height(height)
         .link_axis(link, [true, false])
         .include_x(0.0)
         .allow_scroll(false)
@@ -414,8 +444,12 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
             let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
             let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
             plot.add(band.fill_color(colour.gamma_multiply(0.35)));
-            plot.line(Line::new(name, points(&|frame| frame.bits_per_pixel)).color(colour).width(2.0));
-            plot.points(Points::new("refits", points(&|frame| frame.bits_per_pixel)).color(colour).radius(2.0));
+            let values = || points(run, &|frame| frame.bits_per_pixel);
+            plot.line(Line::new(name, values()).color(colour).width(2.0));
+            plot.points(Points::new("refits", values()).color(colour).radius(2.0));
+            if shown + 1 < run.frames.len() {
+                plot.vline(VLine::new("shown", run.frames[shown].step as f64).color(TRAIL).width(1.0));
+            }
             let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
             let lower: Vec<[f64; 2]> = lower.collect();
             if !lower.is_empty() {
@@ -423,6 +457,11 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
                 plot.points(Points::new("lower bound", PlotPoints::from(lower)).color(LOWER).radius(2.5));
             }
         });
+}
+
+/// What becomes of the mask.
+fn other_plots(ui: &mut Ui, run: &DesignRun) {
+    let link = ui.scope_id().with("run");
     for (name, axis, colour, value) in [
         (
             "effective lenslets",
@@ -438,7 +477,7 @@ fn plots(ui: &mut Ui, run: &DesignRun) {
             .include_x(0.0)
             .allow_scroll(false)
             .y_axis_label(axis)
-            .show(ui, |plot| plot.line(Line::new(name, points(value)).color(colour).width(2.0)));
+            .show(ui, |plot| plot.line(Line::new(name, points(run, value)).color(colour).width(2.0)));
     }
 }
 

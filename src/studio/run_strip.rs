@@ -35,6 +35,6 @@ fn hint(state: &State, action: Action) -> &'static str {
         Action::Accept => {
             "The design has changed since the run was started, so that this mask is opened as a design of its own"
         }
-        _ => "Shows the design again; the run goes on, and its masks can be shown again (Optimize, Show newest)",
+        _ => "Shows the design again; the run goes on, and its masks can be shown again (Optimize, Newest)",
     }
 }

@@ -8,7 +8,7 @@ use crate::design::{Frame, IdealEvent};
 use crate::optics::{Lenslet, LensletArray};
 
 /// Colour of the ways.
-const TRAIL: Color32 = Color32::from_rgb(120, 230, 255);
+pub const TRAIL: Color32 = Color32::from_rgb(120, 230, 255);
 
 /// Draws the ways of all lenslets where the mask is one of the last run, the bright ones more clearly.
 pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {

@@ -12,6 +12,7 @@ use super::estimator::Estimates;
 use super::evaluation::Optics;
 use super::export::Curve;
 use super::worker::Live;
+use crate::design::merged;
 use crate::formats::{FormatError, create_folder, read_json};
 use crate::information::{Bracket, NamedBound};
 use crate::objects::ObjectSource;
@@ -456,7 +457,7 @@ impl Snapshots {
             let array = snapshot.design.encoder.lenslets();
             let mut row = vec![
                 known(array.map(|array| array.lenslets.len() as f64)),
-                known(array.map(crate::optics::LensletArray::effective_count)),
+                known(array.map(|array| merged(array).effective_count())),
             ];
             row.extend(three(snapshot.live.map(|live| live.0)));
             row.push(known(snapshot.gaussian.map(|bound| bound.bits)));

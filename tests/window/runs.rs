@@ -136,6 +136,10 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     let frames = |window: &Window| studio(window).bench().run().map_or(0, |run| run.frames.len());
     wait_for(&mut window, "the second refit", |window| frames(window) >= 2);
     assert_eq!((lenslets(&window).len(), open_lenslets(&window)), (25, before.clone()));
+    // What the run knows of its mask stands among the numbers.
+    wait_for(&mut window, "the bounds of the run", |window| {
+        window.query_all_by_label_contains("run, step").next().is_some()
+    });
     // The scene is that of the design.
     click(&mut window, "Scene");
     click(&mut window, "Read noise");

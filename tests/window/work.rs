@@ -221,11 +221,13 @@ fn a_run_stands_among_the_jobs_and_can_be_repeated() {
     wait_for(&mut window, "the second refit", |window| {
         studio(window).bench().run().is_some_and(|run| run.frames.len() >= 2)
     });
+    click(&mut window, "More of the run");
     let line = copied(&mut window, "Copy command of run");
     assert!(line.starts_with("lenslet-studio design --start heuristic:9") && line.contains("--steps 10"), "{line}");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.json");
-    click(&mut window, "Export record of run");
+    click(&mut window, "More of the run");
+    click(&mut window, "Export record of run...");
     answer(&mut window, &file, "Export");
     let record: serde_json::Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
     assert_eq!(record["settings"]["steps"], 10);

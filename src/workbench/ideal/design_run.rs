@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::record::IdealRecord;
 use super::score::judge_of;
-use crate::design::{Frame, IdealEvent, IdealSettings, IdealState};
-use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
+use crate::information::{EngineChoice, Estimate, Estimator, NamedBound, Protocol};
 use crate::optics::LensletArray;
 use crate::workbench::{DensityModel, Design, EstimateRequest};
 
@@ -56,6 +56,17 @@ pub struct DesignRun {
     pub ranked: Vec<RankedStart>,
     /// All that is needed to repeat the run, as of its last refit.
     pub record: Option<Arc<IdealRecord>>,
+}
+
+/// What a run knows of a mask, by the values at one of its refits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunBounds {
+    /// Whether the values are of this very mask, which has not moved on since.
+    pub is_of_mask: bool,
+    /// The information is at least this.
+    pub lower: Option<NamedBound>,
+    /// The information is at most this.
+    pub upper: Option<NamedBound>,
 }
 
 /// The result of one start.
@@ -146,6 +157,31 @@ impl DesignRun {
         matches!(self.status, RunStatus::Running | RunStatus::Paused)
     }
 
+    /// What is known of a design whose mask is one at a refit, or the newest one, for patches of this shape (rows, cols).
+    pub fn bounds_of(&self, design: &Design, patch: (usize, usize)) -> Option<RunBounds> {
+        let scene = Design { encoder: design.encoder.clone(), ..Design::clone(&self.start) };
+        if self.settings.patch != Some(patch) || scene != *design {
+            return None;
+        }
+        let array = design.encoder.lenslets()?;
+        let at = self.frames.iter().rposition(|frame| frame.array == *array);
+        let newest = || self.frames.len().checked_sub(1).filter(|_| *self.array == *array);
+        let frame = &self.frames[at.or_else(newest)?];
+        let bound = |bits_per_pixel, interval_95| NamedBound {
+            from: format!("run, step {}", frame.step),
+            bits_per_pixel,
+            interval_95,
+        };
+        let climbed = bound(frame.bits_per_pixel, frame.interval_95);
+        let (lower, upper) = match self.settings.objective {
+            Objective::Posterior => (Some(climbed), None),
+            Objective::Density | Objective::PixelCnn => {
+                (frame.lower.map(|lower| bound(lower.bits_per_pixel, lower.interval_95)), Some(climbed))
+            }
+        };
+        Some(RunBounds { is_of_mask: at.is_some(), lower, upper })
+    }
+
     /// Whether it was stopped on its way.
     pub fn can_go_on(&self) -> bool {
         self.status == RunStatus::Stopped && (self.step > 0 || self.start_number.0 > 1)
@@ -166,4 +202,57 @@ pub struct Start {
     pub name: String,
     /// The design.
     pub design: Arc<Design>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::Preset;
+    use crate::optics::Encoder;
+
+    fn frame(step: usize, array: &LensletArray) -> Frame {
+        Frame {
+            step,
+            array: array.clone(),
+            bits_per_pixel: 0.3,
+            interval_95: [0.2, 0.4],
+            lower: None,
+            tamura: 0.8,
+            distinct_lenslets: 9,
+            effective_lenslets: 9.0,
+            seconds: 1.0,
+        }
+    }
+
+    #[test]
+    fn a_run_bounds_its_own_masks_alone() {
+        let start = Arc::new(Design::default());
+        let with = |array: &LensletArray| Design { encoder: Encoder::Lenslets(array.clone()), ..Design::clone(&start) };
+        let first = start.encoder.lenslets().unwrap().clone();
+        let mut second = first.clone();
+        second.lenslets[0].x += 1.0;
+        let mut newest = second.clone();
+        newest.lenslets[0].x += 1.0;
+        let settings =
+            |objective| IdealSettings { patch: Some((32, 32)), ..IdealSettings::new(Preset::Default, objective, 1) };
+        let mut run = DesignRun::new(&start, settings(Objective::Posterior), 1);
+        assert_eq!(run.bounds_of(&start, (32, 32)), None, "nothing is known yet");
+        run.frames = Arc::new(vec![frame(0, &first), frame(20, &second)]);
+        run.array = Arc::new(newest.clone());
+        let told = |step: usize| {
+            Some(NamedBound { from: format!("run, step {step}"), bits_per_pixel: 0.3, interval_95: [0.2, 0.4] })
+        };
+        let below = |is_of_mask, step| Some(RunBounds { is_of_mask, lower: told(step), upper: None });
+        assert_eq!(run.bounds_of(&start, (32, 32)), below(true, 0));
+        assert_eq!(run.bounds_of(&with(&second), (32, 32)), below(true, 20));
+        assert_eq!(run.bounds_of(&with(&newest), (32, 32)), below(false, 20));
+        assert_eq!(run.bounds_of(&with(&newest), (16, 16)), None, "of other patches");
+        let other = Design { seed: 2, ..with(&second) };
+        assert_eq!(run.bounds_of(&other, (32, 32)), None, "another scene");
+        newest.lenslets[1].x += 1.0;
+        assert_eq!(run.bounds_of(&with(&newest), (32, 32)), None, "another mask");
+        run.settings = settings(Objective::Density);
+        let above = Some(RunBounds { is_of_mask: true, lower: None, upper: told(20) });
+        assert_eq!(run.bounds_of(&with(&second), (32, 32)), above);
+    }
 }

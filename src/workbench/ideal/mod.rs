@@ -6,7 +6,7 @@ mod record;
 mod run;
 mod score;
 
-pub use design_run::{DesignRun, RankedStart, RunStatus, Start};
+pub use design_run::{DesignRun, RankedStart, RunBounds, RunStatus, Start};
 pub(super) use designer::Designer;
 pub use record::{IdealRecord, curve_of, patches_of};
 pub use run::{KeptRun, run_ideal};
