@@ -1,5 +1,6 @@
 //! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
+mod audit;
 mod prune;
 mod relight;
 mod returns;
@@ -27,15 +28,9 @@ use crate::sparsity::tamura_of_stack;
 const TAMURA_IMAGES: usize = 32;
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
-/// Information that a mask can gain in one round, bits per pixel; a model that gives it more has lost track of it.
-const MOST_GAIN: f64 = 0.015;
-/// Factor by which its interval can widen in one round.
-const MOST_WIDENING: f64 = 1.4;
-/// Rounds from one comparison with a model that begins anew to the next.
-const AUDIT_EVERY: usize = 30;
-/// Factor by which the rates, halved where a model that begins anew takes over, recover in a round, and their least factor.
+/// Factor by which rates that were halved recover in a round.
 const RECOVERY: f64 = 1.2;
-const SLOWEST: f64 = 0.25;
+
 /// Hears of every step of mask and model, and answers whether to go on; after `Break` the run ends in
 /// [`InformationError::Cancelled`].
 pub type OnIdeal<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
@@ -192,19 +187,7 @@ impl<'a> Ideal<'a> {
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
         if self.can_lag_behind() && (self.has_lost_track(&frame) || self.is_due_for_audit(is_last)) {
-            let before = self.guide.to_bytes(Vec::new())?;
-            self.guide.follow(&self.state.array, false)?;
-            self.fit((self.settings.first_fit, 1), &watch)?;
-            let afresh = self.frame(is_last, &watch)?;
-            // Both are bounds from above: the lower one knows more.
-            if afresh.bits_per_pixel < frame.bits_per_pixel {
-                frame = afresh;
-                self.state.events.push(IdealEvent::Refitted { step: self.state.step });
-                self.state.caution = (0.5 * self.state.caution).max(SLOWEST);
-            } else {
-                self.guide.restore(&before)?;
-                self.guide.follow(&self.state.array, true)?;
-            }
+            frame = self.audited(frame, is_last, &watch)?;
         }
         if is_last && let Some(better) = self.better_than(&frame, &watch)? {
             frame = better;
@@ -233,26 +216,6 @@ impl<'a> Ideal<'a> {
         let fit = GuideFit { steps, seed, warm: part == 0 && self.settings.warm && round > 0 };
         let state = &self.state;
         self.guide.fit(&fit, &mut |share| watch.tell(state, Some((Doing::Fitting, share))))
-    }
-
-    /// Whether the guide is one that can give the mask too much because it was fitted to other masks.
-    fn can_lag_behind(&self) -> bool {
-        self.guide.can_overrate() && self.settings.warm && !self.state.frames.is_empty()
-    }
-
-    /// Whether it is time to see whether a model that was fitted again and again still knows more than one that begins anew: a
-    /// model that lags behind by a little more in every round is not found out otherwise.
-    fn is_due_for_audit(&self, is_last: bool) -> bool {
-        is_last || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
-    }
-
-    /// Whether a value says more of the model than of the mask: no mask gains so much in one round, or becomes so much more
-    /// uneven from patch to patch. A mask that went on climbing would climb what the model does not know.
-    fn has_lost_track(&self, frame: &Frame) -> bool {
-        let width = |frame: &Frame| frame.interval_95[1] - frame.interval_95[0];
-        self.state.frames.last().is_some_and(|last| {
-            frame.bits_per_pixel > last.bits_per_pixel + MOST_GAIN || width(frame) > MOST_WIDENING * width(last)
-        })
     }
 
     /// One step of the mask on fresh training objects.
@@ -325,7 +288,6 @@ const RELIT_SEEDS: u64 = 1 << 34;
 
 #[cfg(test)]
 mod tests {
-    use super::super::guide::{OnFit, Slopes, Valued};
     use super::super::settings::Preset;
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet};
@@ -338,7 +300,7 @@ mod tests {
     }
 
     /// One lenslet before a small sensor, and a step of it in every round.
-    fn small<'a>(imaging: &'a Imaging<'a>, settings: &IdealSettings) -> Ideal<'a> {
+    pub(super) fn small<'a>(imaging: &'a Imaging<'a>, settings: &IdealSettings) -> Ideal<'a> {
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let settings = IdealSettings { refit_every: 1, ..settings.clone() };
         Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
@@ -367,35 +329,10 @@ mod tests {
     }
 
     /// The bytes of a safetensors file with zeros for all numbers.
-    fn without_weights(mut bytes: Vec<u8>) -> Vec<u8> {
+    pub(super) fn without_weights(mut bytes: Vec<u8>) -> Vec<u8> {
         let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
         bytes[size_of::<u64>() + header..].fill(0);
         bytes
-    }
-
-    #[test]
-    fn a_model_that_lost_track_makes_room_for_one_that_begins_anew() {
-        let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let settings = IdealSettings {
-            patch: Some((6, 6)),
-            first_fit: 40,
-            refit: 1,
-            steps: 2,
-            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
-        };
-        let mut ideal = small(&imaging, &settings);
-        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-        advance(&mut ideal);
-        assert_eq!(ideal.state.events, []);
-        // A model that knows nothing any more gives the mask far more than it can have gained.
-        let bytes = ideal.guide.to_bytes(Vec::new()).unwrap();
-        ideal.guide.restore(&without_weights(bytes)).unwrap();
-        advance(&mut ideal);
-        assert_eq!(ideal.state.events, [IdealEvent::Refitted { step: 1 }]);
-        let [before, after] = &ideal.state.frames[..] else { panic!("two frames") };
-        assert!((after.bits_per_pixel - before.bits_per_pixel).abs() < 0.1, "{before:?} {after:?}");
-        assert_eq!(ideal.state.step, 2);
     }
 
     #[test]
@@ -437,80 +374,5 @@ mod tests {
         });
         assert!(matches!(left, Err(IdealError::Information(InformationError::Cancelled))));
         assert_eq!(ideal.state.step, 0);
-    }
-
-    /// A guide that knows nothing after a fit from the beginning.
-    struct Forgetful<'a>(Box<dyn Guide + 'a>);
-
-    impl Guide for Forgetful<'_> {
-        fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
-            self.0.follow(array, warm)
-        }
-
-        fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
-            self.0.fit(fit, watch)?;
-            if fit.warm { Ok(()) } else { self.0.restore(&without_weights(self.0.to_bytes(Vec::new())?)) }
-        }
-
-        fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
-            self.0.value(array, last, go_on)
-        }
-
-        fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
-            self.0.slopes(array, draw, go_on)
-        }
-
-        fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
-            self.0.to_bytes(details)
-        }
-
-        fn restore(&mut self, bytes: &[u8]) -> Result<(), IdealError> {
-            self.0.restore(bytes)
-        }
-
-        fn can_overrate(&self) -> bool {
-            self.0.can_overrate()
-        }
-    }
-
-    #[test]
-    fn a_run_goes_on_bit_for_bit_across_an_audit() {
-        let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let settings = IdealSettings {
-            patch: Some((5, 5)),
-            first_fit: 1,
-            refit: 4,
-            steps: AUDIT_EVERY + 2,
-            patches: 2,
-            objects: 1,
-            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
-        };
-        let forgetful = || {
-            let ideal = small(&imaging, &settings);
-            Ideal { guide: Box::new(Forgetful(ideal.guide)), ..ideal }
-        };
-        let mut whole = forgetful();
-        let mut kept = Vec::new();
-        while !whole.is_finished() {
-            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-            if [AUDIT_EVERY, AUDIT_EVERY + 1].contains(&whole.state.frames.len()) {
-                kept.push(whole.to_bytes().unwrap());
-            }
-        }
-        assert_eq!(kept.len(), 2);
-        let audited = IdealEvent::Refitted { step: AUDIT_EVERY };
-        assert!(!whole.state.events.contains(&audited), "it went on with the model that it had");
-        for bytes in kept {
-            let mut resumed = forgetful().resumed(&bytes).unwrap();
-            while !resumed.is_finished() {
-                resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-            }
-            assert_eq!(resumed.state.array, whole.state.array);
-            let bits = |ideal: &Ideal<'_>| -> Vec<f64> {
-                ideal.state.frames.iter().map(|frame| frame.bits_per_pixel).collect()
-            };
-            assert_eq!(bits(&resumed), bits(&whole));
-        }
     }
 }

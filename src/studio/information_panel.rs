@@ -1,18 +1,17 @@
 //! Information and sparsity: what the design's numbers are and what they rest on.
 
-use std::sync::Arc;
-
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use serde_json::json;
 
 use super::actions::Action;
 use super::image_view::{name_widget, placeholder, significant};
+use super::known::Known;
 use super::menus;
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{Bracket, NUMBERS_VERSION, NamedBound};
-use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, RunStatus, Stamped};
+use crate::workbench::{RunBounds, RunStatus};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;
@@ -108,105 +107,6 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     });
     ctx.copy_text(format!("{numbers:#}\n"));
     state.messages.push(Severity::Done, "The numbers are in the clipboard");
-}
-
-/// All that is known of the open design.
-struct Known<'a> {
-    bounds: &'a LiveInformation,
-    /// Whether the bounds are those of the design as it is now.
-    current: bool,
-    live: Option<(Arc<LiveEstimate>, bool)>,
-    /// What the run knows whose mask is shown.
-    run: Option<RunBounds>,
-    /// All bounds that finished estimates know of the design as it is now, for the patch that the live numbers refer to.
-    bracket: Option<Bracket>,
-    /// The same for whole measurements, with their shape.
-    sensor: Option<(Bracket, [usize; 2])>,
-}
-
-impl<'a> Known<'a> {
-    fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
-        // A design that was left and came back is the same design.
-        let design = state.bench.design();
-        let is_of = |result: &&Stamped<FinishedEstimate>| result.value.is_of(design, &state.live);
-        let finished = state.estimates.finished.iter().rev().filter(is_of);
-        let brackets: Vec<_> = finished
-            .filter_map(|result| Some((result.value.estimate.bracket.as_ref()?, result.value.estimate.patch)))
-            .collect();
-        let of =
-            |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| *bracket));
-        let here = [bounds.patch.0, bounds.patch.1];
-        let live = state.estimates.live.as_ref();
-        let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
-        let has_live = live.as_ref().is_some_and(|(_, current)| *current);
-        let run = state.run.as_ref().and_then(|run| run.bounds_of(design, bounds.patch));
-        let run = run.filter(|run| run.is_of_mask || !has_live);
-        Self {
-            bounds,
-            current: state.is_current(revision),
-            // Masks of a run are no edits of the design from before.
-            live: live.filter(|(_, current)| *current || run.is_none()),
-            run,
-            bracket: of(here),
-            sensor: brackets
-                .iter()
-                .find(|(_, patch)| *patch != here)
-                .and_then(|(_, patch)| Some((of(*patch)?, *patch))),
-        }
-    }
-
-    /// The largest lower bound for patches.
-    fn lower(&self) -> Option<NamedBound> {
-        let bracket = self.bracket.as_ref().and_then(|bracket| {
-            let (bits_per_pixel, interval_95) = (bracket.lower?, bracket.lower_interval_95?);
-            Some(NamedBound { from: bracket.lower_from.clone()?, bits_per_pixel, interval_95 })
-        });
-        let live = self.sampling().and_then(|live| live.lower.clone());
-        let run = self.run.as_ref().and_then(|run| run.lower.clone());
-        bracket
-            .into_iter()
-            .chain(live)
-            .chain(run)
-            .max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
-    }
-
-    /// The live estimate, if it is that of the design as it is now.
-    fn sampling(&self) -> Option<&LiveEstimate> {
-        self.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| &**live)
-    }
-
-    fn gaussian(&self) -> f64 {
-        self.bounds.gaussian.bits_per_pixel
-    }
-
-    /// The Gaussian's number, a bound or an approximation, and its name.
-    fn named_gaussian(&self) -> (f64, String) {
-        (self.gaussian(), self.bounds.gaussian_name().to_owned())
-    }
-
-    /// The smallest upper bound for patches and its name, or the approximation where there is no bound.
-    fn upper(&self) -> (f64, String) {
-        self.upper_bound().unwrap_or_else(|| self.named_gaussian())
-    }
-
-    /// The smallest upper bound for patches, where there is one, and its name.
-    fn upper_bound(&self) -> Option<(f64, String)> {
-        let mut bounds = Vec::from_iter(self.bounds.gaussian_is_bound.then(|| self.named_gaussian()));
-        bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "ceiling".to_owned())));
-        if let Some((live, true)) = &self.live {
-            bounds.push((live.bits_per_pixel, "density model".into()));
-        }
-        if let Some(upper) = self.sampling().and_then(|live| live.upper.as_ref()) {
-            bounds.push((upper.bits_per_pixel, upper.from.clone()));
-        }
-        if let Some(bracket) = &self.bracket {
-            bounds.push((bracket.upper, bracket.upper_from.clone()));
-        }
-        if let Some(upper) = self.run.as_ref().and_then(|run| run.upper.as_ref()) {
-            bounds.push((upper.bits_per_pixel, upper.from.clone()));
-        }
-        bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
-    }
 }
 
 /// Bits with three decimals.

@@ -8,7 +8,6 @@ use egui::{DragValue, Ui};
 use super::image_view::{name_widget, placeholder};
 use super::lenslet_menu;
 use super::state::State;
-use crate::design::merged;
 use crate::optics::{Lenslet, LensletArray};
 use crate::workbench::{Command, LensletChange};
 
@@ -37,11 +36,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let lenslets = array.lenslets.iter().map(|&lenslet| Lenslet { weight, ..lenslet }).enumerate().collect();
             state.send(&Command::ChangeLenslets { what: LensletChange::Weight, lenslets });
         }
-        let (count, distinct) = (array.lenslets.len(), merged(array));
-        let effective = distinct.effective_count();
-        let text = match distinct.lenslets.len() {
-            all if all == count => format!("{count} lenslets, {effective:.1} effective"),
-            some => format!("{some} of {count} distinct, {effective:.1} effective"),
+        let count = array.lenslets.len();
+        let text = match state.live.optics.as_ref().and_then(|optics| optics.value.distinct_lenslets) {
+            Some((distinct, effective)) if distinct < count => {
+                format!("{distinct} of {count} distinct, {effective:.1} effective")
+            }
+            Some((_, effective)) => format!("{count} lenslets, {effective:.1} effective"),
+            None => format!("{count} lenslets"),
         };
         ui.weak(text).on_hover_text(COUNTS);
     });

@@ -9,7 +9,7 @@ use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use thiserror::Error;
 
 use super::design::{Design, DesignError};
-use crate::design::{IdealError, mean_measurement, spots_on_sensor};
+use crate::design::{IdealError, mean_measurement, merged, spots_on_sensor};
 use crate::formats::FormatError;
 use crate::information::{
     AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
@@ -88,6 +88,8 @@ pub struct Optics {
     pub image: Array2<f32>,
     /// Of all planes together.
     pub mtf: Mtf,
+    /// How many lenslets are neither dark nor coincident, and how many equal ones would spread the light alike.
+    pub distinct_lenslets: Option<(usize, f64)>,
 }
 
 impl Optics {
@@ -98,7 +100,11 @@ impl Optics {
     pub fn of(design: &Design, planes: usize) -> Result<Self, DesignError> {
         let psf = design.psf(planes)?;
         let sum = psf.sum_axis(Axis(0));
-        Ok(Self { image: sum.mapv(|value| value as f32), mtf: modulation_transfer(sum.view()), psf })
+        let distinct_lenslets = design.encoder.lenslets().map(|array| {
+            let distinct = merged(array);
+            (distinct.lenslets.len(), distinct.effective_count())
+        });
+        Ok(Self { image: sum.mapv(|value| value as f32), mtf: modulation_transfer(sum.view()), distinct_lenslets, psf })
     }
 }
 

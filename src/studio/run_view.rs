@@ -1,0 +1,250 @@
+//! What came of a run: its results, every mask on the way with its numbers, and their curves.
+
+use std::sync::Arc;
+
+use egui::{Align, Color32, Layout, Slider, Ui, vec2};
+use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
+
+use super::dialogs::Purpose;
+use super::image_view::name_widget;
+use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
+use super::lenslet_table::COUNTS;
+use super::state::State;
+use super::trails::TRAIL;
+use crate::design::{Frame, IdealEvent, Objective};
+use crate::workbench::{DesignRun, curve_of, estimate_command, patches_of, run_command};
+
+/// Height of what stands above the curve of a run, its numbers and the slider, in points.
+const ABOVE_PLOT: f32 = 84.0;
+/// Width of the button beside that slider, in points.
+const NEWEST_WIDTH: f32 = 68.0;
+/// Colour of the Tamura coefficient in plots.
+const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
+/// Colour of the number of lenslets in plots.
+const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
+
+/// Shows the run.
+pub fn show(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let room = ui.available_height();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        ranking(ui, state, run);
+        if run.frames.is_empty() {
+            if run.is_active() {
+                ui.weak("The first fit takes some seconds.");
+            }
+            return;
+        }
+        let last = run.frames.len() - 1;
+        let shown = state.optimize_form.frame.unwrap_or(last).min(last);
+        value(ui, state, run, shown);
+        rewind(ui, state, run, shown);
+        information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
+        notes(ui, state, run);
+        other_plots(ui, run);
+    });
+}
+
+/// What a mask is worth.
+fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
+    let frame = &run.frames[shown];
+    ui.horizontal(|ui| {
+        // What is left beside the button in the corner.
+        let room = vec2((ui.available_width() - 34.0).max(80.0), 20.0);
+        ui.allocate_ui_with_layout(room, Layout::left_to_right(Align::Min).with_main_wrap(true), |ui| {
+            ui.set_min_width(room.x);
+            let (sign, hint) = match run.settings.objective {
+                Objective::Density | Objective::PixelCnn => (
+                    '\u{2264}',
+                    "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
+                     climb because it is loose; the lower bound tells.",
+                ),
+                Objective::Posterior => (
+                    '\u{2265}',
+                    "What the decoder of the run tells of fresh scenes: the information is at least this. A bracket of the \
+                     design follows the posterior and tells more.",
+                ),
+            };
+            ui.strong(format!("{sign} {}", rounded(frame.bits_per_pixel)));
+            let text = format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step);
+            ui.label(text).on_hover_text(hint);
+            // The last that was taken up to this frame.
+            if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
+                let text = format!("\u{2265} {}", rounded(lower.bits_per_pixel));
+                ui.colored_label(LOWER, text).on_hover_text(
+                    "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
+                     least this.",
+                );
+            }
+        });
+        more(ui, state, run);
+    });
+    let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
+    ui.weak(format!(
+        "{patch}, {} lenslets ({:.1} effective), Tamura {:.3}",
+        frame.distinct_lenslets, frame.effective_lenslets, frame.tamura
+    ))
+    .on_hover_text(COUNTS);
+}
+
+/// What can be taken from the run.
+fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let more = ui.menu_button("...", |ui| {
+        if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
+            let curve = curve_of(run.settings.objective, &run.frames);
+            state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+        }
+        if let Some(record) = &run.record {
+            let export = ui.button("Export record of run...");
+            if export.on_hover_text("Everything that is needed to repeat the run, as JSON").clicked() {
+                state.dialogs.ask(Purpose::ExportRecord(Arc::clone(record)), state.bench.path());
+            }
+        }
+        let copy = ui.button("Copy command of run");
+        if copy.on_hover_text("The command line that makes the same run again").clicked() {
+            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings, &run.events));
+        }
+    });
+    let hint = "Export the curve or the record of the run, or copy the command line that makes it again";
+    name_widget(&more.response.on_hover_text(hint), "More of the run");
+}
+
+/// A slider over all masks so far, from that of the start to the newest.
+fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
+    let last = run.frames.len() - 1;
+    ui.horizontal(|ui| {
+        let back = ui.small_button("Start").on_hover_text("The mask that the run started from");
+        name_widget(&back, "Back to start");
+        if back.clicked()
+            && let Some(array) = run.start.encoder.lenslets()
+        {
+            state.optimize_form.frame = Some(0);
+            state.bench.follow_run(false);
+            state.bench.look_at(array, &run.start);
+        }
+        ui.spacing_mut().slider_width = (ui.available_width() - NEWEST_WIDTH).max(60.0);
+        let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
+        name_widget(&slider, "Rewind");
+        if slider.changed() && shown <= last {
+            state.optimize_form.frame = Some(shown);
+            state.bench.follow_run(false);
+            state.bench.look_at(&run.frames[shown].array, &run.start);
+        }
+        let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
+        name_widget(&newest, "Show newest");
+        if newest.clicked() {
+            state.optimize_form.frame = None;
+            state.bench.look_at(&run.array, &run.start);
+            state.bench.follow_run(run.is_active());
+        }
+    });
+}
+
+/// A curve over the steps of a run.
+fn points(run: &DesignRun, value: &dyn Fn(&Frame) -> f64) -> PlotPoints<'static> {
+    run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
+}
+
+/// Information with its interval; a line marks the mask that is shown.
+fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
+    let link = ui.scope_id().with("run");
+    let (name, colour) = match run.settings.objective {
+        Objective::Density | Objective::PixelCnn => ("upper bound", DENSITY),
+        Objective::Posterior => ("lower bound", LOWER),
+    };
+    Plot::new("Information of the run")
+        .height(height)
+        .link_axis(link, [true, false])
+        .include_x(0.0)
+        .allow_scroll(false)
+        .y_axis_label("bits per pixel")
+        .show(ui, |plot| {
+            let column = |value: &dyn Fn(&Frame) -> f64| -> Vec<f64> { run.frames.iter().map(value).collect() };
+            let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
+            let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
+            plot.add(band.fill_color(colour.gamma_multiply(0.35)));
+            let values = || points(run, &|frame| frame.bits_per_pixel);
+            plot.line(Line::new(name, values()).color(colour).width(2.0));
+            plot.points(Points::new("refits", values()).color(colour).radius(2.0));
+            if shown + 1 < run.frames.len() {
+                plot.vline(VLine::new("shown", run.frames[shown].step as f64).color(TRAIL).width(1.0));
+            }
+            let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
+            let lower: Vec<[f64; 2]> = lower.collect();
+            if !lower.is_empty() {
+                plot.line(Line::new("lower bound", PlotPoints::from(lower.clone())).color(LOWER).width(2.0));
+                plot.points(Points::new("lower bound", PlotPoints::from(lower)).color(LOWER).radius(2.5));
+            }
+        });
+}
+
+/// What becomes of the mask.
+fn other_plots(ui: &mut Ui, run: &DesignRun) {
+    let link = ui.scope_id().with("run");
+    for (name, axis, colour, value) in [
+        (
+            "effective lenslets",
+            "lenslets",
+            LENSLETS,
+            &(|frame: &Frame| frame.effective_lenslets) as &dyn Fn(&Frame) -> f64,
+        ),
+        ("sensor Tamura", "sensor Tamura", TAMURA, &|frame: &Frame| frame.tamura),
+    ] {
+        Plot::new(name)
+            .height(90.0)
+            .link_axis(link, [true, false])
+            .include_x(0.0)
+            .allow_scroll(false)
+            .y_axis_label(axis)
+            .show(ui, |plot| plot.line(Line::new(name, points(run, value)).color(colour).width(2.0)));
+    }
+}
+
+/// What the run had to do besides climbing.
+fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
+    for line in IdealEvent::detours(&run.events) {
+        ui.weak(line);
+    }
+    // The ceiling of this mask, in patches like those of the run.
+    let is_shown = state.bench.design().encoder.lenslets() == Some(&*run.array);
+    let information = state.live.information.as_ref().filter(|information| {
+        is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
+    });
+    let ceiling = information.and_then(|information| information.value.ceiling_bits());
+    if let (Some(ceiling), Some(last)) = (ceiling, run.frames.last())
+        && last.interval_95[0] > ceiling
+    {
+        let warning = "The run's estimate lies above what the objects hold at all: judge the design by a bracket.";
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+}
+
+/// Results of finished starts, the best first.
+fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    for (place, result) in run.ranked.iter().enumerate() {
+        let estimate = &result.estimate;
+        ui.horizontal_wrapped(|ui| {
+            let bits = match estimate.lower() {
+                Some(lower) => between(lower, estimate.bits_per_pixel),
+                None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
+            };
+            let text = format!("{}. {}: {bits}", place + 1, result.name);
+            let open = ui.button(text).on_hover_text(
+                "Shows this design. Its numbers, bits per pixel on held-out objects, come from models of their own: \
+                 a bracket, ranked by its lower bound, or the live estimate where no lower bound is known.",
+            );
+            name_widget(&open, &format!("Result {}", place + 1));
+            if open.clicked()
+                && let Some(array) = result.design.encoder.lenslets()
+            {
+                state.bench.follow_run(false);
+                state.bench.look_at(array, &result.design);
+            }
+            let copy =
+                ui.small_button("Copy command").on_hover_text("The command line that computes these numbers again");
+            name_widget(&copy, &format!("Copy command of result {}", place + 1));
+            if copy.clicked() {
+                state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request()));
+            }
+        });
+    }
+}
