@@ -1,6 +1,6 @@
 //! The parts of a run of IDEAL from 25 random lenslets before beads. Up a density model: the gradient of one step of the mask,
 //! of that the optics on the way there and back, and the matrix products that the rest cannot do without; a whole round (fit,
-//! value on held-out objects, five steps) against its products. Up the posterior: a step, and a round of twenty.
+//! value on held-out objects, five steps) against its products. Up the posterior: a step, a round of twenty, and their products.
 
 mod training;
 
@@ -14,17 +14,20 @@ use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
 use lenslet_studio::optics::{Limits, psf_gradient, random_layout, render_psf};
 use lenslet_studio::sensor::{Noise, Patches};
 use ndarray::Array3;
-use training::{Gradients, causal_shapes, products_alone};
+use training::{Gradients, causal_shapes, decoder_shapes, products_alone};
 
 const PIXELS: usize = 32 * 32;
 /// Patches of one step of a fit.
 const BATCH: usize = 2;
+/// Scenes that the value of a mask up the posterior rests on.
+const SAMPLES: usize = 512;
 
 /// Time for so many rounds from where a run has come to.
 fn time_of_rounds(ideal: &mut Ideal<'_>, count: u64) -> Duration {
     let started = Instant::now();
     for _ in 0..count {
-        ideal.extend_to(ideal.state().step + 2 * ideal.settings().refit_every);
+        // So far ahead that neither its end nor an occasion to move a dark lenslet is near.
+        ideal.extend_to(8 * (ideal.state().step + 2 * ideal.settings().refit_every));
         ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
     }
     started.elapsed()
@@ -89,9 +92,27 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     group.bench_function("slope of a step up the posterior", |bencher| {
         bencher.iter(|| spot_slope(&channel, decoder, (1, 0, settings.patches)).expect("a slope"));
     });
+    let shapes = decoder_shapes(decoder.unrolled());
+    // Object pixels that a patch sees.
+    let (_, rows, cols) = channel.spot.dim();
+    let sites = (32 + rows - 1) * (32 + cols - 1);
+    group.bench_function("the products of such a slope alone", |bencher| {
+        bencher.iter(|| products_alone(&shapes, sites, settings.patches, Gradients::None));
+    });
     let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     group.bench_function("a round up the posterior", |bencher| {
         bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
+    });
+    group.bench_function("the products of such a round alone", |bencher| {
+        bencher.iter(|| {
+            for _ in 0..settings.refit {
+                products_alone(&shapes, sites, BATCH, Gradients::All);
+            }
+            products_alone(&shapes, sites, SAMPLES, Gradients::None);
+            for _ in 0..settings.refit_every {
+                products_alone(&shapes, sites, settings.patches, Gradients::None);
+            }
+        });
     });
     group.finish();
 }

@@ -22,6 +22,11 @@ pub fn causal_shapes() -> Vec<(usize, usize)> {
     shapes
 }
 
+/// (inputs, outputs) of all products of the forward pass of a decoder of so many unrolled steps for one object pixel.
+pub fn decoder_shapes(unrolled: usize) -> Vec<(usize, usize)> {
+    [(24, 16), (9 * 16, 16), (16, 24)].repeat(unrolled)
+}
+
 /// Which gradients a pass takes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Gradients {
@@ -29,6 +34,8 @@ pub enum Gradients {
     All,
     /// By the inputs of every layer.
     Inputs,
+    /// None: the pass goes forward alone.
+    None,
 }
 
 /// The products of every layer with (inputs, outputs) in `shapes`, forward and for its gradients, for `chunks` times
@@ -50,8 +57,10 @@ pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize, g
                 let by_kernel = &mut by_kernel[..inputs * outputs];
                 product_of_transposed(input, output, (inputs, pixels, outputs), by_kernel, Write::Replace);
             }
-            let by_input = &mut by_input[..pixels * inputs];
-            product_with_transposed(output, kernel, (pixels, outputs, inputs), by_input, Write::Replace);
+            if gradients != Gradients::None {
+                let by_input = &mut by_input[..pixels * inputs];
+                product_with_transposed(output, kernel, (pixels, outputs, inputs), by_input, Write::Replace);
+            }
         }
         black_box((&output, &by_kernel, &by_input));
     });
