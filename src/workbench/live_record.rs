@@ -221,8 +221,9 @@ mod tests {
             }
         };
         let ended = refiner.refine(design, scene, &mut publish, &|| stop.load(Ordering::Relaxed));
-        assert!(ended.is_err_and(|error| error.is_cancelled()));
-        found.into_inner().unwrap()
+        // What comes with the very end interrupts nothing, as where a fit that was planned on busy cores ends early.
+        assert!(ended.as_ref().map_or_else(EvaluationError::is_cancelled, |()| true), "{ended:?}");
+        found.into_inner().expect("an estimate that is wanted")
     }
 
     #[test]
