@@ -37,7 +37,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             state.send(&Command::ChangeLenslets { what: LensletChange::Weight, lenslets });
         }
         let count = array.lenslets.len();
-        let text = match state.live.optics.as_ref().and_then(|optics| optics.value.distinct_lenslets) {
+        let optics = state.live.optics.as_ref().filter(|optics| state.is_current(optics.revision));
+        let text = match optics.and_then(|optics| optics.value.distinct_lenslets) {
             Some((distinct, effective)) if distinct < count => {
                 format!("{distinct} of {count} distinct, {effective:.1} effective")
             }

@@ -293,10 +293,14 @@ pub(super) fn repeated(
     let mut scored = None;
     let fitted =
         subject.fit(recipe.planned, start.is_some()).fit_watched(&mut model, &train, &mut |progress, snapshot| {
+            if !go_on(progress.step) {
+                return ControlFlow::Break(());
+            }
             if progress.step == recipe.steps && !settled {
                 scored = Some(snapshot());
+                return ControlFlow::Break(());
             }
-            if scored.is_some() || !go_on(progress.step) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            ControlFlow::Continue(())
         });
     let model = if let Some(scored) = scored {
         scored
@@ -315,6 +319,10 @@ pub(super) fn repeated(
     }
     if let Some(Draws::Followed { levels, samples }) = recipe.upper {
         beads.above(&beads.again(levels, samples, ABOVE), &stop);
+    }
+    // Bounds that were stopped are missing, which is no other number.
+    if stop() {
+        return Err(InformationError::Cancelled.into());
     }
     Ok(with_bounds(&beads, estimate))
 }
