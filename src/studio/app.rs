@@ -1,8 +1,6 @@
 //! The studio: menus, rooms, status bar, dropped files, and what happens between frames.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
 
 use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
@@ -12,6 +10,7 @@ use super::dialogs;
 use super::home::{Home, KEPT, ZOOM};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
+use super::pace::Pace;
 use super::state::{Arrange, Leave, State};
 use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
@@ -21,9 +20,6 @@ use crate::objects::ObjectSource;
 use crate::workbench::{
     Activity, ActivityState, Design, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench,
 };
-
-/// Least time between two frames that the worker asks for.
-const REPAINT_EVERY: Duration = Duration::from_millis(33);
 
 /// The window's contents.
 pub struct Studio {
@@ -36,6 +32,7 @@ pub struct Studio {
     closing: bool,
     /// Whether the status bar shows how long frames take.
     frame_times: FrameTimes,
+    pace: Pace,
     /// What is remembered from one day to the next.
     home: Option<Home>,
     /// Designs that were left behind, until it is decided what becomes of them.
@@ -54,15 +51,9 @@ impl Studio {
             // Secondary text is read too: the default is too faint on white.
             style.visuals.weak_text_alpha = 0.75;
         });
-        let (repaint, last) = (ctx.clone(), Mutex::new(None::<Instant>));
-        let bench = Workbench::new(design, path, move || {
-            let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
-            let wait = last.map_or(Duration::ZERO, |last| REPAINT_EVERY.saturating_sub(last.elapsed()));
-            if wait.is_zero() {
-                *last = Some(Instant::now());
-            }
-            repaint.request_repaint_after(wait);
-        })?;
+        let (repaint, pace) = (ctx.clone(), Pace::default());
+        let paced = pace.clone();
+        let bench = Workbench::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
         let title = String::new();
         Ok(Self {
             state: State::new(bench),
@@ -71,6 +62,7 @@ impl Studio {
             title,
             closing: false,
             frame_times: FrameTimes::default(),
+            pace,
             home: None,
             left_behind: Vec::new(),
         })
@@ -390,7 +382,9 @@ impl eframe::App for Studio {
     }
 
     fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {
-        self.frame_times.note(frame.info().cpu_usage.unwrap_or(0.0));
+        let seconds = frame.info().cpu_usage.unwrap_or(0.0);
+        self.frame_times.note(seconds);
+        self.pace.drawn(seconds);
         Self::ui(self, ui);
     }
 }

@@ -49,7 +49,7 @@ pub struct Preferences {
     pub welcomed: bool,
     /// Arrangements of rooms that are remembered, by number.
     pub layouts: BTreeMap<usize, Tree<Pane>>,
-    /// Threads for everything that computes; as many as there are cores but one where none is chosen.
+    /// Threads for everything that computes; as many as there are cores where none is chosen.
     pub threads: Option<usize>,
     /// What computes networks of the published kind.
     pub engine: EngineChoice,

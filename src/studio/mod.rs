@@ -28,6 +28,7 @@ mod messages;
 mod mtf_panel;
 mod optimize_panel;
 mod overlays;
+mod pace;
 mod palette;
 mod picture_menu;
 mod recovery;

@@ -165,9 +165,8 @@ fn threads(ui: &mut Ui, state: &mut State) {
         let mut chosen = state.preferences.threads;
         let mut all = chosen.is_none();
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let spare = cores.saturating_sub(1).max(1);
-        if ui.checkbox(&mut all, "All but one").on_hover_text("One is left to the window").changed() {
-            chosen = (!all).then_some(spare);
+        if ui.checkbox(&mut all, "One for every core").on_hover_text("They give way to the window").changed() {
+            chosen = (!all).then_some(cores);
         }
         if let Some(count) = &mut chosen {
             name_widget(&ui.add(egui::DragValue::new(count).range(THREADS)), "Threads");

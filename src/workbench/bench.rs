@@ -135,7 +135,7 @@ impl Workbench {
         self.worker.estimator().estimates()
     }
 
-    /// Chooses how many threads compute, from the next computation on; all cores but one where it is none.
+    /// Chooses how many threads compute, from the next computation on; one for every core where it is none.
     pub fn set_threads(&self, count: Option<usize>) {
         self.threads.set(count);
     }

@@ -13,7 +13,7 @@ use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
-use super::threads::{SpareCores, Threads, Wake, lock};
+use super::threads::{SpareCores, Threads, Wake, Work, lock};
 use super::worker::{Live, Stamped};
 use crate::information::{Estimate, FitLength};
 
@@ -231,7 +231,7 @@ enum Task {
 }
 
 fn run(shared: &Shared) {
-    let mut cores = SpareCores::new("estimate", shared.threads.clone());
+    let mut cores = SpareCores::new(Work::Estimate, shared.threads.clone());
     let mut refiner = Refiner::default();
     while let Some(task) = next_task(shared) {
         let done = cores.run(|| match &task {

@@ -1,9 +1,11 @@
-//! What the threads beside the window share: the cores that it leaves to them, locks, panics that become sentences.
+//! What the threads beside the window share: the cores on which they give way to it, locks, panics that become sentences.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
 
 /// Tells the window that there is something new.
 pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
@@ -18,34 +20,65 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub(super) struct Threads(Arc<AtomicUsize>);
 
 impl Threads {
-    /// Chooses a number, or leaves it to the machine: all cores but one, which is left to the window.
+    /// Chooses a number, or leaves it to the machine: one for every core.
     pub fn set(&self, count: Option<usize>) {
         self.0.store(count.unwrap_or(0), Ordering::Relaxed);
     }
 
     fn count(&self) -> usize {
         match self.0.load(Ordering::Relaxed) {
-            0 => std::thread::available_parallelism().map_or(1, usize::from).saturating_sub(1).max(1),
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
             chosen => chosen,
         }
     }
 }
 
-/// The cores that are left for computing.
+/// What is computed beside the window. All of it gives way to the window, and what people wait for least to all others: a thread
+/// of the window that has something to draw takes a core from it at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Work {
+    /// What every edit shows.
+    Computation,
+    /// The live estimate, and those that take longer.
+    Estimate,
+    /// A mask that climbs.
+    Run,
+}
+
+impl Work {
+    /// In messages and names of threads.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Computation => "computation",
+            Self::Estimate => "estimate",
+            Self::Run => "run",
+        }
+    }
+
+    /// From 0, the least, to 99; threads begin with 50.
+    fn priority(self) -> u8 {
+        match self {
+            Self::Computation => 38,
+            Self::Estimate => 25,
+            Self::Run => 15,
+        }
+    }
+}
+
+/// Threads for one kind of work.
 pub(super) struct SpareCores {
     pool: Option<rayon::ThreadPool>,
     /// Threads of the pool, and how many there ought to be.
     count: usize,
     wanted: Threads,
-    /// What is done on them.
-    what: &'static str,
+    work: Work,
 }
 
 impl SpareCores {
-    /// Cores for `what` is done on them ("estimate").
-    pub fn new(what: &'static str, wanted: Threads) -> Self {
+    /// As many as are wanted.
+    pub fn new(work: Work, wanted: Threads) -> Self {
         let count = wanted.count();
-        Self { pool: pool(what, count), count, wanted, what }
+        Self { pool: pool(work, count), count, wanted, work }
     }
 
     /// Does `work` on these cores.
@@ -55,20 +88,28 @@ impl SpareCores {
     pub fn run<R: Send>(&mut self, work: impl FnOnce() -> R + Send) -> Result<R, String> {
         let count = self.wanted.count();
         if self.count != count {
-            (self.pool, self.count) = (pool(self.what, count), count);
+            (self.pool, self.count) = (pool(self.work, count), count);
         }
         let done = catch_unwind(AssertUnwindSafe(|| match &self.pool {
             Some(pool) => pool.install(work),
             None => work(),
         }));
-        done.map_err(|panic| format!("an internal error stopped this {}: {}", self.what, panic_text(panic.as_ref())))
+        done.map_err(|panic| {
+            format!("an internal error stopped this {}: {}", self.work.name(), panic_text(panic.as_ref()))
+        })
     }
 }
 
-/// Named threads; where the system gives none, the work is done on the one that asks for it.
-fn pool(what: &'static str, count: usize) -> Option<rayon::ThreadPool> {
+/// Named threads that give way; where the system gives none, the work is done on the one that asks for it.
+fn pool(work: Work, count: usize) -> Option<rayon::ThreadPool> {
     let builder = rayon::ThreadPoolBuilder::new().num_threads(count);
-    builder.thread_name(move |index| format!("lenslet-{what}-{index}")).build().ok()
+    let builder = builder.thread_name(move |index| format!("lenslet-{}-{index}", work.name()));
+    let give_way = move |_| {
+        let priority = ThreadPriorityValue::try_from(work.priority()).map(ThreadPriority::Crossplatform);
+        // Where the system does not let them, they compete with the window.
+        let _ = priority.map(set_current_thread_priority);
+    };
+    builder.start_handler(give_way).build().ok()
 }
 
 fn panic_text(panic: &(dyn Any + Send)) -> String {
@@ -86,11 +127,29 @@ mod tests {
     #[test]
     fn a_panic_becomes_a_sentence_and_the_cores_go_on() {
         let threads = Threads::default();
-        let mut cores = SpareCores::new("test", threads.clone());
+        let mut cores = SpareCores::new(Work::Estimate, threads.clone());
         let failed = cores.run(|| -> usize { panic!("{}", "no light") });
-        assert_eq!(failed.unwrap_err(), "an internal error stopped this test: no light");
+        assert_eq!(failed.unwrap_err(), "an internal error stopped this estimate: no light");
         assert_eq!(cores.run(|| 2 + 2), Ok(4));
         threads.set(Some(3));
         assert_eq!(cores.run(rayon::current_num_threads), Ok(3), "a choice counts from the next work on");
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_is_computed_gives_way_to_the_window_and_runs_to_edits() {
+        // The 19th field of the thread's line, counted from behind its name: 0 for the window, more for what gives way.
+        let nice = || {
+            let line = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+            line.rsplit_once(") ").unwrap().1.split(' ').nth(16).unwrap().parse::<i32>().unwrap()
+        };
+        let here = nice();
+        if here != 0 {
+            return eprintln!("not looked into: these tests give way to others themselves");
+        }
+        let [edit, estimate, run] = [Work::Computation, Work::Estimate, Work::Run]
+            .map(|work| SpareCores::new(work, Threads::default()).run(nice).unwrap());
+        assert!(here < edit && edit < estimate && estimate < run, "{here} {edit} {estimate} {run}");
+        assert_eq!(nice(), here);
     }
 }

@@ -17,7 +17,7 @@ use super::design::Design;
 use super::estimator::Estimator;
 use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
 use super::jobs::{Job, Outcome, measured_snapshot};
-use super::threads::{SpareCores, Threads, Wake, lock};
+use super::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};
@@ -210,7 +210,7 @@ enum Task {
 }
 
 fn run(shared: &Shared) {
-    let mut cores = SpareCores::new("computation", shared.threads.clone());
+    let mut cores = SpareCores::new(Work::Computation, shared.threads.clone());
     let mut evaluator = Evaluator::default();
     let mut job_is_due = false;
     while let Some(task) = next_task(shared, &mut job_is_due) {

@@ -341,7 +341,7 @@ fn threads_engine_and_folder_are_chosen_and_remembered() {
     let mut window = at_home(folder.path());
     window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
     window.run_steps(3);
-    click(&mut window, "All but one");
+    click(&mut window, "One for every core");
     type_number(&mut window, "Threads", "2");
     click(&mut window, "burn:ndarray");
     click(&mut window, "Other folder...");

@@ -14,7 +14,7 @@ use crate::information::Estimate;
 use crate::optics::Encoder;
 use crate::workbench::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::simulation::{imaging, open_set_with};
-use crate::workbench::threads::{SpareCores, Threads, Wake, lock};
+use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::{Design, EvaluationError, estimate};
 
 /// Time between two tellings of a fit's progress; steps of the mask are all told.
@@ -222,7 +222,7 @@ impl Shared {
     }
 
     fn compute(&self, settings: &IdealSettings) {
-        let done = SpareCores::new("run", self.threads.clone()).run(|| self.run_all(settings));
+        let done = SpareCores::new(Work::Run, self.threads.clone()).run(|| self.run_all(settings));
         let status = match done {
             Ok(Ok(())) => RunStatus::Finished,
             Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,

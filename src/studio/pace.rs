@@ -1,0 +1,60 @@
+//! How often the window is drawn for what is computed beside it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Least and most time from one frame to the next that is asked for by what is computed.
+const EVERY: (Duration, Duration) = (Duration::from_millis(16), Duration::from_millis(80));
+/// Time from frame to frame by that of drawing one, which leaves the rest to what is computed: a processor that draws by itself
+/// needs several times as long as the thread of the window.
+const SPARE: f32 = 7.0;
+/// Weight of the last frame in the mean time of a frame.
+const NEWEST: f32 = 0.2;
+
+/// When frames were drawn, and how long that took. Clones are the same.
+#[derive(Clone, Default)]
+pub struct Pace(Arc<Mutex<Frames>>);
+
+#[derive(Default)]
+struct Frames {
+    last: Option<Instant>,
+    /// Mean time of a frame, seconds.
+    mean: f32,
+}
+
+impl Pace {
+    /// Notes that a frame is drawn now, and how long the one before it took, in seconds.
+    pub fn drawn(&self, seconds: f32) {
+        let mut frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        frames.last = Some(Instant::now());
+        frames.mean += NEWEST * (seconds - frames.mean);
+    }
+
+    /// Time until the next frame may be drawn. It is never none: without any delay two would be drawn, one for what moves as it
+    /// is laid out.
+    pub fn wait(&self) -> Duration {
+        let frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let every = Duration::try_from_secs_f32(SPARE * frames.mean).unwrap_or(EVERY.1).clamp(EVERY.0, EVERY.1);
+        let wait = frames.last.map_or(Duration::ZERO, |last| every.saturating_sub(last.elapsed()));
+        wait.max(Duration::from_millis(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_take_long_come_less_often() {
+        let pace = Pace::default();
+        assert_eq!(pace.wait(), Duration::from_millis(1), "the first one at once");
+        let after = |seconds: f32| {
+            (0..100).for_each(|_| pace.drawn(seconds));
+            pace.wait()
+        };
+        let (quick, slow, slowest) = (after(1e-4), after(9e-3), after(0.5));
+        assert!(quick <= EVERY.0 && slow <= Duration::from_millis(63) && slowest <= EVERY.1);
+        assert!(quick < slow && slow < slowest, "{quick:?} {slow:?} {slowest:?}");
+        assert!(after(f32::NAN) <= EVERY.1);
+    }
+}
