@@ -1,6 +1,7 @@
 //! IDEAL: the mask climbs the information of its measurements under a model that follows it (Kabuli et al. 2026).
 
 mod audit;
+mod climb;
 mod prune;
 mod relight;
 mod returns;
@@ -10,7 +11,6 @@ use std::ops::ControlFlow;
 use ndarray::Array4;
 
 use super::error::IdealError;
-use super::gradient::GradientDraw;
 use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide};
 use super::imaging::{Imaging, derived_seed};
 use super::merge::merged;
@@ -26,8 +26,6 @@ use crate::sparsity::tamura_of_stack;
 
 /// Held-out measurements that the Tamura coefficient is taken from.
 const TAMURA_IMAGES: usize = 32;
-/// Refused steps after which a run is given up.
-const MAX_REFUSED: usize = 30;
 /// Factor by which rates that were halved recover in a round.
 const RECOVERY: f64 = 1.2;
 
@@ -166,7 +164,8 @@ impl<'a> Ideal<'a> {
     }
 
     /// One round: makes the guide ready for the mask as it is, values the mask on held-out objects, and takes the steps
-    /// up to the next round. States for [`Ideal::to_bytes`] lie between two rounds.
+    /// up to the next round. A guide that can is fitted beside these steps for the next round; bounds from below are then taken
+    /// beside them, too. States for [`Ideal::to_bytes`] lie between two rounds.
     ///
     /// # Errors
     /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
@@ -177,36 +176,43 @@ impl<'a> Ideal<'a> {
         self.relight(&watch)?;
         self.guide.follow(&self.state.array, self.settings.warm)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
-        let steps = match (is_last, is_first || !self.settings.warm) {
-            (true, _) => self.settings.last_fit,
-            (false, true) => self.settings.first_fit,
-            (false, false) => self.settings.refit,
-        };
-        self.fit((steps, 0), &watch)?;
-        let mut frame = self.frame(is_last, &watch)?;
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
-        if self.can_lag_behind() && (self.has_lost_track(&frame) || self.is_due_for_audit(is_last)) {
-            frame = self.audited(frame, is_last, &watch)?;
+        let followed = std::mem::take(&mut self.state.followed) && !is_last;
+        if !followed {
+            let steps = match (is_last, is_first || !self.settings.warm) {
+                (true, _) => self.settings.last_fit,
+                (false, true) => self.settings.first_fit,
+                (false, false) => self.settings.refit,
+            };
+            self.fit((steps, 0), &watch)?;
         }
-        if is_last && let Some(better) = self.better_than(&frame, &watch)? {
-            frame = better;
-        }
-        if self.guide.can_overrate() && (is_last || self.state.frames.len().is_multiple_of(LOWER_EVERY)) {
-            frame.lower = self.lower(&frame.array, &watch)?;
-        }
-        self.state.frames.push(frame);
-        self.state.finished = is_last;
-        self.take_back()?;
-        for _ in 0..self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step)) {
-            self.climb(&watch)?;
-            self.state.seconds = watch.seconds();
-            if watch.tell(&self.state, None).is_break() {
-                return Err(InformationError::Cancelled.into());
-            }
+        // What can be too high is looked into before the mask climbs it.
+        if followed && !self.guide.can_overrate() {
+            self.climb_and_value(&watch)?;
+        } else {
+            self.value(is_last, &watch)?;
+            self.climb(None, &watch)?;
         }
         self.state.seconds = watch.seconds();
         Ok(())
+    }
+
+    /// Adds what the mask is worth now, by the guide as it is.
+    fn value(&mut self, is_last: bool, watch: &Watched<'_>) -> Result<(), IdealError> {
+        let mut frame = self.frame(is_last, watch)?;
+        if self.can_lag_behind() && (self.has_lost_track(&frame) || self.is_due_for_audit(is_last)) {
+            frame = self.audited(frame, is_last, watch)?;
+        }
+        if is_last && let Some(better) = self.better_than(&frame, watch)? {
+            frame = better;
+        }
+        if self.guide.can_overrate() && (is_last || self.state.frames.len().is_multiple_of(LOWER_EVERY)) {
+            frame.lower = self.lower(&frame.array, watch)?;
+        }
+        self.state.frames.push(frame);
+        self.state.finished = is_last;
+        self.take_back()
     }
 
     /// Fits the guide to the mask as it is: so many steps, each part of a round with draws of its own.
@@ -218,52 +224,35 @@ impl<'a> Ideal<'a> {
         self.guide.fit(&fit, &mut |share| watch.tell(state, Some((Doing::Fitting, share))))
     }
 
-    /// One step of the mask on fresh training objects.
-    fn climb(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
-        let draw = GradientDraw {
-            split: Split::Train,
-            objects: self.settings.objects,
-            patches: self.settings.patches,
-            seed: derived_seed(self.settings.seed, STEP_SEEDS | self.state.step as u64),
-        };
-        let go_on = || watch.tell(&self.state, None).is_continue();
-        let slopes = self.guide.slopes(&self.state.array, &draw, &go_on)?;
-        self.state.step += 1;
-        let finite = slopes
-            .iter()
-            .all(|by| [by.x, by.y, by.sigma, by.weight].iter().chain(&by.covariance).all(|slope| slope.is_finite()));
-        let state = &mut self.state;
-        if !finite {
-            state.events.push(IdealEvent::Refused { step: state.step });
-            state.caution *= 0.5;
-            let refused = state.events.iter().filter(|event| matches!(event, IdealEvent::Refused { .. })).count();
-            return if refused < MAX_REFUSED { Ok(()) } else { Err(IdealError::Diverged { refused }) };
-        }
-        let rate = state.caution * self.settings.rate(state.step);
-        let how = (&self.settings, &self.limits);
-        state.momentum.climb(&mut state.array, &slopes, how, &state.pruned, rate);
-        Ok(())
-    }
-
     /// What the mask is worth on objects that neither guide nor mask has seen; the same ones every time.
     fn frame(&self, last: bool, watch: &Watched<'_>) -> Result<Frame, IdealError> {
-        let array = &self.state.array;
+        let (step, array) = (self.state.step, &self.state.array);
         let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
-        let (bits_per_pixel, interval_95) = self.guide.value(array, last, &go_on)?;
-        let psf = render_psf(array, self.imaging.set.planes())?;
+        let told = self.guide.tells(array, 0..self.guide.held_out(last), &go_on)?;
+        self.frame_of((step, array.clone(), watch.seconds()), told)
+    }
+
+    /// A mask that was there after so many steps and seconds, and what the held-out objects have told through it.
+    fn frame_of(
+        &self,
+        (step, array, seconds): (usize, LensletArray, f64),
+        told: Vec<f64>,
+    ) -> Result<Frame, IdealError> {
+        let (bits_per_pixel, interval_95) = self.guide.valued(told)?;
+        let psf = render_psf(&array, self.imaging.set.planes())?;
         let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
         let measured = self.imaging.noise.draw(encoded.view(), derived_seed(self.settings.seed, 5));
-        let distinct = merged(array);
+        let distinct = merged(&array);
         Ok(Frame {
-            step: self.state.step,
-            array: array.clone(),
+            step,
+            array,
             bits_per_pixel,
             interval_95,
             lower: None,
             tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
             distinct_lenslets: distinct.lenslets.len(),
             effective_lenslets: distinct.effective_count(),
-            seconds: watch.seconds(),
+            seconds,
         })
     }
 
@@ -285,6 +274,7 @@ const LOWER_SAMPLES: usize = 512;
 const FIT_SEEDS: u64 = 1 << 32;
 const STEP_SEEDS: u64 = 1 << 33;
 const RELIT_SEEDS: u64 = 1 << 34;
+const BESIDE_SEEDS: u64 = 1 << 35;
 
 #[cfg(test)]
 mod tests {

@@ -1,4 +1,4 @@
-//! One step of a mask: Adam for every parameter of every lenslet, and the way back to what can be made.
+//! How a mask moves: Adam for every parameter of every lenslet, and the way back to what can be made.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use super::settings::IdealSettings;
 use crate::optics::{LensletArray, LensletGradient, Limits, Spot};
 
 /// Parameters of a lenslet: x, y, xx, xy, yy, weight. The variance of a round spot stands in xx.
-const PARAMETERS: usize = 6;
+pub(super) const PARAMETERS: usize = 6;
 /// Decays of Adam (Kingma and Ba 2015).
 const DECAYS: (f64, f64) = (0.9, 0.999);
 const EPSILON: f64 = 1e-12;
@@ -25,29 +25,35 @@ pub(super) struct Momentum {
 }
 
 impl Momentum {
-    /// Takes one step up the gradient, at `rate` times the rates of the settings, and projects the mask back. Dark
-    /// lenslets that were `pruned` stay so.
+    /// Takes the gradient of a step into the means, for lenslets that may change.
+    pub fn learn(&mut self, gradient: &[[f64; PARAMETERS]], free: &[usize]) {
+        let (first_decay, second_decay) = DECAYS;
+        self.first.resize(gradient.len(), [0.0; PARAMETERS]);
+        self.second.resize(gradient.len(), [0.0; PARAMETERS]);
+        self.since.resize(gradient.len(), 0);
+        self.steps = self.steps.saturating_add(1);
+        for &index in free {
+            for (parameter, &slope) in gradient[index].iter().enumerate() {
+                let first = &mut self.first[index][parameter];
+                let second = &mut self.second[index][parameter];
+                *first += (1.0 - first_decay) * (slope - *first);
+                *second += (1.0 - second_decay) * (slope * slope - *second);
+            }
+        }
+    }
+
+    /// Moves the mask by `rate` times the rates of the settings along what it has learned, and projects it back. Dark lenslets
+    /// that were `pruned` stay so.
     pub fn climb(
-        &mut self,
+        &self,
         array: &mut LensletArray,
-        gradient: &[LensletGradient],
         (settings, limits): (&IdealSettings, &Limits),
         pruned: &[usize],
         rate: f64,
     ) {
-        let count = array.lenslets.len();
-        self.first.resize(count, [0.0; PARAMETERS]);
-        self.second.resize(count, [0.0; PARAMETERS]);
-        self.since.resize(count, 0);
-        self.steps = self.steps.saturating_add(1);
-        for index in settings.free_lenslets(count, pruned) {
+        for index in settings.free_lenslets(array.lenslets.len(), pruned) {
             let lenslet = &mut array.lenslets[index];
-            let by = &gradient[index];
-            let [xx, xy, yy] = match lenslet.spot {
-                Spot::Isotropic(sigma) => [by.sigma / (2.0 * sigma), 0.0, 0.0],
-                Spot::Anisotropic { .. } => by.covariance,
-            };
-            let moves = self.moves(index, [by.x, by.y, xx, xy, yy, by.weight]);
+            let moves = self.moves(index);
             if settings.free.positions {
                 lenslet.x += rate * settings.rates.position * moves[0];
                 lenslet.y += rate * settings.rates.position * moves[1];
@@ -89,21 +95,31 @@ impl Momentum {
         }
     }
 
-    /// The step of each parameter of one lenslet, of order one.
-    fn moves(&mut self, index: usize, gradient: [f64; PARAMETERS]) -> [f64; PARAMETERS] {
-        let (first_decay, second_decay) = DECAYS;
-        let steps = self.steps - self.since[index];
-        let bias = (1.0 - first_decay.powi(steps), 1.0 - second_decay.powi(steps));
-        let mut moves = [0.0; PARAMETERS];
-        for (parameter, &slope) in gradient.iter().enumerate() {
-            let first = &mut self.first[index][parameter];
-            let second = &mut self.second[index][parameter];
-            *first += (1.0 - first_decay) * (slope - *first);
-            *second += (1.0 - second_decay) * (slope * slope - *second);
-            moves[parameter] = *first / bias.0 / ((*second / bias.1).sqrt() + EPSILON);
+    /// The move of each parameter of one lenslet, of order one; none before there is a gradient.
+    fn moves(&self, index: usize) -> [f64; PARAMETERS] {
+        let steps = self.since.get(index).map_or(0, |since| self.steps - since);
+        if steps == 0 {
+            return [0.0; PARAMETERS];
         }
-        moves
+        let (first_decay, second_decay) = DECAYS;
+        let bias = (1.0 - first_decay.powi(steps), 1.0 - second_decay.powi(steps));
+        std::array::from_fn(|parameter| {
+            let (first, second) = (self.first[index][parameter], self.second[index][parameter]);
+            first / bias.0 / ((second / bias.1).sqrt() + EPSILON)
+        })
     }
+}
+
+/// The slopes of a mask by the parameters that move.
+pub(super) fn by_parameters(array: &LensletArray, gradient: &[LensletGradient]) -> Vec<[f64; PARAMETERS]> {
+    let by_lenslet = array.lenslets.iter().zip(gradient).map(|(lenslet, by)| {
+        let [xx, xy, yy] = match lenslet.spot {
+            Spot::Isotropic(sigma) => [by.sigma / (2.0 * sigma), 0.0, 0.0],
+            Spot::Anisotropic { .. } => by.covariance,
+        };
+        [by.x, by.y, xx, xy, yy, by.weight]
+    });
+    by_lenslet.collect()
 }
 
 /// The nearest mask that can be made: limits of the editor, least distance, weights that sum to 1. Locked lenslets stay.
@@ -191,6 +207,18 @@ mod tests {
         IdealSettings::new(Preset::Default, Objective::Density, 1)
     }
 
+    /// One step, within the limits of the editor.
+    fn step(
+        array: &mut LensletArray,
+        momentum: &mut Momentum,
+        gradient: &[LensletGradient],
+        (settings, pruned): (&IdealSettings, &[usize]),
+    ) {
+        let free = settings.free_lenslets(array.lenslets.len(), pruned);
+        momentum.learn(&by_parameters(array, gradient), &free);
+        momentum.climb(array, (settings, &Limits::default()), pruned, 1.0);
+    }
+
     #[test]
     fn locked_lenslets_that_hold_all_the_light_leave_none() {
         let mut array = heuristic_layout(3);
@@ -238,11 +266,10 @@ mod tests {
                 LensletGradient { x: slope, y: -slope, sigma: slope, covariance: [0.0; 3], weight: slope }
             })
             .collect();
-        let limits = Limits::default();
         let climbed = |settings: &IdealSettings, pruned: &[usize]| {
             let (mut array, mut momentum) = (start.clone(), Momentum::default());
             for _ in 0..3 {
-                momentum.climb(&mut array, &gradient, (settings, &limits), pruned, 1.0);
+                step(&mut array, &mut momentum, &gradient, (settings, pruned));
             }
             array
         };
@@ -263,12 +290,11 @@ mod tests {
 
     #[test]
     fn a_lenslet_that_was_put_elsewhere_moves_as_in_the_first_step() {
-        let limits = Limits::default();
         let (mut array, mut momentum) = (heuristic_layout(2), Momentum::default());
         let by = |x| LensletGradient { x, y: 0.0, sigma: 0.0, covariance: [0.0; 3], weight: 0.0 };
         let climb = |array: &mut LensletArray, momentum: &mut Momentum, slope: f64| {
             let before = array.lenslets[0].x;
-            momentum.climb(array, &[by(slope), by(slope)], (&settings(), &limits), &[], 1.0);
+            step(array, momentum, &[by(slope), by(slope)], (&settings(), &[]));
             (array.lenslets[0].x - before) / settings().rates.position
         };
         for _ in 0..50 {
@@ -285,11 +311,10 @@ mod tests {
     #[test]
     fn bright_lenslets_move_their_weights_by_a_share_of_them() {
         let by = |weight| LensletGradient { x: 0.0, y: 0.0, sigma: 0.0, covariance: [0.0; 3], weight };
-        let limits = Limits::default();
         let gap = |count: usize| {
             let (mut array, mut momentum) = (heuristic_layout(count), Momentum::default());
             let gradient: Vec<_> = (0..count).map(|index| by(if index < count / 2 { 3.0 } else { -1.0 })).collect();
-            momentum.climb(&mut array, &gradient, (&settings(), &limits), &[], 1.0);
+            step(&mut array, &mut momentum, &gradient, (&settings(), &[]));
             array.lenslets[0].weight - array.lenslets[count - 1].weight
         };
         let rates = settings().rates;
@@ -305,7 +330,7 @@ mod tests {
         let by = LensletGradient { x: 0.0, y: 0.0, sigma: -1.0, covariance: [-1.0, 0.3, -1.0], weight: 0.0 };
         let (mut momentum, limits) = (Momentum::default(), Limits::default());
         for _ in 0..400 {
-            momentum.climb(&mut array, &[by, by], (&settings(), &limits), &[], 1.0);
+            step(&mut array, &mut momentum, &[by, by], (&settings(), &[]));
         }
         for lenslet in &array.lenslets {
             assert!((lenslet.spot.principal_sigmas().0 - limits.min_sigma_px).abs() < 1e-6, "{lenslet:?}");

@@ -173,6 +173,10 @@ pub struct IdealSettings {
     pub objects: usize,
     /// Patches of these measurements; for the posterior, scenes of a patch each.
     pub patches: usize,
+    /// Moves of the mask in one step, each after its share of the objects and patches; along what was learned by the end of the
+    /// step before, until the last.
+    #[serde(default = "one")]
+    pub moves: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.
     pub patch: Option<(usize, usize)>,
     /// Steps of the mask in a round, which begins with a fit of what it climbs.
@@ -184,7 +188,8 @@ pub struct IdealSettings {
     pub refit: usize,
     /// Steps of the fit to the mask in the end.
     pub last_fit: usize,
-    /// Whether the model of a round starts from the one before it.
+    /// Whether the model of a round starts from the one before it. It is then fitted while the mask moves through that round,
+    /// where the objective allows it, and the round before it is valued meanwhile.
     pub warm: bool,
     /// Learning rates.
     pub rates: Rates,
@@ -216,6 +221,7 @@ impl IdealSettings {
             steps: 2000,
             objects: 50,
             patches: 4096,
+            moves: 1,
             patch: Some((16, 16)),
             refit_every: 20,
             first_fit: 2000,
@@ -239,6 +245,8 @@ impl IdealSettings {
             (Preset::Default, Objective::Posterior) => Self {
                 steps: 1600,
                 patches: 32,
+                // So that whoever watches sees the mask move ten times a second on two cores.
+                moves: 8,
                 patch: Some((32, 32)),
                 refit_every: 20,
                 first_fit: 100,
@@ -254,6 +262,7 @@ impl IdealSettings {
                 steps: 1000,
                 objects: 12,
                 patches: 24,
+                moves: 12,
                 patch: Some((32, 32)),
                 refit_every: 5,
                 first_fit: 1500,
@@ -287,6 +296,7 @@ impl IdealSettings {
             ("steps", self.steps),
             ("objects", self.objects),
             ("patches", self.patches),
+            ("moves", self.moves),
             ("refit_every", self.refit_every),
             ("first_fit", self.first_fit),
             ("refit", self.refit),
@@ -354,6 +364,11 @@ impl IdealSettings {
         let share = (left / self.settle).clamp(0.0, 1.0);
         LAST_RATE + (1.0 - LAST_RATE) * 0.5 * (1.0 - (std::f64::consts::PI * share).cos())
     }
+}
+
+/// Moves in a step of runs whose records do not tell.
+fn one() -> usize {
+    1
 }
 
 /// One unit of the published grid, px: 32 samples span -16 to 16.

@@ -109,6 +109,8 @@ pub struct IdealState {
     pub(super) momentum: Momentum,
     /// Lenslets that were taken out; they stay dark.
     pub(super) pruned: Vec<usize>,
+    /// Whether the guide was fitted while the mask came to where it is.
+    pub(super) followed: bool,
     /// Factor of the rates.
     pub(super) caution: f64,
     pub(super) seconds: f64,
@@ -125,6 +127,7 @@ impl IdealState {
             finished: false,
             momentum: Momentum::default(),
             pruned: Vec::new(),
+            followed: false,
             caution: 1.0,
             seconds: 0.0,
         }

@@ -4,9 +4,9 @@ mod density;
 mod pixelcnn;
 mod posterior;
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
-use ndarray::{Array3, Array4};
+use ndarray::{Array3, Array4, Axis};
 
 pub(super) use density::DensityGuide;
 pub(super) use pixelcnn::PixelCnnGuide;
@@ -15,7 +15,7 @@ pub(super) use posterior::PosteriorGuide;
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::imaging::{Imaging, derived_seed};
-use crate::information::{CausalModel, SharedPictures, paired_interval};
+use crate::information::{CausalModel, CausalRefit, DecoderRefit, SharedPictures, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
 use crate::sensor::Patches;
@@ -40,22 +40,53 @@ pub(super) struct GuideFit {
     pub warm: bool,
 }
 
+/// A fit that goes on while the guide that it was begun by is asked.
+pub(super) enum FitBeside {
+    Decoder(DecoderRefit),
+    Density(CausalRefit),
+}
+
 /// Information and its 95 % interval, bits per pixel.
 pub(super) type Valued = (f64, [f64; 2]);
 /// How the information changes with every lenslet.
 pub(super) type Slopes = Result<Vec<LensletGradient>, IdealError>;
 
 /// A model of measurements that is fitted to the mask again and again.
-pub(super) trait Guide {
+pub(super) trait Guide: Sync {
     /// Turns to a mask, with the weights as they are or, where it is not `warm`, with those that any fit begins with.
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError>;
 
     /// Fits the weights to fresh training measurements of the mask that it follows.
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError>;
 
-    /// Information of a mask on objects that neither guide nor mask has seen, the same ones every time, and its 95 %
-    /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
-    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError>;
+    /// Begins a fit to a mask that moves meanwhile; none for guides that are only fitted while the mask waits. The guide stays
+    /// as it is until it [takes](Guide::take) the outcome.
+    fn begin_beside(&self, _fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
+        Ok(None)
+    }
+
+    /// Goes on with such a fit up to so many of its steps, on measurements of the mask as it is by now.
+    fn fit_beside(&self, _fit: &mut FitBeside, _array: &LensletArray, _steps: usize) -> Result<(), IdealError> {
+        Ok(())
+    }
+
+    /// Takes what such a fit has come to.
+    fn take(&mut self, _fit: FitBeside) {}
+
+    /// Objects that a value rests on, or the `last` one of a run; a [`Guide::tells`] of them all makes one.
+    fn held_out(&self, last: bool) -> usize;
+
+    /// What each of a range of objects that neither guide nor mask has seen tells through a mask, bits per pixel; the same
+    /// objects every time. It ends early where `go_on` says so.
+    fn tells(
+        &self,
+        array: &LensletArray,
+        range: Range<usize>,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, IdealError>;
+
+    /// Information and its 95 % interval by what all of these objects tell.
+    fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError>;
 
     /// The same of a mask that it does not follow, on so many scenes, which the seed decides; none from a guide that knows only
     /// the mask that it follows.
@@ -113,12 +144,26 @@ impl HeldOut {
         Ok(Self { objects, shared: shared.unwrap_or_default(), patch, seed })
     }
 
-    /// Clean and noisy patches of their measurements, shape (n, rows, cols); the same places and seeds every time.
-    fn measured(&self, imaging: &Imaging<'_>, array: &LensletArray) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
+    /// How many they are.
+    fn count(&self) -> usize {
+        self.objects.len_of(Axis(0))
+    }
+
+    /// Clean and noisy patches of the measurements of a range of them, shape (n, rows, cols); the same places and seeds every
+    /// time.
+    fn measured(
+        &self,
+        imaging: &Imaging<'_>,
+        array: &LensletArray,
+        range: Range<usize>,
+    ) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
         let psf = render_psf(array, imaging.set.planes())?;
-        let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
-        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, PLACES))?.cut(encoded.view());
-        let noisy = imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
+        let objects = self.objects.slice_axis(Axis(0), range.clone().into());
+        let encoded = imaging.convolver(psf.view())?.measure(objects, imaging.bias)?;
+        let (rows, cols) = imaging.plan().measurement_shape();
+        let places = Patches::one_each((self.count(), rows, cols), self.patch, derived_seed(self.seed, PLACES))?;
+        let clean = places.of_images(range.clone()).cut(encoded.view());
+        let noisy = imaging.noise.draw_from(clean.view(), range.start, derived_seed(self.seed, 4));
         Ok((clean, noisy))
     }
 

@@ -1,12 +1,16 @@
 //! A decoder of beads, which bounds the information from below and tells what clean light is expected of a measurement.
 
+use std::ops::{ControlFlow, Range};
+
 use ndarray::{Array2, Array3, ArrayView3, s};
 
-use super::{Guide, GuideFit, OnFit, Slopes, Valued, WARM_RATE};
+use super::{FitBeside, Guide, GuideFit, OnFit, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, derived_seed};
-use crate::information::{BeadChannel, Decoder, DecoderFit, DecoderKind, QuickLowerBound, fitted_decoder, spot_slope};
+use crate::information::{
+    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, QuickLowerBound, decoder_savings, spot_slope,
+};
 use crate::optics::{LensletArray, psf_gradient, render_psf};
 
 /// Fresh scenes that a value rests on, and that of the last mask.
@@ -48,17 +52,31 @@ impl<'a> PosteriorGuide<'a> {
 }
 
 impl PosteriorGuide<'_> {
-    /// What the decoder tells of so many scenes through a mask, which the seed decides.
-    fn bound(
+    /// What the decoder tells of some of the scenes of a seed through a mask.
+    fn savings(
         &self,
         array: &LensletArray,
-        (samples, seed): (usize, u64),
+        (scenes, seed): (Range<usize>, u64),
         go_on: &dyn Fn() -> bool,
-    ) -> Result<Valued, IdealError> {
+    ) -> Result<Vec<f64>, IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
-        let bound = QuickLowerBound::by(&self.decoder, &channel, (samples, 0.0), seed, go_on)?;
-        Ok((bound.bits_per_pixel, bound.interval_95))
+        Ok(decoder_savings(&self.decoder, &channel, seed, scenes, go_on)?)
     }
+
+    fn begun(&self, fit: &GuideFit) -> Result<DecoderRefit, IdealError> {
+        let &GuideFit { steps, seed, warm } = fit;
+        let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
+        if warm {
+            fit.rate *= WARM_RATE;
+        }
+        Ok(DecoderRefit::new(fit, &self.decoder)?)
+    }
+}
+
+/// Information and its 95 % interval by what all scenes tell.
+fn bound(savings: Vec<f64>) -> Valued {
+    let bound = QuickLowerBound::of_savings(savings);
+    (bound.bits_per_pixel, bound.interval_95)
 }
 
 impl Guide for PosteriorGuide<'_> {
@@ -71,28 +89,55 @@ impl Guide for PosteriorGuide<'_> {
     }
 
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
-        let &GuideFit { steps, seed, warm } = fit;
-        let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
-        if warm {
-            fit.rate *= WARM_RATE;
-        }
-        let progress = &mut |step: usize| watch(step as f64 / steps as f64);
-        self.decoder = fitted_decoder(&self.channel, &fit, &self.decoder, progress)?;
+        let steps = fit.steps;
+        let mut refit = self.begun(fit)?;
+        refit.go_on(&self.channel, steps, &mut |step: usize| watch(step as f64 / steps as f64))?;
+        self.decoder = refit.decoder();
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
-        let samples = if last { LAST_SAMPLES } else { SAMPLES };
-        self.bound(array, (samples, derived_seed(self.seed, 6)), go_on)
+    fn begin_beside(&self, fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
+        Ok(Some(FitBeside::Decoder(self.begun(fit)?)))
+    }
+
+    fn fit_beside(&self, fit: &mut FitBeside, array: &LensletArray, steps: usize) -> Result<(), IdealError> {
+        if let FitBeside::Decoder(refit) = fit {
+            let channel = channel(self.imaging, array, self.patch)?;
+            refit.go_on(&channel, steps, &mut |_| ControlFlow::Continue(()))?;
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, fit: FitBeside) {
+        if let FitBeside::Decoder(refit) = fit {
+            self.decoder = refit.decoder();
+        }
+    }
+
+    fn held_out(&self, last: bool) -> usize {
+        if last { LAST_SAMPLES } else { SAMPLES }
+    }
+
+    fn tells(
+        &self,
+        array: &LensletArray,
+        range: Range<usize>,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, IdealError> {
+        self.savings(array, (range, derived_seed(self.seed, 6)), go_on)
+    }
+
+    fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError> {
+        Ok(bound(told))
     }
 
     fn foreseen(
         &self,
         array: &LensletArray,
-        draw: (usize, u64),
+        (samples, seed): (usize, u64),
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Valued>, IdealError> {
-        self.bound(array, draw, go_on).map(Some)
+        Ok(Some(bound(self.savings(array, (0..samples, seed), go_on)?)))
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {

@@ -30,6 +30,7 @@ impl Ideal<'_> {
             };
             state.array.lenslets[out].weight = 0.0;
             state.pruned.push(out);
+            state.followed = false;
         }
         project(&mut state.array, &self.settings, &self.limits);
     }

@@ -60,6 +60,7 @@ impl Ideal<'_> {
         if before.zip(after).is_some_and(is_more) {
             self.state.array = mask;
             self.state.momentum.forget(lenslet);
+            self.state.followed = false;
             self.state.events.push(IdealEvent::Relit { step: self.state.step, lenslet });
         }
         Ok(())

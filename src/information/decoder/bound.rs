@@ -135,26 +135,6 @@ pub fn decoder_lower_bound(
     Ok((bound, decoder))
 }
 
-/// A decoder that was fitted to fresh samples of a channel, from the weights of another; `watch` hears of every step and
-/// answers whether to go on.
-///
-/// # Errors
-/// As [`decoder_lower_bound`].
-pub fn fitted_decoder(
-    channel: &BeadChannel,
-    fit: &DecoderFit,
-    start: &Decoder,
-    watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
-) -> Result<Decoder, InformationError> {
-    fit.check()?;
-    let scene = Scene::new(channel)?;
-    let mut decoder = start.clone();
-    let mut passes = Passes::new(&scene, &decoder);
-    let mut run = Run::new(fit, &scene, &decoder, Instant::now());
-    run.train(&mut decoder, &mut passes, &mut |progress| watch(progress.step))?;
-    Ok(decoder)
-}
-
 /// Blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
 fn test(
     scene: &Scene,

@@ -10,12 +10,13 @@
 //! spread takes the differences between early and late k out of the error, that is estimated from the differences of
 //! neighbours in the spread, which is a little too large rather than too small (collapsed strata; Cochran 1977, 5A.12).
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::bound::DecoderKind;
+use super::channel::BeadChannel;
 use super::draws::Reveal;
 use super::gradient::Passes;
 use super::layers::Decoder;
@@ -31,7 +32,7 @@ const NORMAL_95: f64 = 1.96;
 
 /// Savings over the prior, bits per pixel of the patch, one per test sample.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Savings(Vec<f64>);
+pub(super) struct Savings(pub Vec<f64>);
 
 impl Savings {
     /// Number of test samples.
@@ -59,20 +60,57 @@ impl Savings {
         (kind, seed): (DecoderKind, u64),
         on_scored: &mut dyn FnMut(usize) -> ControlFlow<()>,
     ) -> Result<(), InformationError> {
-        let sites = scene.decoded.len();
-        for start in (0..BLOCK).step_by(REPORT) {
-            let reveal = |index: usize, random: &mut ChaCha8Rng| match kind {
-                DecoderKind::Factorised => Reveal::Nothing,
-                DecoderKind::Autoregressive => stratum(sites, start + index, random),
-            };
-            let outcomes = passes.test(decoder, (seed, self.0.len(), REPORT), reveal);
-            self.0.extend(outcomes.iter().map(|outcome| outcome.saved_bits / scene.pixels() as f64));
+        for _ in (0..BLOCK).step_by(REPORT) {
+            let range = self.0.len()..self.0.len() + REPORT;
+            self.0.extend(scored(scene, passes, decoder, (kind, seed), range));
             if on_scored(self.0.len()).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }
         Ok(())
     }
+}
+
+/// The savings of some of the test samples.
+fn scored(
+    scene: &Scene,
+    passes: &Passes<'_>,
+    decoder: &Decoder,
+    (kind, seed): (DecoderKind, u64),
+    range: Range<usize>,
+) -> impl Iterator<Item = f64> {
+    let (sites, pixels) = (scene.decoded.len(), scene.pixels());
+    let reveal = |index: usize, random: &mut ChaCha8Rng| match kind {
+        DecoderKind::Factorised => Reveal::Nothing,
+        DecoderKind::Autoregressive => stratum(sites, (range.start + index) % BLOCK, random),
+    };
+    let outcomes = passes.test(decoder, (seed, range.start, range.len()), reveal);
+    outcomes.into_iter().map(move |outcome| outcome.saved_bits / pixels as f64)
+}
+
+/// What a decoder as it is saves over the prior on a range of the fresh test samples of a seed, bits per pixel each. Their mean
+/// is a lower bound once all of a multiple of 256 are there ([`QuickLowerBound::of_savings`](super::QuickLowerBound::of_savings)).
+///
+/// # Errors
+/// For what is no channel; cancelled where `go_on`, which is asked every few samples, says so.
+pub fn decoder_savings(
+    decoder: &Decoder,
+    channel: &BeadChannel,
+    seed: u64,
+    range: Range<usize>,
+    go_on: &dyn Fn() -> bool,
+) -> Result<Vec<f64>, InformationError> {
+    let scene = Scene::new(channel)?;
+    let passes = Passes::new(&scene, decoder);
+    let mut savings = Vec::with_capacity(range.len());
+    for first in range.clone().step_by(REPORT) {
+        let part = first..range.end.min(first + REPORT);
+        savings.extend(scored(&scene, &passes, decoder, (DecoderKind::Autoregressive, seed), part));
+        if !go_on() {
+            return Err(InformationError::Cancelled);
+        }
+    }
+    Ok(savings)
 }
 
 /// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.

@@ -7,6 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::bound::DecoderKind;
+use super::channel::BeadChannel;
 use super::draws::Reveal;
 use super::gradient::Passes;
 use super::layers::Decoder;
@@ -114,9 +115,21 @@ pub(super) struct Run<'a> {
     fit: &'a DecoderFit,
     scene: &'a Scene,
     started: Instant,
+    course: Course,
+}
+
+/// How far a fit has come.
+struct Course {
     mover: Mover,
     steps: usize,
     saved_per_site: f64,
+}
+
+/// A fit of a number of steps that is done part by part: each part takes samples of the channel as it is by then.
+pub struct DecoderRefit {
+    fit: DecoderFit,
+    decoder: Decoder,
+    course: Course,
 }
 
 /// Moves the weights of a decoder by gradients that are shortened where they are unusually long.
@@ -167,9 +180,79 @@ impl Mover {
     }
 }
 
+impl Course {
+    fn new(decoder: &Decoder) -> Self {
+        Self { mover: Mover::new(decoder), steps: 0, saved_per_site: 0.0 }
+    }
+
+    /// One step on fresh samples of a scene.
+    fn step(
+        &mut self,
+        fit: &DecoderFit,
+        scene: &Scene,
+        (decoder, passes): (&mut Decoder, &mut Passes<'_>),
+        done: f64,
+    ) -> Result<(), InformationError> {
+        let sites = scene.decoded.len();
+        let draws = (fit.seed, self.steps * fit.batch, fit.batch);
+        let outcomes = match fit.kind {
+            DecoderKind::Factorised => passes.train(decoder, draws, |_| Reveal::Nothing),
+            DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
+        };
+        self.steps += 1;
+        if self.mover.step(decoder, &passes.gradient, 1.0, fit.rate * rate_schedule(done))? {
+            let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
+            self.saved_per_site += RUNNING.max(1.0 / self.steps as f64) * (saved - self.saved_per_site);
+        }
+        Ok(())
+    }
+}
+
+impl DecoderRefit {
+    /// Begins a fit of its number of steps from the weights of a decoder.
+    ///
+    /// # Errors
+    /// For what is no fit.
+    pub fn new(fit: DecoderFit, start: &Decoder) -> Result<Self, InformationError> {
+        fit.check()?;
+        Ok(Self { fit, decoder: start.clone(), course: Course::new(start) })
+    }
+
+    /// Goes on up to so many steps in all, on samples of a channel; `watch` hears of every step and answers whether to go on.
+    ///
+    /// # Errors
+    /// As [`decoder_lower_bound`](super::decoder_lower_bound).
+    pub fn go_on(
+        &mut self,
+        channel: &BeadChannel,
+        steps: usize,
+        watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    ) -> Result<(), InformationError> {
+        let Self { fit, decoder, course } = self;
+        if course.steps >= steps.min(fit.steps) {
+            return Ok(());
+        }
+        let scene = Scene::new(channel)?;
+        let mut passes = Passes::new(&scene, decoder);
+        while course.steps < steps.min(fit.steps) {
+            let done = course.steps as f64 / fit.steps as f64;
+            course.step(fit, &scene, (decoder, &mut passes), done)?;
+            if watch(course.steps).is_break() {
+                return Err(InformationError::Cancelled);
+            }
+        }
+        Ok(())
+    }
+
+    /// The decoder with weights averaged over the last steps.
+    pub fn decoder(&self) -> Decoder {
+        Decoder { weights: self.course.mover.result(&self.decoder), ..self.decoder.clone() }
+    }
+}
+
 impl<'a> Run<'a> {
     pub fn new(fit: &'a DecoderFit, scene: &'a Scene, decoder: &Decoder, started: Instant) -> Self {
-        Self { fit, scene, started, mover: Mover::new(decoder), steps: 0, saved_per_site: 0.0 }
+        Self { fit, scene, started, course: Course::new(decoder) }
     }
 
     /// All steps; the decoder gets the averaged weights. Returns the number of steps.
@@ -181,31 +264,16 @@ impl<'a> Run<'a> {
     ) -> Result<usize, InformationError> {
         loop {
             let done = self.done();
-            if done >= 1.0 || self.steps >= self.fit.steps {
+            if done >= 1.0 || self.course.steps >= self.fit.steps {
                 break;
             }
-            self.step(decoder, passes, self.fit.rate * rate_schedule(done))?;
+            self.course.step(self.fit, self.scene, (decoder, passes), done)?;
             if on_progress(&self.progress(None)).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }
-        decoder.weights = self.mover.result(decoder);
-        Ok(self.steps)
-    }
-
-    fn step(&mut self, decoder: &mut Decoder, passes: &mut Passes<'_>, rate: f64) -> Result<(), InformationError> {
-        let (fit, sites) = (self.fit, self.scene.decoded.len());
-        let draws = (fit.seed, self.steps * fit.batch, fit.batch);
-        let outcomes = match fit.kind {
-            DecoderKind::Factorised => passes.train(decoder, draws, |_| Reveal::Nothing),
-            DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
-        };
-        self.steps += 1;
-        if self.mover.step(decoder, &passes.gradient, 1.0, rate)? {
-            let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
-            self.saved_per_site += RUNNING.max(1.0 / self.steps as f64) * (saved - self.saved_per_site);
-        }
-        Ok(())
+        decoder.weights = self.course.mover.result(decoder);
+        Ok(self.course.steps)
     }
 
     /// Share of the schedule that is over.
@@ -214,7 +282,7 @@ impl<'a> Run<'a> {
             Some(budget) => {
                 self.started.elapsed().as_secs_f64() / (budget.as_secs_f64() * (1.0 - TEST_SHARE)).max(1e-9)
             }
-            None => self.steps as f64 / self.fit.steps.max(1) as f64,
+            None => self.course.steps as f64 / self.fit.steps.max(1) as f64,
         }
     }
 
@@ -222,11 +290,12 @@ impl<'a> Run<'a> {
     pub fn progress(&self, tested: Option<usize>) -> DecoderProgress {
         let (elapsed, done) = (self.started.elapsed(), self.done());
         let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 / done - 1.0).max(0.0));
+        let Course { steps, saved_per_site, .. } = self.course;
         DecoderProgress {
-            step: self.steps,
+            step: steps,
             elapsed,
             remaining: left.and_then(|left| Duration::try_from_secs_f64(left).ok()),
-            training_bits: self.saved_per_site * self.scene.decoded.len() as f64 / self.scene.pixels() as f64,
+            training_bits: saved_per_site * self.scene.decoded.len() as f64 / self.scene.pixels() as f64,
             tested,
         }
     }

@@ -23,10 +23,11 @@ mod scene;
 mod slope;
 mod step;
 
-pub use bound::{DecoderKind, LowerBound, decoder_lower_bound, fitted_decoder};
+pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
 pub use channel::BeadChannel;
+pub use evaluation::decoder_savings;
 pub use first::{FirstProgress, OnFirstStep};
-pub use fit::{DecoderFit, DecoderProgress};
+pub use fit::{DecoderFit, DecoderProgress, DecoderRefit};
 pub use layers::Decoder;
 pub use posterior::{
     OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound,

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bound::{DecoderKind, decoder_lower_bound};
 use super::channel::BeadChannel;
+use super::evaluation::Savings;
 use super::fit::DecoderFit;
 use super::layers::Decoder;
 use crate::information::InformationError;
@@ -33,20 +34,7 @@ impl QuickLowerBound {
         seed: u64,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Self>, InformationError> {
-        Decoder::shipped().map(|decoder| Self::by(decoder, channel, (samples, half_width), seed, go_on)).transpose()
-    }
-
-    /// As [`QuickLowerBound::new`], by another decoder.
-    ///
-    /// # Errors
-    /// As [`QuickLowerBound::new`].
-    pub fn by(
-        decoder: &Decoder,
-        channel: &BeadChannel,
-        (samples, half_width): (usize, f64),
-        seed: u64,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Self, InformationError> {
+        let Some(decoder) = Decoder::shipped() else { return Ok(None) };
         let fit = DecoderFit {
             half_width,
             max_test: samples,
@@ -56,6 +44,14 @@ impl QuickLowerBound {
         let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), watch)?;
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
-        Ok(Self { bits_per_pixel, interval_95, samples: bound.test_patches })
+        Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
+    }
+
+    /// The bound that [savings](super::decoder_savings) make, which are a multiple of 256.
+    pub fn of_savings(savings: Vec<f64>) -> Self {
+        let savings = Savings(savings);
+        let (mean, half_width) = savings.mean_and_half_width();
+        let interval_95 = [(mean - half_width).max(0.0), (mean + half_width).max(0.0)];
+        Self { bits_per_pixel: mean.max(0.0), interval_95, samples: savings.count() }
     }
 }

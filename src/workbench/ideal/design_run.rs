@@ -142,8 +142,9 @@ impl DesignRun {
     /// Takes over where the run has come to.
     pub(super) fn take_up(&mut self, state: &IdealState) {
         let more_frames = self.frames.len() != state.frames.len();
-        // Before its first step the mask is that of the start; normalising its weights again may change their last digits.
-        if self.step != state.step || more_frames {
+        // Before its first move the mask is that of the start; normalising its weights again may change their last digits.
+        let has_moved = state.step > 0 || !self.frames.is_empty();
+        if more_frames || (has_moved && *self.array != state.array) {
             self.array = Arc::new(state.array.clone());
             self.step = state.step;
         }

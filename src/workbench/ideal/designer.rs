@@ -288,11 +288,10 @@ impl Shared {
 
     fn run_one(&self, start: &Start, settings: &IdealSettings) -> Result<(), EvaluationError> {
         let from = lock(&self.kept).clone();
-        let (mut told, mut shown) = (Instant::now(), usize::MAX);
+        let (mut told, mut shown) = (Instant::now(), None);
         let mut watch = |progress: &IdealProgress<'_>| {
-            let moved = progress.state.step != shown;
-            if moved || told.elapsed() >= TELL_EVERY {
-                shown = progress.state.step;
+            if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= TELL_EVERY {
+                shown = Some(progress.state.array.clone());
                 told = Instant::now();
                 self.publish(progress, settings);
             }

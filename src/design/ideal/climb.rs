@@ -1,0 +1,207 @@
+//! The steps of a round. Each is made of moves that follow one another quickly, and the fit for the next round and the value of
+//! the mask that this one began with are done little by little between them, so that whoever watches sees the mask move on.
+
+use super::{BESIDE_SEEDS, Ideal, STEP_SEEDS};
+use crate::design::error::IdealError;
+use crate::design::gradient::GradientDraw;
+use crate::design::guide::GuideFit;
+use crate::design::imaging::derived_seed;
+use crate::design::movement::{PARAMETERS, by_parameters};
+use crate::design::state::IdealEvent;
+use crate::design::watched::Watched;
+use crate::information::InformationError;
+use crate::objects::Split;
+use crate::optics::LensletArray;
+
+/// Refused steps after which a run is given up.
+const MAX_REFUSED: usize = 30;
+/// Held-out objects that a mask is valued on between two moves, if any.
+const VALUED_AT_ONCE: usize = 8;
+/// A mask that is valued while the run goes on from it.
+pub(super) struct Beside<'a> {
+    array: &'a LensletArray,
+    told: Vec<f64>,
+}
+
+impl Ideal<'_> {
+    /// Takes the steps of a round, and values the mask as it is now between them.
+    pub(super) fn climb_and_value(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
+        let (step, array, seconds) = (self.state.step, self.state.array.clone(), watch.seconds());
+        let mut beside = Beside { array: &array, told: Vec::new() };
+        self.climb(Some(&mut beside), watch)?;
+        let told = beside.told;
+        let frame = self.frame_of((step, array, seconds), told)?;
+        self.state.frames.push(frame);
+        self.take_back()
+    }
+
+    /// Takes the steps of a round. A guide that can follow the mask does.
+    pub(super) fn climb(&mut self, mut beside: Option<&mut Beside<'_>>, watch: &Watched<'_>) -> Result<(), IdealError> {
+        let steps = self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step));
+        let mut fit = match self.settings.warm && steps > 0 {
+            true => {
+                let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
+                self.guide.begin_beside(&GuideFit { steps: self.settings.refit, seed, warm: true })?
+            }
+            false => None,
+        };
+        let moves = self.settings.moves.min(self.settings.patches);
+        let mut gradient = vec![[0.0; PARAMETERS]; self.state.array.lenslets.len()];
+        for turn in 0..steps * moves {
+            let due = |all: usize| all * (turn + 1) / (steps * moves);
+            let mut fitted = Ok(());
+            let slopes = rayon::in_place_scope(|scope| {
+                if let Some(fit) = &mut fit {
+                    let (guide, array, steps) = (&self.guide, &self.state.array, due(self.settings.refit));
+                    let fitted = &mut fitted;
+                    scope.spawn(move |_| *fitted = guide.fit_beside(fit, array, steps));
+                }
+                if let Some(Beside { array, told }) = &mut beside {
+                    let all = self.guide.held_out(false);
+                    let due = if turn + 1 == steps * moves { all } else { due(all) / VALUED_AT_ONCE * VALUED_AT_ONCE };
+                    let go_on = || watch.tell(&self.state, None).is_continue();
+                    told.extend(self.guide.tells(array, told.len()..due, &go_on)?);
+                }
+                self.slopes((turn % moves, moves), watch)
+            })?;
+            fitted?;
+            self.go((turn % moves, moves), slopes, &mut gradient)?;
+            self.state.seconds = watch.seconds();
+            if watch.tell(&self.state, None).is_break() {
+                return Err(InformationError::Cancelled.into());
+            }
+        }
+        if let Some(fit) = fit {
+            self.guide.take(fit);
+            self.state.followed = true;
+        }
+        Ok(())
+    }
+
+    /// The slopes of the information by what can move, by a share of the objects of a step.
+    fn slopes(&self, (part, moves): (usize, usize), watch: &Watched<'_>) -> Result<Vec<[f64; PARAMETERS]>, IdealError> {
+        let share = |all: usize| all * (part + 1) / moves - all * part / moves;
+        let draw = GradientDraw {
+            split: Split::Train,
+            objects: share(self.settings.objects).max(1),
+            patches: share(self.settings.patches),
+            seed: derived_seed(self.settings.seed, STEP_SEEDS | (part as u64) << 40 | self.state.step as u64),
+        };
+        let go_on = || watch.tell(&self.state, None).is_continue();
+        let array = &self.state.array;
+        let mut slopes = by_parameters(array, &self.guide.slopes(array, &draw, &go_on)?);
+        let weight = draw.patches as f64 / self.settings.patches as f64;
+        slopes.iter_mut().flatten().for_each(|slope| *slope *= weight);
+        Ok(slopes)
+    }
+
+    /// One move of a step of several. `gradient` gathers what their slopes have told; the last of them learns from it.
+    fn go(
+        &mut self,
+        (part, moves): (usize, usize),
+        slopes: Vec<[f64; PARAMETERS]>,
+        gradient: &mut [[f64; PARAMETERS]],
+    ) -> Result<(), IdealError> {
+        if part == 0 {
+            gradient.as_flattened_mut().fill(0.0);
+        }
+        for (sum, slope) in gradient.iter_mut().flatten().zip(slopes.iter().flatten()) {
+            *sum += slope;
+        }
+        let state = &mut self.state;
+        let rate = state.caution * self.settings.rate(state.step + 1) / moves as f64;
+        if part + 1 == moves {
+            state.step += 1;
+            if gradient.iter().flatten().any(|slope| !slope.is_finite()) {
+                state.events.push(IdealEvent::Refused { step: state.step });
+                state.caution *= 0.5;
+                let refused = state.events.iter().filter(|event| matches!(event, IdealEvent::Refused { .. })).count();
+                return if refused < MAX_REFUSED { Ok(()) } else { Err(IdealError::Diverged { refused }) };
+            }
+            let free = self.settings.free_lenslets(state.array.lenslets.len(), &state.pruned);
+            state.momentum.learn(gradient, &free);
+        }
+        state.momentum.climb(&mut state.array, (&self.settings, &self.limits), &state.pruned, rate);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::super::tests::{beads, few_beads, short, small};
+    use super::*;
+    use crate::design::imaging::Imaging;
+    use crate::design::settings::{IdealSettings, Objective, Preset};
+    use crate::optics::Lenslet;
+    use crate::sensor::Noise;
+
+    #[test]
+    fn the_mask_is_seen_after_every_move() {
+        let set = few_beads();
+        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 1.2, 0.5));
+        let mut ideal = short(&imaging, &lenslets, 4);
+        (ideal.settings.moves, ideal.settings.patches) = (3, 6);
+        let mut seen = Vec::new();
+        while !ideal.is_finished() {
+            let watch = &mut |progress: &crate::design::IdealProgress<'_>| {
+                seen.push((progress.state.step, progress.state.array.clone()));
+                ControlFlow::Continue(())
+            };
+            ideal.advance(watch).unwrap();
+        }
+        let at = |step: usize| {
+            let mut masks: Vec<_> = seen.iter().filter(|seen| seen.0 == step).map(|seen| seen.1.clone()).collect();
+            masks.dedup();
+            masks.len()
+        };
+        // Nothing is known before the first step is over; from then on it moves after every third of one.
+        assert_eq!((at(0), at(1), at(2), at(3)), (1, 3, 3, 3));
+        let frames = &ideal.state.frames;
+        assert_eq!(frames.iter().map(|frame| frame.step).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+        for (frame, next) in frames.iter().zip(&frames[1..]) {
+            let (one, other) = (frame.array.lenslets[0], next.array.lenslets[0]);
+            assert!((one.x - other.x).abs() <= ideal.settings.rates.position * 1.0001, "a step is no longer than one");
+        }
+    }
+
+    #[test]
+    fn a_density_model_follows_the_mask_and_resumed_runs_do_the_same() {
+        let set = beads();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            first_fit: 60,
+            // More than the patches that are drawn at a time are enough for.
+            refit: 70,
+            last_fit: 2,
+            steps: 3,
+            patches: 4,
+            moves: 3,
+            objects: 2,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
+        let mut whole = small(&imaging, &settings);
+        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let weights = |ideal: &Ideal<'_>| {
+            let bytes = ideal.guide.to_bytes(Vec::new()).unwrap();
+            let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+            bytes[size_of::<u64>() + header..].to_vec()
+        };
+        advance(&mut whole);
+        assert!(whole.state.followed);
+        let (bytes, before) = (whole.to_bytes().unwrap(), weights(&whole));
+        while !whole.is_finished() {
+            advance(&mut whole);
+        }
+        assert!(weights(&whole) != before);
+        let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
+        while !resumed.is_finished() {
+            advance(&mut resumed);
+        }
+        assert_eq!(resumed.state.array, whole.state.array);
+        assert!(weights(&resumed) == weights(&whole), "to the bit");
+    }
+}
