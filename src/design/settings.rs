@@ -169,7 +169,7 @@ pub struct IdealSettings {
     pub objective: Objective,
     /// Steps of the mask.
     pub steps: usize,
-    /// Training objects that are measured in one step; for the density model.
+    /// Training objects that are measured in one step, one for each of its moves at least; for density models.
     pub objects: usize,
     /// Patches of these measurements; for the posterior, scenes of a patch each.
     pub patches: usize,
@@ -179,7 +179,7 @@ pub struct IdealSettings {
     pub moves: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.
     pub patch: Option<(usize, usize)>,
-    /// Steps of the mask in a round, which begins with a fit of what it climbs.
+    /// Steps of the mask in a round, which ends with a fit of what it climbs.
     pub refit_every: usize,
     /// Steps of the fit of the first round, and of every round where they are not warm; those of a `PixelCNN` end before
     /// where it gets no better.
@@ -188,8 +188,9 @@ pub struct IdealSettings {
     pub refit: usize,
     /// Steps of the fit to the mask in the end.
     pub last_fit: usize,
-    /// Whether the model of a round starts from the one before it. It is then fitted while the mask moves through that round,
-    /// where the objective allows it, and the round before it is valued meanwhile.
+    /// Whether the model of a round starts from the one before it. The live model and the decoder are then fitted while the mask
+    /// moves through the round before their own, and what the decoder says of the mask that a round began with is taken between
+    /// its moves.
     pub warm: bool,
     /// Learning rates.
     pub rates: Rates,

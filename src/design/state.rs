@@ -39,7 +39,8 @@ pub struct Frame {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum IdealEvent {
-    /// A gradient without finite numbers: the mask stayed, the rates were halved.
+    /// A gradient without finite numbers: nothing was learned from it, the last move of its step was left out, and the rates
+    /// were halved.
     Refused {
         /// Steps of the mask so far.
         step: usize,
@@ -110,6 +111,7 @@ pub struct IdealState {
     /// Lenslets that were taken out; they stay dark.
     pub(super) pruned: Vec<usize>,
     /// Whether the guide was fitted while the mask came to where it is.
+    #[serde(default)]
     pub(super) followed: bool,
     /// Factor of the rates.
     pub(super) caution: f64,

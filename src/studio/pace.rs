@@ -34,10 +34,14 @@ impl Pace {
     /// is laid out.
     pub fn wait(&self) -> Duration {
         let frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let every = Duration::try_from_secs_f32(SPARE * frames.mean).unwrap_or(EVERY.1).clamp(EVERY.0, EVERY.1);
-        let wait = frames.last.map_or(Duration::ZERO, |last| every.saturating_sub(last.elapsed()));
+        let wait = frames.last.map_or(Duration::ZERO, |last| every(frames.mean).saturating_sub(last.elapsed()));
         wait.max(Duration::from_millis(1))
     }
+}
+
+/// Time from one frame to the next where one takes so many seconds.
+fn every(seconds: f32) -> Duration {
+    Duration::try_from_secs_f32(SPARE * seconds).unwrap_or(EVERY.1).clamp(EVERY.0, EVERY.1)
 }
 
 #[cfg(test)]
@@ -46,15 +50,9 @@ mod tests {
 
     #[test]
     fn frames_that_take_long_come_less_often() {
-        let pace = Pace::default();
-        assert_eq!(pace.wait(), Duration::from_millis(1), "the first one at once");
-        let after = |seconds: f32| {
-            (0..100).for_each(|_| pace.drawn(seconds));
-            pace.wait()
-        };
-        let (quick, slow, slowest) = (after(1e-4), after(9e-3), after(0.5));
-        assert!(quick <= EVERY.0 && slow <= Duration::from_millis(63) && slowest <= EVERY.1);
-        assert!(quick < slow && slow < slowest, "{quick:?} {slow:?} {slowest:?}");
-        assert!(after(f32::NAN) <= EVERY.1);
+        assert_eq!(every(1e-4), EVERY.0);
+        assert!(EVERY.0 < every(5e-3) && every(5e-3) < every(9e-3) && every(9e-3) < EVERY.1);
+        assert_eq!((every(0.5), every(f32::NAN)), (EVERY.1, EVERY.1));
+        assert_eq!(Pace::default().wait(), Duration::from_millis(1), "the first one at once");
     }
 }

@@ -108,14 +108,20 @@ impl Guide for DensityGuide<'_> {
         Ok(Some(FitBeside::Density(CausalRefit::new(causal_fit(fit), &self.model))))
     }
 
-    fn fit_beside(&self, fit: &mut FitBeside, array: &LensletArray, steps: usize) -> Result<(), IdealError> {
+    fn fit_beside(
+        &self,
+        fit: &mut FitBeside,
+        array: &LensletArray,
+        steps: usize,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<(), IdealError> {
         let FitBeside::Density(refit) = fit else { return Ok(()) };
         let mut patches = |model: &CausalModel, count: usize, seed: u64| {
             let other = |error: IdealError| InformationError::Stream { reason: error.to_string() };
             let (stream, sample, moments) = self.seen_through(array).map_err(other)?;
             Ok((model.following(&sample, &moments)?, stream.draw(count, seed)?))
         };
-        Ok(refit.go_on(steps, &mut patches)?)
+        Ok(refit.go_on(steps, &mut patches, go_on)?)
     }
 
     fn take(&mut self, fit: FitBeside) {

@@ -65,8 +65,15 @@ pub(super) trait Guide: Sync {
         Ok(None)
     }
 
-    /// Goes on with such a fit up to so many of its steps, on measurements of the mask as it is by now.
-    fn fit_beside(&self, _fit: &mut FitBeside, _array: &LensletArray, _steps: usize) -> Result<(), IdealError> {
+    /// Goes on with such a fit up to so many of its steps, on measurements of the mask as it is by now. It ends early where
+    /// `go_on` says so.
+    fn fit_beside(
+        &self,
+        _fit: &mut FitBeside,
+        _array: &LensletArray,
+        _steps: usize,
+        _go_on: &dyn Fn() -> bool,
+    ) -> Result<(), IdealError> {
         Ok(())
     }
 
@@ -171,5 +178,41 @@ impl HeldOut {
     fn value(&self, information: &[f64]) -> Result<Valued, IdealError> {
         let mean = information.iter().sum::<f64>() / information.len() as f64;
         Ok((mean, self.shared.widened(information, mean, paired_interval(information, self.seed)?)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::optics::{Limits, heuristic_layout};
+    use crate::sensor::Noise;
+
+    #[test]
+    fn objects_tell_the_same_part_by_part() {
+        let options = ObjectOptions { field: (47, 47), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.02".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let (mask, as_seen) = (heuristic_layout(3), ((8, 8), 1));
+        let guides: [Box<dyn Guide + '_>; 3] = [
+            Box::new(PosteriorGuide::new(&imaging, &mask, as_seen).unwrap()),
+            Box::new(DensityGuide::new(&imaging, &mask, &Limits::default(), as_seen).unwrap()),
+            Box::new(PixelCnnGuide::new(&imaging, &mask, as_seen).unwrap()),
+        ];
+        for guide in guides {
+            let all = guide.held_out(false);
+            let tells = |range: Range<usize>| guide.tells(&mask, range, &|| true).unwrap();
+            let whole = tells(0..all);
+            let mut parts = Vec::new();
+            for end in [8, 24, 30, all] {
+                parts.extend(tells(parts.len()..end));
+            }
+            assert_eq!(parts.len(), all);
+            let apart = whole.iter().zip(&parts).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
+            assert!(apart < 1e-5, "{apart}");
+            let (value, [low, high]) = guide.valued(parts).unwrap();
+            assert!(low <= value && value <= high);
+            assert!(whole.iter().any(|bits| (bits - whole[0]).abs() > 1e-3), "objects differ");
+        }
     }
 }

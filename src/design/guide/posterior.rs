@@ -100,10 +100,19 @@ impl Guide for PosteriorGuide<'_> {
         Ok(Some(FitBeside::Decoder(self.begun(fit)?)))
     }
 
-    fn fit_beside(&self, fit: &mut FitBeside, array: &LensletArray, steps: usize) -> Result<(), IdealError> {
-        if let FitBeside::Decoder(refit) = fit {
+    fn fit_beside(
+        &self,
+        fit: &mut FitBeside,
+        array: &LensletArray,
+        steps: usize,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<(), IdealError> {
+        if let FitBeside::Decoder(refit) = fit
+            && refit.steps() < steps
+        {
             let channel = channel(self.imaging, array, self.patch)?;
-            refit.go_on(&channel, steps, &mut |_| ControlFlow::Continue(()))?;
+            let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+            refit.go_on(&channel, steps, watch)?;
         }
         Ok(())
     }

@@ -1,6 +1,8 @@
 //! The steps of a round. Each is made of moves that follow one another quickly, and the fit for the next round and the value of
 //! the mask that this one began with are done little by little between them, so that whoever watches sees the mask move on.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use super::{BESIDE_SEEDS, Ideal, STEP_SEEDS};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
@@ -45,24 +47,20 @@ impl Ideal<'_> {
             }
             false => None,
         };
-        let moves = self.settings.moves.min(self.settings.patches);
+        let moves = self.moves();
         let mut gradient = vec![[0.0; PARAMETERS]; self.state.array.lenslets.len()];
         for turn in 0..steps * moves {
             let due = |all: usize| all * (turn + 1) / (steps * moves);
-            let mut fitted = Ok(());
+            let (mut fitted, is_given_up) = (Ok(()), AtomicBool::new(false));
             let slopes = rayon::in_place_scope(|scope| {
                 if let Some(fit) = &mut fit {
                     let (guide, array, steps) = (&self.guide, &self.state.array, due(self.settings.refit));
-                    let fitted = &mut fitted;
-                    scope.spawn(move |_| *fitted = guide.fit_beside(fit, array, steps));
+                    let (fitted, go_on) = (&mut fitted, || !is_given_up.load(Ordering::Relaxed));
+                    scope.spawn(move |_| *fitted = guide.fit_beside(fit, array, steps, &go_on));
                 }
-                if let Some(Beside { array, told }) = &mut beside {
-                    let all = self.guide.held_out(false);
-                    let due = if turn + 1 == steps * moves { all } else { due(all) / VALUED_AT_ONCE * VALUED_AT_ONCE };
-                    let go_on = || watch.tell(&self.state, None).is_continue();
-                    told.extend(self.guide.tells(array, told.len()..due, &go_on)?);
-                }
-                self.slopes((turn % moves, moves), watch)
+                let slopes = self.value_and_slopes(beside.as_deref_mut(), (turn, steps * moves), watch);
+                is_given_up.store(slopes.is_err(), Ordering::Relaxed);
+                slopes
             })?;
             fitted?;
             self.go((turn % moves, moves), slopes, &mut gradient)?;
@@ -76,6 +74,33 @@ impl Ideal<'_> {
             self.state.followed = true;
         }
         Ok(())
+    }
+
+    /// The slopes at one of the `turns` of a round, after the share of the value that is due by then.
+    fn value_and_slopes(
+        &self,
+        beside: Option<&mut Beside<'_>>,
+        (turn, turns): (usize, usize),
+        watch: &Watched<'_>,
+    ) -> Result<Vec<[f64; PARAMETERS]>, IdealError> {
+        if let Some(Beside { array, told }) = beside {
+            let all = self.guide.held_out(false);
+            let due = match turn + 1 == turns {
+                true => all,
+                false => all * (turn + 1) / turns / VALUED_AT_ONCE * VALUED_AT_ONCE,
+            };
+            if told.len() < due {
+                let go_on = || watch.tell(&self.state, None).is_continue();
+                told.extend(self.guide.tells(array, told.len()..due, &go_on)?);
+            }
+        }
+        let moves = self.moves();
+        self.slopes((turn % moves, moves), watch)
+    }
+
+    /// Moves of a step, each of which takes a patch at least.
+    fn moves(&self) -> usize {
+        self.settings.moves.min(self.settings.patches)
     }
 
     /// The slopes of the information by what can move, by a share of the objects of a step.

@@ -239,6 +239,12 @@ impl Mover {
         Ok(())
     }
 
+    /// Puts a model in place of the one that is fitted, of which some weights may differ.
+    pub fn replace(&mut self, model: &mut CausalModel, other: CausalModel) {
+        self.optimizer.adopt(&model.weights, &other.weights);
+        *model = other;
+    }
+
     pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
         self.optimizer.result(&model.weights).to_vec()
     }

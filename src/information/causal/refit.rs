@@ -30,19 +30,28 @@ impl CausalRefit {
         Self { fit, model: start.clone(), mover: Mover::new(start), inputs: None, batches: Vec::new() }
     }
 
-    /// Goes on up to so many steps in all. `patches` is asked whenever those that were drawn are used up.
+    /// Goes on up to so many steps in all. `patches` is asked whenever those that were drawn are used up,
+    /// `go_on` after every step.
     ///
     /// # Errors
     /// As [`CausalFit::fit`].
-    pub fn go_on(&mut self, steps: usize, patches: OnPatches<'_>) -> Result<(), InformationError> {
+    pub fn go_on(
+        &mut self,
+        steps: usize,
+        patches: OnPatches<'_>,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<(), InformationError> {
         let Self { fit, model, mover, inputs: drawn, batches } = self;
         while mover.course.steps < steps && fit.done(mover.course.steps, Duration::ZERO) < 1.0 {
             if let (Some(drawn), Some(indices)) = (&*drawn, batches.pop()) {
                 mover.step(fit, model, (drawn, indices), fit.done(mover.course.steps, Duration::ZERO))?;
+                if !go_on() {
+                    return Err(InformationError::Cancelled);
+                }
             } else {
                 let seed = mover.next_seed(fit);
                 let (followed, fresh) = patches(model, DRAWN, seed)?;
-                *model = followed;
+                mover.replace(model, followed);
                 *drawn = Some(inputs(model, &fresh, seed)?);
                 *batches = fit.batches().collect();
                 batches.reverse();

@@ -229,9 +229,6 @@ impl DecoderRefit {
         watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
     ) -> Result<(), InformationError> {
         let Self { fit, decoder, course } = self;
-        if course.steps >= steps.min(fit.steps) {
-            return Ok(());
-        }
         let scene = Scene::new(channel)?;
         let mut passes = Passes::new(&scene, decoder);
         while course.steps < steps.min(fit.steps) {
@@ -242,6 +239,11 @@ impl DecoderRefit {
             }
         }
         Ok(())
+    }
+
+    /// Steps so far.
+    pub fn steps(&self) -> usize {
+        self.course.steps
     }
 
     /// The decoder with weights averaged over the last steps.

@@ -146,8 +146,8 @@ impl DesignRun {
         let has_moved = state.step > 0 || !self.frames.is_empty();
         if more_frames || (has_moved && *self.array != state.array) {
             self.array = Arc::new(state.array.clone());
-            self.step = state.step;
         }
+        self.step = state.step;
         if more_frames {
             self.frames = Arc::new(state.frames.clone());
         }

@@ -17,7 +17,7 @@ use crate::workbench::simulation::{imaging, open_set_with};
 use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::{Design, EvaluationError, estimate};
 
-/// Time between two tellings of a fit's progress; steps of the mask are all told.
+/// Time between two tellings of a fit's progress; moves of the mask are all told.
 const TELL_EVERY: Duration = Duration::from_millis(100);
 
 /// Why a run is not started.
