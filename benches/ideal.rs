@@ -1,5 +1,5 @@
 //! The parts of a run of IDEAL from 25 random lenslets before beads. Up a density model: the gradient of one step of the mask,
-//! of that the optics on the way there and back, and the matrix products that the rest cannot do without; a whole round (fit,
+//! by its moves one after the other, of that the optics on the way there and back, and the matrix products that the rest cannot do without; a whole round (fit,
 //! value on held-out objects, five steps) against its products. Up the posterior: a step, a round of twenty, and their products.
 
 mod training;
@@ -40,14 +40,18 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     let start = random_layout(25, 1);
     let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     ideal.advance(&mut |_| ControlFlow::Continue(())).expect("the first round");
-    let draw = GradientDraw { split: Split::Train, objects: settings.objects, patches: settings.patches, seed: 1 };
+    let moves = settings.moves;
+    let (objects, patches) = (settings.objects / moves, settings.patches / moves);
     let shapes = causal_shapes();
     let mut group = criterion.benchmark_group("ideal");
     group.sample_size(10).measurement_time(Duration::from_secs(12));
     group.bench_function("gradient of a step", |bencher| {
         bencher.iter(|| {
             let model = ideal.density_model().expect("a density model");
-            imaging.gradient(&start, &draw, model.patch(), model).expect("a gradient")
+            for seed in 0..moves as u64 {
+                let draw = GradientDraw { split: Split::Train, objects, patches, seed };
+                imaging.gradient(&start, &draw, model.patch(), model).expect("a gradient");
+            }
         });
     });
     let objects = set.objects(Split::Train, settings.objects, 1).expect("objects");
@@ -90,7 +94,12 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     let channel = imaging.bead_channel(psf.view(), (32, 32)).expect("beads");
     let decoder = Decoder::shipped().expect("a decoder");
     group.bench_function("slope of a step up the posterior", |bencher| {
-        bencher.iter(|| spot_slope(&channel, decoder, (1, 0, settings.patches)).expect("a slope"));
+        let scenes = settings.patches / settings.moves;
+        bencher.iter(|| {
+            for part in 0..settings.moves {
+                spot_slope(&channel, decoder, (1, part * scenes, scenes)).expect("a slope");
+            }
+        });
     });
     let shapes = decoder_shapes(decoder.unrolled());
     // Object pixels that a patch sees.

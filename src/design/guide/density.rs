@@ -105,7 +105,7 @@ impl Guide for DensityGuide<'_> {
     }
 
     fn begin_beside(&self, fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
-        Ok(Some(FitBeside::Density(CausalRefit::new(causal_fit(fit), &self.model))))
+        Ok(Some(FitBeside::Density(Box::new(CausalRefit::new(causal_fit(fit), &self.model)))))
     }
 
     fn fit_beside(

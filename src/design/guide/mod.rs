@@ -42,8 +42,8 @@ pub(super) struct GuideFit {
 
 /// A fit that goes on while the guide that it was begun by is asked.
 pub(super) enum FitBeside {
-    Decoder(DecoderRefit),
-    Density(CausalRefit),
+    Decoder(Box<DecoderRefit>),
+    Density(Box<CausalRefit>),
 }
 
 /// Information and its 95 % interval, bits per pixel.

@@ -97,7 +97,7 @@ impl Guide for PosteriorGuide<'_> {
     }
 
     fn begin_beside(&self, fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
-        Ok(Some(FitBeside::Decoder(self.begun(fit)?)))
+        Ok(Some(FitBeside::Decoder(Box::new(self.begun(fit)?))))
     }
 
     fn fit_beside(

@@ -40,13 +40,11 @@ impl Ideal<'_> {
     /// Takes the steps of a round. A guide that can follow the mask does.
     pub(super) fn climb(&mut self, mut beside: Option<&mut Beside<'_>>, watch: &Watched<'_>) -> Result<(), IdealError> {
         let steps = self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step));
-        let mut fit = match self.settings.warm && steps > 0 {
-            true => {
-                let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
-                self.guide.begin_beside(&GuideFit { steps: self.settings.refit, seed, warm: true })?
-            }
-            false => None,
-        };
+        let mut fit = None;
+        if self.settings.warm && steps > 0 {
+            let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
+            fit = self.guide.begin_beside(&GuideFit { steps: self.settings.refit, seed, warm: true })?;
+        }
         let moves = self.moves();
         let mut gradient = vec![[0.0; PARAMETERS]; self.state.array.lenslets.len()];
         for turn in 0..steps * moves {
@@ -85,10 +83,8 @@ impl Ideal<'_> {
     ) -> Result<Vec<[f64; PARAMETERS]>, IdealError> {
         if let Some(Beside { array, told }) = beside {
             let all = self.guide.held_out(false);
-            let due = match turn + 1 == turns {
-                true => all,
-                false => all * (turn + 1) / turns / VALUED_AT_ONCE * VALUED_AT_ONCE,
-            };
+            let due = all * (turn + 1) / turns;
+            let due = if turn + 1 == turns { due } else { due / VALUED_AT_ONCE * VALUED_AT_ONCE };
             if told.len() < due {
                 let go_on = || watch.tell(&self.state, None).is_continue();
                 told.extend(self.guide.tells(array, told.len()..due, &go_on)?);
