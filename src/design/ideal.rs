@@ -164,8 +164,8 @@ impl<'a> Ideal<'a> {
     }
 
     /// One round: makes the guide ready for the mask as it is, values the mask on held-out objects, and takes the steps
-    /// up to the next round. A guide that can is fitted beside these steps for the next round; bounds from below are then taken
-    /// beside them, too. States for [`Ideal::to_bytes`] lie between two rounds.
+    /// up to the next round. A guide that can is fitted beside these steps for the next round, and then values the mask that
+    /// the round began with beside them, too. States for [`Ideal::to_bytes`] lie between two rounds.
     ///
     /// # Errors
     /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
@@ -187,8 +187,7 @@ impl<'a> Ideal<'a> {
             };
             self.fit((steps, 0), &watch)?;
         }
-        // What can be too high is looked into before the mask climbs it.
-        if followed && !self.guide.can_overrate() {
+        if followed {
             self.climb_and_value(&watch)?;
         } else {
             self.value(is_last, &watch)?;

@@ -179,7 +179,7 @@ pub struct IdealSettings {
     pub moves: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.
     pub patch: Option<(usize, usize)>,
-    /// Steps of the mask in a round, which ends with a fit of what it climbs.
+    /// Steps of the mask in a round, for which what it climbs is fitted.
     pub refit_every: usize,
     /// Steps of the fit of the first round, and of every round where they are not warm; those of a `PixelCNN` end before
     /// where it gets no better.
@@ -188,9 +188,8 @@ pub struct IdealSettings {
     pub refit: usize,
     /// Steps of the fit to the mask in the end.
     pub last_fit: usize,
-    /// Whether the model of a round starts from the one before it. The live model and the decoder are then fitted while the mask
-    /// moves through the round before their own, and what the decoder says of the mask that a round began with is taken between
-    /// its moves.
+    /// Whether the model of a round starts from the one before it. A decoder is then fitted while the mask moves through the round
+    /// before its own, and values the mask that a round began with between the moves of that.
     pub warm: bool,
     /// Learning rates.
     pub rates: Rates,
@@ -263,7 +262,6 @@ impl IdealSettings {
                 steps: 1000,
                 objects: 12,
                 patches: 24,
-                moves: 12,
                 patch: Some((32, 32)),
                 refit_every: 5,
                 first_fit: 1500,

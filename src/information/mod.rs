@@ -41,9 +41,9 @@ pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
-    Beginning, CausalFit, CausalModel, CausalRefit, CausalRequest, CausalShape, CausalStart, FirstFitProgress,
-    FirstScene, FirstWeights, FitKeeper, FitLength, Moments, OnFirstFit, OnPatches, PatchBatch, PatchStream,
-    causal_estimate, causal_model, information_map, information_over, score,
+    Beginning, CausalFit, CausalModel, CausalRequest, CausalShape, CausalStart, FirstFitProgress, FirstScene,
+    FirstWeights, FitKeeper, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate, causal_model,
+    information_map, information_over, score,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};

@@ -86,15 +86,6 @@ impl Optimizer {
         self.steps += 1;
     }
 
-    /// Takes weights that something else has changed (from `before` to `weights`) into the average as they are now.
-    pub fn adopt(&mut self, before: &[f32], weights: &[f32]) {
-        for ((average, before), weight) in self.average.iter_mut().flatten().zip(before).zip(weights) {
-            if before != weight {
-                *average = *weight;
-            }
-        }
-    }
-
     /// Everything that the next step depends on besides the weights and the number of steps, in the order of the tensors;
     /// the average of the weights comes last.
     pub fn state(&self) -> Vec<f32> {

@@ -4,13 +4,12 @@ use std::ops::Range;
 
 use ndarray::{Array3, Axis, concatenate};
 
-use super::{FitBeside, Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
+use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use crate::information::{
-    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, FitProgress, InformationError, Moments, NoiseEntropy,
-    PatchBatch, PatchStream, Protocol, score,
+    CausalFit, CausalModel, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, score,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
@@ -73,61 +72,26 @@ impl<'a> DensityGuide<'a> {
     }
 }
 
-impl<'a> DensityGuide<'a> {
-    /// Measurements through a mask, a sample of them, and their moments.
-    fn seen_through(&self, array: &LensletArray) -> Result<(MeasurementStream<'a>, PatchBatch, Moments), IdealError> {
-        let psf = render_psf(array, self.imaging.set.planes())?;
-        let stream = self.imaging.stream(self.imaging.convolver(psf.view())?, Split::Train, self.patch);
-        let sample = stream.draw(SAMPLE, derived_seed(self.seed, 2))?;
-        Ok((stream, sample, self.moments.of(psf.view())?))
-    }
-}
-
-fn causal_fit(&GuideFit { steps, seed, warm }: &GuideFit) -> CausalFit {
-    let fit = CausalFit::new(FitLength::Steps(steps), seed);
-    if warm { CausalFit { rate: WARM_RATE * fit.rate, ..fit } } else { fit }
-}
-
 impl Guide for DensityGuide<'_> {
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
-        let (stream, sample, moments) = self.seen_through(array)?;
+        let psf = render_psf(array, self.imaging.set.planes())?;
+        let convolver = self.imaging.convolver(psf.view())?;
+        self.stream = self.imaging.stream(convolver, Split::Train, self.patch);
+        let sample = self.stream.draw(SAMPLE, derived_seed(self.seed, 2))?;
+        let moments = self.moments.of(psf.view())?;
         self.model =
             if warm { self.model.following(&sample, &moments)? } else { self.first.anew(&sample, &moments)? };
-        self.stream = stream;
         Ok(())
     }
 
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
-        let steps = fit.steps;
-        let progress = &mut |progress: &FitProgress| watch(progress.step as f64 / steps as f64);
-        causal_fit(fit).fit(&mut self.model, &self.stream, progress)?;
-        Ok(())
-    }
-
-    fn begin_beside(&self, fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
-        Ok(Some(FitBeside::Density(Box::new(CausalRefit::new(causal_fit(fit), &self.model)))))
-    }
-
-    fn fit_beside(
-        &self,
-        fit: &mut FitBeside,
-        array: &LensletArray,
-        steps: usize,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<(), IdealError> {
-        let FitBeside::Density(refit) = fit else { return Ok(()) };
-        let mut patches = |model: &CausalModel, count: usize, seed: u64| {
-            let other = |error: IdealError| InformationError::Stream { reason: error.to_string() };
-            let (stream, sample, moments) = self.seen_through(array).map_err(other)?;
-            Ok((model.following(&sample, &moments)?, stream.draw(count, seed)?))
-        };
-        Ok(refit.go_on(steps, &mut patches, go_on)?)
-    }
-
-    fn take(&mut self, fit: FitBeside) {
-        if let FitBeside::Density(refit) = fit {
-            self.model = refit.model();
+        let &GuideFit { steps, seed, warm } = fit;
+        let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
+        if warm {
+            fit.rate *= WARM_RATE;
         }
+        fit.fit(&mut self.model, &self.stream, &mut |progress| watch(progress.step as f64 / steps as f64))?;
+        Ok(())
     }
 
     fn held_out(&self, _last: bool) -> usize {

@@ -15,7 +15,7 @@ pub(super) use posterior::PosteriorGuide;
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use super::imaging::{Imaging, derived_seed};
-use crate::information::{CausalModel, CausalRefit, DecoderRefit, SharedPictures, paired_interval};
+use crate::information::{CausalModel, DecoderRefit, SharedPictures, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
 use crate::sensor::Patches;
@@ -40,12 +40,6 @@ pub(super) struct GuideFit {
     pub warm: bool,
 }
 
-/// A fit that goes on while the guide that it was begun by is asked.
-pub(super) enum FitBeside {
-    Decoder(Box<DecoderRefit>),
-    Density(Box<CausalRefit>),
-}
-
 /// Information and its 95 % interval, bits per pixel.
 pub(super) type Valued = (f64, [f64; 2]);
 /// How the information changes with every lenslet.
@@ -61,7 +55,7 @@ pub(super) trait Guide: Sync {
 
     /// Begins a fit to a mask that moves meanwhile; none for guides that are only fitted while the mask waits. The guide stays
     /// as it is until it [takes](Guide::take) the outcome.
-    fn begin_beside(&self, _fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
+    fn begin_beside(&self, _fit: &GuideFit) -> Result<Option<DecoderRefit>, IdealError> {
         Ok(None)
     }
 
@@ -69,7 +63,7 @@ pub(super) trait Guide: Sync {
     /// `go_on` says so.
     fn fit_beside(
         &self,
-        _fit: &mut FitBeside,
+        _fit: &mut DecoderRefit,
         _array: &LensletArray,
         _steps: usize,
         _go_on: &dyn Fn() -> bool,
@@ -78,7 +72,7 @@ pub(super) trait Guide: Sync {
     }
 
     /// Takes what such a fit has come to.
-    fn take(&mut self, _fit: FitBeside) {}
+    fn take(&mut self, _fit: DecoderRefit) {}
 
     /// Objects that a value rests on, or the `last` one of a run; a [`Guide::tells`] of them all makes one.
     fn held_out(&self, last: bool) -> usize;

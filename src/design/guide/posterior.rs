@@ -4,7 +4,7 @@ use std::ops::{ControlFlow, Range};
 
 use ndarray::{Array2, Array3, ArrayView3, s};
 
-use super::{FitBeside, Guide, GuideFit, OnFit, Slopes, Valued, WARM_RATE};
+use super::{Guide, GuideFit, OnFit, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, derived_seed};
@@ -96,31 +96,27 @@ impl Guide for PosteriorGuide<'_> {
         Ok(())
     }
 
-    fn begin_beside(&self, fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
-        Ok(Some(FitBeside::Decoder(Box::new(self.begun(fit)?))))
+    fn begin_beside(&self, fit: &GuideFit) -> Result<Option<DecoderRefit>, IdealError> {
+        Ok(Some(self.begun(fit)?))
     }
 
     fn fit_beside(
         &self,
-        fit: &mut FitBeside,
+        fit: &mut DecoderRefit,
         array: &LensletArray,
         steps: usize,
         go_on: &dyn Fn() -> bool,
     ) -> Result<(), IdealError> {
-        if let FitBeside::Decoder(refit) = fit
-            && refit.steps() < steps
-        {
+        if fit.steps() < steps {
             let channel = channel(self.imaging, array, self.patch)?;
             let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-            refit.go_on(&channel, steps, watch)?;
+            fit.go_on(&channel, steps, watch)?;
         }
         Ok(())
     }
 
-    fn take(&mut self, fit: FitBeside) {
-        if let FitBeside::Decoder(refit) = fit {
-            self.decoder = refit.decoder();
-        }
+    fn take(&mut self, fit: DecoderRefit) {
+        self.decoder = fit.decoder();
     }
 
     fn held_out(&self, last: bool) -> usize {

@@ -60,7 +60,7 @@ mod tests {
     use super::super::tests::{beads, small, without_weights};
     use super::*;
     use crate::design::gradient::GradientDraw;
-    use crate::design::guide::{FitBeside, Guide, GuideFit, OnFit, Slopes, Valued};
+    use crate::design::guide::{Guide, GuideFit, OnFit, Slopes, Valued};
     use crate::design::imaging::Imaging;
     use crate::design::settings::{IdealSettings, Objective, Preset};
     use crate::optics::LensletArray;
@@ -102,24 +102,6 @@ mod tests {
         fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
             self.0.fit(fit, watch)?;
             if fit.warm { Ok(()) } else { self.0.restore(&without_weights(self.0.to_bytes(Vec::new())?)) }
-        }
-
-        fn begin_beside(&self, fit: &GuideFit) -> Result<Option<FitBeside>, IdealError> {
-            self.0.begin_beside(fit)
-        }
-
-        fn fit_beside(
-            &self,
-            fit: &mut FitBeside,
-            array: &LensletArray,
-            steps: usize,
-            go_on: &dyn Fn() -> bool,
-        ) -> Result<(), IdealError> {
-            self.0.fit_beside(fit, array, steps, go_on)
-        }
-
-        fn take(&mut self, fit: FitBeside) {
-            self.0.take(fit);
         }
 
         fn held_out(&self, last: bool) -> usize {

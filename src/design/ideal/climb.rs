@@ -151,10 +151,8 @@ impl Ideal<'_> {
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::tests::{beads, few_beads, short, small};
-    use super::*;
+    use super::super::tests::{few_beads, short};
     use crate::design::imaging::Imaging;
-    use crate::design::settings::{IdealSettings, Objective, Preset};
     use crate::optics::Lenslet;
     use crate::sensor::Noise;
 
@@ -186,43 +184,5 @@ mod tests {
             let (one, other) = (frame.array.lenslets[0], next.array.lenslets[0]);
             assert!((one.x - other.x).abs() <= ideal.settings.rates.position * 1.0001, "a step is no longer than one");
         }
-    }
-
-    #[test]
-    fn a_density_model_follows_the_mask_and_resumed_runs_do_the_same() {
-        let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let settings = IdealSettings {
-            patch: Some((6, 6)),
-            first_fit: 60,
-            // More than the patches that are drawn at a time are enough for.
-            refit: 70,
-            last_fit: 2,
-            steps: 3,
-            patches: 4,
-            moves: 3,
-            objects: 2,
-            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
-        };
-        let mut whole = small(&imaging, &settings);
-        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-        let weights = |ideal: &Ideal<'_>| {
-            let bytes = ideal.guide.to_bytes(Vec::new()).unwrap();
-            let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-            bytes[size_of::<u64>() + header..].to_vec()
-        };
-        advance(&mut whole);
-        assert!(whole.state.followed);
-        let (bytes, before) = (whole.to_bytes().unwrap(), weights(&whole));
-        while !whole.is_finished() {
-            advance(&mut whole);
-        }
-        assert!(weights(&whole) != before);
-        let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
-        while !resumed.is_finished() {
-            advance(&mut resumed);
-        }
-        assert_eq!(resumed.state.array, whole.state.array);
-        assert!(weights(&resumed) == weights(&whole), "to the bit");
     }
 }

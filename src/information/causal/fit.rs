@@ -1,10 +1,9 @@
 //! The fit: small batches of fresh patches, Muon, a rate that rises and falls, averaged weights.
 
-use std::ops::{ControlFlow, Range};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use super::best::Best;
-use super::conditioning::Inputs;
 use super::keep::{Course, FitKeeper, restore, to_bytes};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
@@ -19,7 +18,7 @@ pub(super) const RATE: f64 = 1.2e-2;
 /// Largest norm of a gradient.
 pub(super) const MAX_NORM: f64 = 1.0;
 /// Patches that are drawn at a time.
-pub(super) const DRAWN: usize = 64;
+const DRAWN: usize = 64;
 /// Tells the seed of the noise that is predicted from that of the noise that is seen.
 const REDRAWN: u64 = 0x7a67 << 32;
 /// Steps that the reported training value looks back over.
@@ -112,55 +111,75 @@ impl CausalFit {
         on_step: OnStep<'_>,
     ) -> Result<(usize, Option<usize>), InformationError> {
         let started = Instant::now();
-        let (mut mover, mut found) = (Mover::new(model), None);
+        let mut optimizer = Optimizer::new(&model.layout, &model.weights, true, rule);
+        let (mut course, mut found) = (Course::default(), None);
         if let Some(keeper) = keeper
             && let Some(state) = keeper.load()?
         {
-            (mover.course, found) = restore(&state, keeper.key(), model, &mut mover.optimizer).map_err(|error| {
+            (course, found) = restore(&state, keeper.key(), model, &mut optimizer).map_err(|error| {
                 let (path, reason) = (keeper.place(), error.to_string());
                 InformationError::WeightsFile { path, reason }
             })?;
         }
-        let before = mover.course.before;
-        let mut best = Best::new(validation, self.done(mover.course.steps, before), found);
+        let mut best = Best::new(validation, self.done(course.steps, course.before), found);
+        let mut gradients = Gradients::new(model.layout.count());
+        let batch = self.batch.clamp(1, DRAWN);
         let mut kept = Instant::now();
         loop {
             if let Some(keeper) = keeper
                 && kept.elapsed() >= keeper.every()
             {
-                let so_far = (&mover.course, before + started.elapsed());
-                keeper.store(&to_bytes(keeper.key(), so_far, model, &mover.optimizer, best.found.as_ref())?)?;
+                let elapsed = course.before + started.elapsed();
+                keeper.store(&to_bytes(keeper.key(), (&course, elapsed), model, &optimizer, best.found.as_ref())?)?;
                 kept = Instant::now();
             }
-            let seed = mover.next_seed(self);
-            let inputs = inputs(model, &stream.draw(DRAWN, seed)?, seed)?;
-            for indices in self.batches() {
-                let done = self.done(mover.course.steps, before + started.elapsed());
+            let seed = self.seed.wrapping_add(course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            let pool = stream.draw(DRAWN, seed)?;
+            super::model::check(pool.noisy.view())?;
+            let mut inputs = model.conditioning.inputs(pool.noisy.view());
+            if let Some(clean) = &pool.clean {
+                inputs.targets = model.conditioning.targets(clean.view(), seed ^ REDRAWN);
+            }
+            course.draws += 1;
+            for first in (0..=DRAWN - batch).step_by(batch) {
+                let done = self.done(course.steps, course.before + started.elapsed());
                 if done >= 1.0 {
-                    model.weights = mover.averaged(model);
-                    return Ok((mover.course.steps, best.put_into(model)?));
+                    model.weights = optimizer.result(&model.weights).to_vec();
+                    return Ok((course.steps, best.put_into(model)?));
                 }
-                mover.step(self, model, (&inputs, indices), done)?;
-                let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
-                let elapsed = before + started.elapsed();
-                best.look(self.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
-                let progress = self.progress(&mover.course, elapsed);
+                let indices: Vec<usize> = (first..first + batch).collect();
+                let loss = gradients.evaluate(model, &inputs, &indices);
+                let norm = gradients.norm();
+                course.steps += 1;
+                if loss.is_finite() && norm.is_finite() {
+                    let scale = (self.max_norm / norm.max(1e-30)).min(1.0);
+                    let rate = self.rate * course.caution * rate_schedule(done);
+                    optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
+                    let bits = loss / std::f64::consts::LN_2;
+                    let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
+                    course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
+                } else {
+                    course.refused += 1;
+                    course.caution *= 0.5;
+                    if course.refused == MAX_REFUSED {
+                        return Err(InformationError::Diverged { refused: course.refused });
+                    }
+                }
+                let averaged = || optimizer.result(&model.weights).to_vec();
+                let snapshot = || CausalModel { weights: averaged(), ..model.clone() };
+                let elapsed = course.before + started.elapsed();
+                best.look(self.done(course.steps, elapsed), course.steps, &snapshot)?;
+                let progress = self.progress(&course, elapsed);
                 if on_step(&progress, &snapshot).is_break() {
-                    model.weights = mover.averaged(model);
+                    model.weights = averaged();
                     return Err(InformationError::Cancelled);
                 }
             }
         }
     }
 
-    /// The patches of every step that those drawn at a time are enough for.
-    pub(super) fn batches(&self) -> impl Iterator<Item = Range<usize>> + use<> {
-        let batch = self.batch.clamp(1, DRAWN);
-        (0..=DRAWN - batch).step_by(batch).map(move |first| first..first + batch)
-    }
-
     /// Share of the fit that is over.
-    pub(super) fn done(&self, steps: usize, elapsed: Duration) -> f64 {
+    fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
             FitLength::Steps(all) => steps as f64 / all.max(1) as f64,
             FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),
@@ -184,78 +203,4 @@ impl CausalFit {
             scored: None,
         }
     }
-}
-
-/// What moves the weights of a model, and how far it has come.
-pub(super) struct Mover {
-    optimizer: Optimizer,
-    pub course: Course,
-    gradients: Gradients,
-}
-
-impl Mover {
-    pub fn new(model: &CausalModel) -> Self {
-        Self {
-            optimizer: Optimizer::new(&model.layout, &model.weights, true, rule),
-            course: Course::default(),
-            gradients: Gradients::new(model.layout.count()),
-        }
-    }
-
-    /// The seed of the patches that are drawn next.
-    pub fn next_seed(&mut self, fit: &CausalFit) -> u64 {
-        let seed = fit.seed.wrapping_add(self.course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        self.course.draws += 1;
-        seed
-    }
-
-    /// One step, after `done` of the schedule.
-    pub fn step(
-        &mut self,
-        fit: &CausalFit,
-        model: &mut CausalModel,
-        (inputs, indices): (&Inputs, Range<usize>),
-        done: f64,
-    ) -> Result<(), InformationError> {
-        let Self { optimizer, course, gradients } = self;
-        let indices: Vec<usize> = indices.collect();
-        let loss = gradients.evaluate(model, inputs, &indices);
-        let norm = gradients.norm();
-        course.steps += 1;
-        if loss.is_finite() && norm.is_finite() {
-            let scale = (fit.max_norm / norm.max(1e-30)).min(1.0);
-            let rate = fit.rate * course.caution * rate_schedule(done);
-            optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
-            let bits = loss / std::f64::consts::LN_2;
-            let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
-            course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
-        } else {
-            course.refused += 1;
-            course.caution *= 0.5;
-            if course.refused == MAX_REFUSED {
-                return Err(InformationError::Diverged { refused: course.refused });
-            }
-        }
-        Ok(())
-    }
-
-    /// Puts a model in place of the one that is fitted, of which some weights may differ.
-    pub fn replace(&mut self, model: &mut CausalModel, other: CausalModel) {
-        self.optimizer.adopt(&model.weights, &other.weights);
-        *model = other;
-    }
-
-    pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
-        self.optimizer.result(&model.weights).to_vec()
-    }
-}
-
-/// What the network is given of patches, and what it predicts.
-pub(super) fn inputs(model: &CausalModel, patches: &PatchBatch, seed: u64) -> Result<Inputs, InformationError> {
-    super::model::check(patches.noisy.view())?;
-    let mut inputs = model.conditioning.inputs(patches.noisy.view());
-    if let Some(clean) = &patches.clean {
-        inputs.targets = model.conditioning.targets(clean.view(), seed ^ REDRAWN);
-    }
-    Ok(inputs)
 }
