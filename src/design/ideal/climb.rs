@@ -19,6 +19,7 @@ use crate::optics::LensletArray;
 const MAX_REFUSED: usize = 30;
 /// Held-out objects that a mask is valued on between two moves, if any.
 const VALUED_AT_ONCE: usize = 8;
+
 /// A mask that is valued while the run goes on from it.
 pub(super) struct Beside<'a> {
     array: &'a LensletArray,
