@@ -11,7 +11,7 @@ use std::ops::ControlFlow;
 use ndarray::Array4;
 
 use super::error::IdealError;
-use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide};
+use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide, Valued};
 use super::imaging::{Imaging, derived_seed};
 use super::merge::merged;
 use super::movement::project;
@@ -227,17 +227,16 @@ impl<'a> Ideal<'a> {
     fn frame(&self, last: bool, watch: &Watched<'_>) -> Result<Frame, IdealError> {
         let (step, array) = (self.state.step, &self.state.array);
         let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
-        let told = self.guide.tells(array, 0..self.guide.held_out(last), &go_on)?;
-        self.frame_of((step, array.clone(), watch.seconds()), told)
+        let value = self.guide.value(array, last, &go_on)?;
+        self.frame_of((step, array.clone(), watch.seconds()), value)
     }
 
-    /// A mask that was there after so many steps and seconds, and what the held-out objects have told through it.
+    /// A mask that was there after so many steps and seconds, and its value.
     fn frame_of(
         &self,
         (step, array, seconds): (usize, LensletArray, f64),
-        told: Vec<f64>,
+        (bits_per_pixel, interval_95): Valued,
     ) -> Result<Frame, IdealError> {
-        let (bits_per_pixel, interval_95) = self.guide.valued(told)?;
         let psf = render_psf(&array, self.imaging.set.planes())?;
         let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
         let measured = self.imaging.noise.draw(encoded.view(), derived_seed(self.settings.seed, 5));

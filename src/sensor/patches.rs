@@ -1,7 +1,5 @@
 //! Random patches of measurements.
 
-use std::ops::Range;
-
 use ndarray::{Array3, ArrayView3, Axis, s};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -58,16 +56,6 @@ impl Patches {
             corner.0 = image;
         }
         Ok(patches)
-    }
-
-    /// Those of a range of the images, which are counted from the first of them.
-    #[must_use]
-    pub fn of_images(mut self, images: Range<usize>) -> Self {
-        self.corners.retain(|(image, _, _)| images.contains(image));
-        for corner in &mut self.corners {
-            corner.0 -= images.start;
-        }
-        self
     }
 
     /// (image, first row, first column) of each patch.

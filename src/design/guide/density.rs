@@ -1,7 +1,5 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
-use std::ops::Range;
-
 use ndarray::{Array3, Axis, concatenate};
 
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
@@ -94,22 +92,10 @@ impl Guide for DensityGuide<'_> {
         Ok(())
     }
 
-    fn held_out(&self, _last: bool) -> usize {
-        self.held_out.count()
-    }
-
-    fn tells(
-        &self,
-        array: &LensletArray,
-        range: Range<usize>,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<f64>, IdealError> {
-        let (clean, noisy) = self.held_out.measured(&self.imaging, array, range)?;
-        Ok(score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?.0)
-    }
-
-    fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError> {
-        self.held_out.value(&told)
+    fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
+        let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
+        let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
+        self.held_out.value(&information)
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {

@@ -4,13 +4,13 @@ mod density;
 mod pixelcnn;
 mod posterior;
 
-use std::ops::{ControlFlow, Range};
+use std::ops::ControlFlow;
 
-use ndarray::{Array3, Array4, Axis};
+use ndarray::{Array3, Array4};
 
 pub(super) use density::DensityGuide;
 pub(super) use pixelcnn::PixelCnnGuide;
-pub(super) use posterior::PosteriorGuide;
+pub(super) use posterior::{PosteriorGuide, bound};
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
@@ -46,48 +46,16 @@ pub(super) type Valued = (f64, [f64; 2]);
 pub(super) type Slopes = Result<Vec<LensletGradient>, IdealError>;
 
 /// A model of measurements that is fitted to the mask again and again.
-pub(super) trait Guide: Sync {
+pub(super) trait Guide {
     /// Turns to a mask, with the weights as they are or, where it is not `warm`, with those that any fit begins with.
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError>;
 
     /// Fits the weights to fresh training measurements of the mask that it follows.
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError>;
 
-    /// Begins a fit to a mask that moves meanwhile; none for guides that are only fitted while the mask waits. The guide stays
-    /// as it is until it [takes](Guide::take) the outcome.
-    fn begin_beside(&self, _fit: &GuideFit) -> Result<Option<DecoderRefit>, IdealError> {
-        Ok(None)
-    }
-
-    /// Goes on with such a fit up to so many of its steps, on measurements of the mask as it is by now. It ends early where
-    /// `go_on` says so.
-    fn fit_beside(
-        &self,
-        _fit: &mut DecoderRefit,
-        _array: &LensletArray,
-        _steps: usize,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<(), IdealError> {
-        Ok(())
-    }
-
-    /// Takes what such a fit has come to.
-    fn take(&mut self, _fit: DecoderRefit) {}
-
-    /// Objects that a value rests on, or the `last` one of a run; a [`Guide::tells`] of them all makes one.
-    fn held_out(&self, last: bool) -> usize;
-
-    /// What each of a range of objects that neither guide nor mask has seen tells through a mask, bits per pixel; the same
-    /// objects every time. It ends early where `go_on` says so.
-    fn tells(
-        &self,
-        array: &LensletArray,
-        range: Range<usize>,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<f64>, IdealError>;
-
-    /// Information and its 95 % interval by what all of these objects tell.
-    fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError>;
+    /// Information of a mask on objects that neither guide nor mask has seen, the same ones every time, and its 95 %
+    /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
+    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError>;
 
     /// The same of a mask that it does not follow, on so many scenes, which the seed decides; none from a guide that knows only
     /// the mask that it follows.
@@ -111,6 +79,14 @@ pub(super) trait Guide: Sync {
 
     /// Whether a value can be too high because the guide has lost track of the mask; bounds from below cannot.
     fn can_overrate(&self) -> bool;
+
+    /// The decoder, for guides that are one: it can be fitted and asked little by little, while the mask moves.
+    fn posterior(&self) -> Option<&PosteriorGuide<'_>> {
+        None
+    }
+
+    /// Takes the outcome of a fit that was done so.
+    fn take(&mut self, _fit: DecoderRefit) {}
 
     /// The density model, for guides that are one.
     fn density_model(&self) -> Option<&CausalModel> {
@@ -145,26 +121,12 @@ impl HeldOut {
         Ok(Self { objects, shared: shared.unwrap_or_default(), patch, seed })
     }
 
-    /// How many they are.
-    fn count(&self) -> usize {
-        self.objects.len_of(Axis(0))
-    }
-
-    /// Clean and noisy patches of the measurements of a range of them, shape (n, rows, cols); the same places and seeds every
-    /// time.
-    fn measured(
-        &self,
-        imaging: &Imaging<'_>,
-        array: &LensletArray,
-        range: Range<usize>,
-    ) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
+    /// Clean and noisy patches of their measurements, shape (n, rows, cols); the same places and seeds every time.
+    fn measured(&self, imaging: &Imaging<'_>, array: &LensletArray) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
         let psf = render_psf(array, imaging.set.planes())?;
-        let objects = self.objects.slice_axis(Axis(0), range.clone().into());
-        let encoded = imaging.convolver(psf.view())?.measure(objects, imaging.bias)?;
-        let (rows, cols) = imaging.plan().measurement_shape();
-        let places = Patches::one_each((self.count(), rows, cols), self.patch, derived_seed(self.seed, PLACES))?;
-        let clean = places.of_images(range.clone()).cut(encoded.view());
-        let noisy = imaging.noise.draw_from(clean.view(), range.start, derived_seed(self.seed, 4));
+        let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
+        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, PLACES))?.cut(encoded.view());
+        let noisy = imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
         Ok((clean, noisy))
     }
 
@@ -172,41 +134,5 @@ impl HeldOut {
     fn value(&self, information: &[f64]) -> Result<Valued, IdealError> {
         let mean = information.iter().sum::<f64>() / information.len() as f64;
         Ok((mean, self.shared.widened(information, mean, paired_interval(information, self.seed)?)))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::objects::{ObjectOptions, ObjectSet};
-    use crate::optics::{Limits, heuristic_layout};
-    use crate::sensor::Noise;
-
-    #[test]
-    fn objects_tell_the_same_part_by_part() {
-        let options = ObjectOptions { field: (47, 47), mean_photons: 100.0 };
-        let set = ObjectSet::open(&"beads:0.02".parse().unwrap(), &options).unwrap();
-        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
-        let (mask, as_seen) = (heuristic_layout(3), ((8, 8), 1));
-        let guides: [Box<dyn Guide + '_>; 3] = [
-            Box::new(PosteriorGuide::new(&imaging, &mask, as_seen).unwrap()),
-            Box::new(DensityGuide::new(&imaging, &mask, &Limits::default(), as_seen).unwrap()),
-            Box::new(PixelCnnGuide::new(&imaging, &mask, as_seen).unwrap()),
-        ];
-        for guide in guides {
-            let all = guide.held_out(false);
-            let tells = |range: Range<usize>| guide.tells(&mask, range, &|| true).unwrap();
-            let whole = tells(0..all);
-            let mut parts = Vec::new();
-            for end in [8, 24, 30, all] {
-                parts.extend(tells(parts.len()..end));
-            }
-            assert_eq!(parts.len(), all);
-            let apart = whole.iter().zip(&parts).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
-            assert!(apart < 1e-5, "{apart}");
-            let (value, [low, high]) = guide.valued(parts).unwrap();
-            assert!(low <= value && value <= high);
-            assert!(whole.iter().any(|bits| (bits - whole[0]).abs() > 1e-3), "objects differ");
-        }
     }
 }

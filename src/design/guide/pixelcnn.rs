@@ -1,7 +1,5 @@
 //! The published model of the measurements, a `PixelCNN`.
 
-use std::ops::Range;
-
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
@@ -78,25 +76,13 @@ impl Guide for PixelCnnGuide<'_> {
         Ok(())
     }
 
-    fn held_out(&self, _last: bool) -> usize {
-        self.held_out.count()
-    }
-
-    fn tells(
-        &self,
-        array: &LensletArray,
-        range: Range<usize>,
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<f64>, IdealError> {
-        let (clean, noisy) = self.held_out.measured(&self.imaging, array, range.clone())?;
-        let noisy = dequantised(noisy.view(), derived_seed(self.seed, 7), range.start as u64);
+    fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
+        let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
+        let noisy = dequantised(noisy.view(), derived_seed(self.seed, 7), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
         let of_noise = self.entropy.patch_bits(clean.view())?;
-        Ok(cross_entropy.iter().zip(of_noise).map(|(all, noise)| all - noise).collect())
-    }
-
-    fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError> {
-        self.held_out.value(&told)
+        let information: Vec<f64> = cross_entropy.iter().zip(of_noise).map(|(all, noise)| all - noise).collect();
+        self.held_out.value(&information)
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {

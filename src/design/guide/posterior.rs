@@ -13,9 +13,8 @@ use crate::information::{
 };
 use crate::optics::{LensletArray, psf_gradient, render_psf};
 
-/// Fresh scenes that a value rests on, and that of the last mask.
-const SAMPLES: usize = 512;
-const LAST_SAMPLES: usize = 2048;
+/// Scenes that the value of the last mask rests on.
+const LAST_SCENES: usize = 2048;
 
 /// The autoregressive decoder of lower bounds.
 pub(in crate::design) struct PosteriorGuide<'a> {
@@ -52,8 +51,47 @@ impl<'a> PosteriorGuide<'a> {
 }
 
 impl PosteriorGuide<'_> {
-    /// What the decoder tells of some of the scenes of a seed through a mask.
-    fn savings(
+    /// Scenes that a value rests on.
+    pub(in crate::design) const SCENES: usize = 512;
+
+    /// Begins a fit from the weights as they are, which stay in use meanwhile.
+    pub(in crate::design) fn refit(
+        &self,
+        &GuideFit { steps, seed, warm }: &GuideFit,
+    ) -> Result<DecoderRefit, IdealError> {
+        let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
+        if warm {
+            fit.rate *= WARM_RATE;
+        }
+        Ok(DecoderRefit::new(fit, &self.decoder)?)
+    }
+
+    /// Goes on with such a fit up to so many of its steps, on measurements through a mask. It ends early where `go_on` says so.
+    pub(in crate::design) fn fit_on(
+        &self,
+        refit: &mut DecoderRefit,
+        (array, steps): (&LensletArray, usize),
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<(), IdealError> {
+        if refit.steps() < steps {
+            let channel = channel(self.imaging, array, self.patch)?;
+            let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+            refit.go_on(&channel, steps, watch)?;
+        }
+        Ok(())
+    }
+
+    /// What the decoder tells of some of the scenes of a value through a mask; all of them make it a [`bound`].
+    pub(in crate::design) fn savings(
+        &self,
+        array: &LensletArray,
+        scenes: Range<usize>,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, IdealError> {
+        self.savings_of(array, (scenes, derived_seed(self.seed, 6)), go_on)
+    }
+
+    fn savings_of(
         &self,
         array: &LensletArray,
         (scenes, seed): (Range<usize>, u64),
@@ -62,19 +100,10 @@ impl PosteriorGuide<'_> {
         let channel = channel(self.imaging, array, self.patch)?;
         Ok(decoder_savings(&self.decoder, &channel, seed, scenes, go_on)?)
     }
-
-    fn begun(&self, fit: &GuideFit) -> Result<DecoderRefit, IdealError> {
-        let &GuideFit { steps, seed, warm } = fit;
-        let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
-        if warm {
-            fit.rate *= WARM_RATE;
-        }
-        Ok(DecoderRefit::new(fit, &self.decoder)?)
-    }
 }
 
-/// Information and its 95 % interval by what all scenes tell.
-fn bound(savings: Vec<f64>) -> Valued {
+/// Information and its 95 % interval by what all scenes of a value tell.
+pub(in crate::design) fn bound(savings: Vec<f64>) -> Valued {
     let bound = QuickLowerBound::of_savings(savings);
     (bound.bits_per_pixel, bound.interval_95)
 }
@@ -90,50 +119,15 @@ impl Guide for PosteriorGuide<'_> {
 
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
         let steps = fit.steps;
-        let mut refit = self.begun(fit)?;
+        let mut refit = self.refit(fit)?;
         refit.go_on(&self.channel, steps, &mut |step: usize| watch(step as f64 / steps as f64))?;
-        self.decoder = refit.decoder();
+        self.take(refit);
         Ok(())
     }
 
-    fn begin_beside(&self, fit: &GuideFit) -> Result<Option<DecoderRefit>, IdealError> {
-        Ok(Some(self.begun(fit)?))
-    }
-
-    fn fit_beside(
-        &self,
-        fit: &mut DecoderRefit,
-        array: &LensletArray,
-        steps: usize,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<(), IdealError> {
-        if fit.steps() < steps {
-            let channel = channel(self.imaging, array, self.patch)?;
-            let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-            fit.go_on(&channel, steps, watch)?;
-        }
-        Ok(())
-    }
-
-    fn take(&mut self, fit: DecoderRefit) {
-        self.decoder = fit.decoder();
-    }
-
-    fn held_out(&self, last: bool) -> usize {
-        if last { LAST_SAMPLES } else { SAMPLES }
-    }
-
-    fn tells(
-        &self,
-        array: &LensletArray,
-        range: Range<usize>,
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Vec<f64>, IdealError> {
-        self.savings(array, (range, derived_seed(self.seed, 6)), go_on)
-    }
-
-    fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError> {
-        Ok(bound(told))
+    fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
+        let scenes = if last { LAST_SCENES } else { Self::SCENES };
+        Ok(bound(self.savings(array, 0..scenes, go_on)?))
     }
 
     fn foreseen(
@@ -142,7 +136,15 @@ impl Guide for PosteriorGuide<'_> {
         (samples, seed): (usize, u64),
         go_on: &dyn Fn() -> bool,
     ) -> Result<Option<Valued>, IdealError> {
-        Ok(Some(bound(self.savings(array, (0..samples, seed), go_on)?)))
+        Ok(Some(bound(self.savings_of(array, (0..samples, seed), go_on)?)))
+    }
+
+    fn posterior(&self) -> Option<&PosteriorGuide<'_>> {
+        Some(self)
+    }
+
+    fn take(&mut self, fit: DecoderRefit) {
+        self.decoder = fit.decoder();
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {
@@ -195,6 +197,26 @@ fn by_psf(by_spot: ArrayView3<'_, f64>, bead: &Array2<f64>) -> Array3<f64> {
 mod tests {
     use super::*;
     use crate::design::spots_on_sensor;
+    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::optics::heuristic_layout;
+    use crate::sensor::Noise;
+
+    #[test]
+    fn scenes_tell_the_same_part_by_part() {
+        let options = ObjectOptions { field: (47, 47), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.02".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let mask = heuristic_layout(3);
+        let guide = PosteriorGuide::new(&imaging, &mask, ((8, 8), 1)).unwrap();
+        let savings = |scenes: Range<usize>| guide.savings(&mask, scenes, &|| true).unwrap();
+        let mut parts = Vec::new();
+        for end in [8, 24, 30, 300, PosteriorGuide::SCENES] {
+            parts.extend(savings(parts.len()..end));
+        }
+        assert_eq!(parts, savings(0..PosteriorGuide::SCENES));
+        assert!(parts.iter().any(|bits| (bits - parts[0]).abs() > 1e-3), "scenes differ");
+        assert_eq!(bound(parts), guide.value(&mask, false, &|| true).unwrap());
+    }
 
     #[test]
     fn slopes_are_pulled_back_by_the_adjoint_of_the_blur() {

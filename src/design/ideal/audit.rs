@@ -55,7 +55,7 @@ impl Ideal<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::{ControlFlow, Range};
+    use std::ops::ControlFlow;
 
     use super::super::tests::{beads, small, without_weights};
     use super::*;
@@ -104,21 +104,8 @@ mod tests {
             if fit.warm { Ok(()) } else { self.0.restore(&without_weights(self.0.to_bytes(Vec::new())?)) }
         }
 
-        fn held_out(&self, last: bool) -> usize {
-            self.0.held_out(last)
-        }
-
-        fn tells(
-            &self,
-            array: &LensletArray,
-            range: Range<usize>,
-            go_on: &dyn Fn() -> bool,
-        ) -> Result<Vec<f64>, IdealError> {
-            self.0.tells(array, range, go_on)
-        }
-
-        fn valued(&self, told: Vec<f64>) -> Result<Valued, IdealError> {
-            self.0.valued(told)
+        fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
+            self.0.value(array, last, go_on)
         }
 
         fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {

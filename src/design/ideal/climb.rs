@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::{BESIDE_SEEDS, Ideal, STEP_SEEDS};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
-use crate::design::guide::GuideFit;
+use crate::design::guide::{GuideFit, PosteriorGuide, bound};
 use crate::design::imaging::derived_seed;
 use crate::design::movement::{PARAMETERS, by_parameters};
 use crate::design::state::IdealEvent;
@@ -17,87 +17,74 @@ use crate::optics::LensletArray;
 
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
-/// Held-out objects that a mask is valued on between two moves, if any.
+/// Scenes that a mask is valued on between two moves, if any.
 const VALUED_AT_ONCE: usize = 8;
-
-/// A mask that is valued while the run goes on from it.
-pub(super) struct Beside<'a> {
-    array: &'a LensletArray,
-    told: Vec<f64>,
-}
+const _: () = assert!(PosteriorGuide::SCENES.is_multiple_of(VALUED_AT_ONCE), "none is left over");
 
 impl Ideal<'_> {
     /// Takes the steps of a round, and values the mask as it is now between them.
     pub(super) fn climb_and_value(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
         let (step, array, seconds) = (self.state.step, self.state.array.clone(), watch.seconds());
-        let mut beside = Beside { array: &array, told: Vec::new() };
-        self.climb(Some(&mut beside), watch)?;
-        let told = beside.told;
-        let frame = self.frame_of((step, array, seconds), told)?;
+        let savings = self.climb(Some(&array), watch)?;
+        let frame = self.frame_of((step, array, seconds), bound(savings))?;
         self.state.frames.push(frame);
         self.take_back()
     }
 
-    /// Takes the steps of a round. A guide that can follow the mask does.
-    pub(super) fn climb(&mut self, mut beside: Option<&mut Beside<'_>>, watch: &Watched<'_>) -> Result<(), IdealError> {
+    /// Takes the steps of a round. A decoder is fitted for the next one meanwhile, and tells of the scenes of a value through a
+    /// mask that is `valued`; what it told comes back.
+    pub(super) fn climb(&mut self, valued: Option<&LensletArray>, watch: &Watched<'_>) -> Result<Vec<f64>, IdealError> {
         let steps = self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step));
-        let mut fit = None;
-        if self.settings.warm && steps > 0 {
+        let moves = self.settings.moves.min(self.settings.patches);
+        let turns = steps * moves;
+        let (mut refit, mut savings) = (None, Vec::new());
+        if let Some(posterior) = self.guide.posterior().filter(|_| self.settings.warm && steps > 0) {
             let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
-            fit = self.guide.begin_beside(&GuideFit { steps: self.settings.refit, seed, warm: true })?;
+            refit = Some(posterior.refit(&GuideFit { steps: self.settings.refit, seed, warm: true })?);
         }
-        let moves = self.moves();
         let mut gradient = vec![[0.0; PARAMETERS]; self.state.array.lenslets.len()];
-        for turn in 0..steps * moves {
-            let due = |all: usize| all * (turn + 1) / (steps * moves);
+        for turn in 1..=turns {
+            let part = (turn - 1) % moves;
             let (mut fitted, is_given_up) = (Ok(()), AtomicBool::new(false));
             let slopes = rayon::in_place_scope(|scope| {
-                if let Some(fit) = &mut fit {
-                    let (guide, array, steps) = (&self.guide, &self.state.array, due(self.settings.refit));
+                if let (Some(refit), Some(posterior)) = (&mut refit, self.guide.posterior()) {
+                    let due = (&self.state.array, self.settings.refit * turn / turns);
                     let (fitted, go_on) = (&mut fitted, || !is_given_up.load(Ordering::Relaxed));
-                    scope.spawn(move |_| *fitted = guide.fit_beside(fit, array, steps, &go_on));
+                    scope.spawn(move |_| *fitted = posterior.fit_on(refit, due, &go_on));
                 }
-                let slopes = self.value_and_slopes(beside.as_deref_mut(), (turn, steps * moves), watch);
+                let told = valued.map_or(Ok(()), |array| self.value_until(array, (turn, turns), &mut savings, watch));
+                let slopes = told.and_then(|()| self.slopes((part, moves), watch));
                 is_given_up.store(slopes.is_err(), Ordering::Relaxed);
                 slopes
             })?;
             fitted?;
-            self.go((turn % moves, moves), slopes, &mut gradient)?;
+            self.go((part, moves), &slopes, &mut gradient)?;
             self.state.seconds = watch.seconds();
             if watch.tell(&self.state, None).is_break() {
                 return Err(InformationError::Cancelled.into());
             }
         }
-        if let Some(fit) = fit {
-            self.guide.take(fit);
+        if let Some(refit) = refit {
+            self.guide.take(refit);
             self.state.followed = true;
         }
-        Ok(())
+        Ok(savings)
     }
 
-    /// The slopes at one of the `turns` of a round, after the share of the value that is due by then.
-    fn value_and_slopes(
+    /// Adds to the savings of the scenes of a value what is due by a turn.
+    fn value_until(
         &self,
-        beside: Option<&mut Beside<'_>>,
+        array: &LensletArray,
         (turn, turns): (usize, usize),
+        savings: &mut Vec<f64>,
         watch: &Watched<'_>,
-    ) -> Result<Vec<[f64; PARAMETERS]>, IdealError> {
-        if let Some(Beside { array, told }) = beside {
-            let all = self.guide.held_out(false);
-            let due = all * (turn + 1) / turns;
-            let due = if turn + 1 == turns { due } else { due / VALUED_AT_ONCE * VALUED_AT_ONCE };
-            if told.len() < due {
-                let go_on = || watch.tell(&self.state, None).is_continue();
-                told.extend(self.guide.tells(array, told.len()..due, &go_on)?);
-            }
+    ) -> Result<(), IdealError> {
+        let due = PosteriorGuide::SCENES * turn / turns / VALUED_AT_ONCE * VALUED_AT_ONCE;
+        if let Some(posterior) = self.guide.posterior().filter(|_| savings.len() < due) {
+            let go_on = || watch.tell(&self.state, None).is_continue();
+            savings.extend(posterior.savings(array, savings.len()..due, &go_on)?);
         }
-        let moves = self.moves();
-        self.slopes((turn % moves, moves), watch)
-    }
-
-    /// Moves of a step, each of which takes a patch at least.
-    fn moves(&self) -> usize {
-        self.settings.moves.min(self.settings.patches)
+        Ok(())
     }
 
     /// The slopes of the information by what can move, by a share of the objects of a step.
@@ -121,7 +108,7 @@ impl Ideal<'_> {
     fn go(
         &mut self,
         (part, moves): (usize, usize),
-        slopes: Vec<[f64; PARAMETERS]>,
+        slopes: &[[f64; PARAMETERS]],
         gradient: &mut [[f64; PARAMETERS]],
     ) -> Result<(), IdealError> {
         if part == 0 {

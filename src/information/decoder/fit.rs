@@ -185,6 +185,11 @@ impl Course {
         Self { mover: Mover::new(decoder), steps: 0, saved_per_site: 0.0 }
     }
 
+    /// Share of the steps of a fit that is over.
+    fn share(&self, fit: &DecoderFit) -> f64 {
+        self.steps as f64 / fit.steps.max(1) as f64
+    }
+
     /// One step on fresh samples of a scene.
     fn step(
         &mut self,
@@ -232,7 +237,7 @@ impl DecoderRefit {
         let scene = Scene::new(channel)?;
         let mut passes = Passes::new(&scene, decoder);
         while course.steps < steps.min(fit.steps) {
-            let done = course.steps as f64 / fit.steps as f64;
+            let done = course.share(fit);
             course.step(fit, &scene, (decoder, &mut passes), done)?;
             if watch(course.steps).is_break() {
                 return Err(InformationError::Cancelled);
@@ -284,7 +289,7 @@ impl<'a> Run<'a> {
             Some(budget) => {
                 self.started.elapsed().as_secs_f64() / (budget.as_secs_f64() * (1.0 - TEST_SHARE)).max(1e-9)
             }
-            None => self.course.steps as f64 / self.fit.steps.max(1) as f64,
+            None => self.course.share(self.fit),
         }
     }
 
