@@ -34,16 +34,16 @@ mod trial;
 
 /// Version of the numbers: that of the program, and how often the same settings have come to give other numbers. It stands in all
 /// records; numbers of different versions do not belong into one table, nor does a fit go on from that of another.
-pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+5");
+pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+6");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
-    Beginning, CausalFit, CausalModel, CausalRequest, CausalShape, CausalStart, FirstFitProgress, FirstScene,
-    FirstWeights, FitKeeper, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate, causal_model,
-    information_map, information_over, score,
+    Beginning, CausalFit, CausalModel, CausalRefit, CausalRequest, CausalShape, CausalStart, FirstFitProgress,
+    FirstScene, FirstWeights, FitKeeper, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate,
+    causal_model, information_map, information_over, score,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};

@@ -25,21 +25,34 @@ enum State {
     Muon(Muon),
 }
 
+/// Which steps an average of the weights is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Averaging {
+    /// None: the weights are those of the last step.
+    Off,
+    /// The last tenth of all steps so far.
+    LastTenth,
+    /// About so many of the last steps. Before the first one weights were those that it began with.
+    Last(usize),
+}
+
 /// Moves all weights of a network, and averages them where that is wanted.
 #[derive(Clone, Debug)]
 pub struct Optimizer {
     states: Vec<(usize, State)>,
-    /// Average of the weights over the last steps.
+    averaging: Averaging,
     average: Option<Vec<f32>>,
     steps: usize,
 }
 
-/// Share of all steps so far that the average reaches back over.
-const AVERAGED_SHARE: f32 = 0.1;
-
 impl Optimizer {
     /// For the weights of a layout; `rule` tells how each tensor moves. Vectors given to Muon move by Adam.
-    pub fn new(layout: &ParameterLayout, weights: &[f32], average: bool, rule: impl Fn(&Tensor) -> Rule) -> Self {
+    pub fn new(
+        layout: &ParameterLayout,
+        weights: &[f32],
+        averaging: Averaging,
+        rule: impl Fn(&Tensor) -> Rule,
+    ) -> Self {
         let states = layout.tensors().iter().map(|tensor| {
             let count = tensor.range.len();
             let state = match rule(tensor) {
@@ -53,7 +66,8 @@ impl Optimizer {
             };
             (count, state)
         });
-        Self { states: states.collect(), average: average.then(|| weights.to_vec()), steps: 0 }
+        let average = (averaging != Averaging::Off).then(|| weights.to_vec());
+        Self { states: states.collect(), averaging, average, steps: 0 }
     }
 
     /// One step of `rate` against `scale` times the gradient.
@@ -81,7 +95,12 @@ impl Optimizer {
         });
         weights = &mut *weights;
         if let Some(average) = &mut self.average {
-            moving_average(average, weights, 1.0 / (AVERAGED_SHARE * self.steps as f32 + 1.0));
+            let over = match self.averaging {
+                Averaging::Off => 1.0,
+                Averaging::LastTenth => 0.1 * self.steps as f32 + 1.0,
+                Averaging::Last(steps) => steps.max(1) as f32,
+            };
+            moving_average(average, weights, 1.0 / over);
         }
         self.steps += 1;
     }
@@ -130,5 +149,32 @@ impl Optimizer {
     /// The averaged weights, or those given where there is no average.
     pub fn result<'a>(&'a self, weights: &'a [f32]) -> &'a [f32] {
         self.average.as_deref().unwrap_or(weights)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::Initial;
+
+    #[test]
+    fn weights_are_averaged_over_what_they_are_told_to() {
+        let mut layout = ParameterLayout::default();
+        layout.add("one", &[1], Initial::Zeros);
+        let result = |averaging: Averaging| {
+            let mut weights = vec![0.0];
+            let mut optimizer = Optimizer::new(&layout, &weights, averaging, |_| Rule::Adam);
+            // By a gradient that stays as it is, Adam goes one rate down in every step.
+            for _ in 0..200 {
+                optimizer.step(&mut weights, &[1.0], 1.0, 0.01);
+            }
+            let averaged = optimizer.result(&weights)[0];
+            averaged - weights[0]
+        };
+        assert_eq!(result(Averaging::Off), 0.0);
+        assert!((result(Averaging::Last(1))).abs() < 1e-6);
+        let (tenth, last) = (result(Averaging::LastTenth), result(Averaging::Last(30)));
+        assert!((0.15..0.2).contains(&tenth), "{tenth}");
+        assert!((0.28..0.3).contains(&last), "{last}");
     }
 }

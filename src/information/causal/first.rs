@@ -19,7 +19,7 @@ use super::start::Beginning;
 use super::stream::PatchBatch;
 use crate::information::InformationError;
 use crate::network::{
-    Optimizer, ParameterLayout, WeightsHeader, rate_schedule, read_details, read_weights, write_weights,
+    Averaging, Optimizer, ParameterLayout, WeightsHeader, rate_schedule, read_details, read_weights, write_weights,
 };
 use crate::sensor::Noise;
 
@@ -152,7 +152,7 @@ impl FirstWeights {
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut optimizer = Optimizer::new(&self.layout, &self.weights, true, rule);
+        let mut optimizer = Optimizer::new(&self.layout, &self.weights, Averaging::LastTenth, rule);
         let mut progress = FirstFitProgress::default();
         loop {
             let next: Vec<(u64, u64)> =

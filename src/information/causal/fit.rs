@@ -1,15 +1,16 @@
 //! The fit: small batches of fresh patches, Muon, a rate that rises and falls, averaged weights.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::time::{Duration, Instant};
 
 use super::best::Best;
+use super::conditioning::Inputs;
 use super::keep::{Course, FitKeeper, restore, to_bytes};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::{FitProgress, InformationError, OnProgress};
-use crate::network::{Optimizer, rate_schedule};
+use crate::network::{Averaging, Optimizer, rate_schedule};
 
 /// Patches of one step.
 pub(super) const BATCH: usize = 2;
@@ -111,75 +112,54 @@ impl CausalFit {
         on_step: OnStep<'_>,
     ) -> Result<(usize, Option<usize>), InformationError> {
         let started = Instant::now();
-        let mut optimizer = Optimizer::new(&model.layout, &model.weights, true, rule);
-        let (mut course, mut found) = (Course::default(), None);
+        let (mut mover, mut found) = (Mover::new(model, Averaging::LastTenth), None);
         if let Some(keeper) = keeper
             && let Some(state) = keeper.load()?
         {
-            (course, found) = restore(&state, keeper.key(), model, &mut optimizer).map_err(|error| {
+            (mover.course, found) = restore(&state, keeper.key(), model, &mut mover.optimizer).map_err(|error| {
                 let (path, reason) = (keeper.place(), error.to_string());
                 InformationError::WeightsFile { path, reason }
             })?;
         }
-        let mut best = Best::new(validation, self.done(course.steps, course.before), found);
-        let mut gradients = Gradients::new(model.layout.count());
-        let batch = self.batch.clamp(1, DRAWN);
+        let before = mover.course.before;
+        let mut best = Best::new(validation, self.done(mover.course.steps, before), found);
         let mut kept = Instant::now();
         loop {
             if let Some(keeper) = keeper
                 && kept.elapsed() >= keeper.every()
             {
-                let elapsed = course.before + started.elapsed();
-                keeper.store(&to_bytes(keeper.key(), (&course, elapsed), model, &optimizer, best.found.as_ref())?)?;
+                let so_far = (&mover.course, before + started.elapsed());
+                keeper.store(&to_bytes(keeper.key(), so_far, model, &mover.optimizer, best.found.as_ref())?)?;
                 kept = Instant::now();
             }
-            let seed = self.seed.wrapping_add(course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-            let pool = stream.draw(DRAWN, seed)?;
-            super::model::check(pool.noisy.view())?;
-            let mut inputs = model.conditioning.inputs(pool.noisy.view());
-            if let Some(clean) = &pool.clean {
-                inputs.targets = model.conditioning.targets(clean.view(), seed ^ REDRAWN);
-            }
-            course.draws += 1;
-            for first in (0..=DRAWN - batch).step_by(batch) {
-                let done = self.done(course.steps, course.before + started.elapsed());
+            let inputs = mover.draw(self, model, stream)?;
+            for indices in self.batches() {
+                let done = self.done(mover.course.steps, before + started.elapsed());
                 if done >= 1.0 {
-                    model.weights = optimizer.result(&model.weights).to_vec();
-                    return Ok((course.steps, best.put_into(model)?));
+                    model.weights = mover.averaged(model);
+                    return Ok((mover.course.steps, best.put_into(model)?));
                 }
-                let indices: Vec<usize> = (first..first + batch).collect();
-                let loss = gradients.evaluate(model, &inputs, &indices);
-                let norm = gradients.norm();
-                course.steps += 1;
-                if loss.is_finite() && norm.is_finite() {
-                    let scale = (self.max_norm / norm.max(1e-30)).min(1.0);
-                    let rate = self.rate * course.caution * rate_schedule(done);
-                    optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
-                    let bits = loss / std::f64::consts::LN_2;
-                    let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
-                    course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
-                } else {
-                    course.refused += 1;
-                    course.caution *= 0.5;
-                    if course.refused == MAX_REFUSED {
-                        return Err(InformationError::Diverged { refused: course.refused });
-                    }
-                }
-                let averaged = || optimizer.result(&model.weights).to_vec();
-                let snapshot = || CausalModel { weights: averaged(), ..model.clone() };
-                let elapsed = course.before + started.elapsed();
-                best.look(self.done(course.steps, elapsed), course.steps, &snapshot)?;
-                let progress = self.progress(&course, elapsed);
+                mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
+                let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
+                let elapsed = before + started.elapsed();
+                best.look(self.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
+                let progress = self.progress(&mover.course, elapsed);
                 if on_step(&progress, &snapshot).is_break() {
-                    model.weights = averaged();
+                    model.weights = mover.averaged(model);
                     return Err(InformationError::Cancelled);
                 }
             }
         }
     }
 
+    /// The patches of every step that those drawn at a time are enough for.
+    pub(super) fn batches(&self) -> impl DoubleEndedIterator<Item = Range<usize>> + use<> {
+        let batch = self.batch.clamp(1, DRAWN);
+        (0..DRAWN / batch).map(move |index| index * batch..(index + 1) * batch)
+    }
+
     /// Share of the fit that is over.
-    fn done(&self, steps: usize, elapsed: Duration) -> f64 {
+    pub(super) fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
             FitLength::Steps(all) => steps as f64 / all.max(1) as f64,
             FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),
@@ -202,5 +182,75 @@ impl CausalFit {
             remaining: Some(remaining),
             scored: None,
         }
+    }
+}
+
+/// What moves the weights of a model, and how far it has come.
+pub(super) struct Mover {
+    optimizer: Optimizer,
+    pub course: Course,
+    gradients: Gradients,
+}
+
+impl Mover {
+    pub fn new(model: &CausalModel, averaging: Averaging) -> Self {
+        Self {
+            optimizer: Optimizer::new(&model.layout, &model.weights, averaging, rule),
+            course: Course::default(),
+            gradients: Gradients::new(model.layout.count()),
+        }
+    }
+
+    /// Draws patches for the next steps: what the network is given of them, and what it predicts.
+    pub fn draw(
+        &mut self,
+        fit: &CausalFit,
+        model: &CausalModel,
+        stream: &dyn PatchStream,
+    ) -> Result<Inputs, InformationError> {
+        let seed = fit.seed.wrapping_add(self.course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let pool = stream.draw(DRAWN, seed)?;
+        super::model::check(pool.noisy.view())?;
+        let mut inputs = model.conditioning.inputs(pool.noisy.view());
+        if let Some(clean) = &pool.clean {
+            inputs.targets = model.conditioning.targets(clean.view(), seed ^ REDRAWN);
+        }
+        self.course.draws += 1;
+        Ok(inputs)
+    }
+
+    /// One step of `factor` times the largest rate.
+    pub fn step(
+        &mut self,
+        fit: &CausalFit,
+        model: &mut CausalModel,
+        (inputs, indices): (&Inputs, Range<usize>),
+        factor: f64,
+    ) -> Result<(), InformationError> {
+        let Self { optimizer, course, gradients } = self;
+        let indices: Vec<usize> = indices.collect();
+        let loss = gradients.evaluate(model, inputs, &indices);
+        let norm = gradients.norm();
+        course.steps += 1;
+        if loss.is_finite() && norm.is_finite() {
+            let scale = (fit.max_norm / norm.max(1e-30)).min(1.0);
+            let rate = fit.rate * course.caution * factor;
+            optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
+            let bits = loss / std::f64::consts::LN_2;
+            let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
+            course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
+        } else {
+            course.refused += 1;
+            course.caution *= 0.5;
+            if course.refused == MAX_REFUSED {
+                return Err(InformationError::Diverged { refused: course.refused });
+            }
+        }
+        Ok(())
+    }
+
+    /// The averaged weights.
+    pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
+        self.optimizer.result(&model.weights).to_vec()
     }
 }

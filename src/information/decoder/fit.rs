@@ -13,7 +13,7 @@ use super::gradient::Passes;
 use super::layers::Decoder;
 use super::scene::Scene;
 use crate::information::InformationError;
-use crate::network::{Optimizer, Rule, rate_schedule};
+use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
 
 /// Unrolled steps of the default decoder.
 pub(super) const UNROLLED: usize = 6;
@@ -142,7 +142,7 @@ pub(super) struct Mover {
 
 impl Mover {
     pub fn new(decoder: &Decoder) -> Self {
-        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, true, |tensor| {
+        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, Averaging::LastTenth, |tensor| {
             if tensor.name.starts_with("block") { Rule::Muon } else { Rule::Adam }
         });
         Self { optimizer, moved: 0, refused: 0, mean_norm: 0.0 }

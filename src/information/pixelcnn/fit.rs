@@ -11,7 +11,7 @@ use super::model::{PixelCnn, check};
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
 use crate::information::{FitProgress, InformationError, OnProgress};
-use crate::network::{Optimizer, Rule, rate_schedule};
+use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
 use crate::sensor::Noise;
 
 /// Share of the time of a budgeted fit that validation may take before the last one.
@@ -49,8 +49,8 @@ pub struct PixelCnnFit {
     pub schedule: bool,
     /// Whether hidden matrices move by Muon instead of Adam.
     pub muon: bool,
-    /// Whether the weights are averaged over the last tenth of the steps.
-    pub average: bool,
+    /// Which steps the weights are averaged over.
+    pub averaging: Averaging,
     /// Whether the first mixture is spread over the data, and means and widths, which are in photons, move by the
     /// deviation of the data times the rate.
     pub photon_scale: bool,
@@ -95,7 +95,7 @@ impl PixelCnnFit {
             rate: 1e-3,
             schedule: false,
             muon: false,
-            average: false,
+            averaging: Averaging::Off,
             photon_scale: false,
             max_norm: None,
             max_validation: usize::MAX,
@@ -117,7 +117,7 @@ impl PixelCnnFit {
             rate: 5e-3,
             schedule: true,
             muon: true,
-            average: true,
+            averaging: Averaging::LastTenth,
             photon_scale: true,
             max_norm: Some(1.0),
             max_validation: 64,
@@ -167,7 +167,7 @@ impl PixelCnnFit {
 
     /// Adam for all tensors, or Muon for the matrices between the first and the last layer.
     fn optimizer(&self, model: &PixelCnn) -> Optimizer {
-        Optimizer::new(&model.layout, &model.weights, self.average, |tensor| {
+        Optimizer::new(&model.layout, &model.weights, self.averaging, |tensor| {
             let hidden = tensor.name.starts_with("block") || tensor.name.starts_with("out");
             if self.photon_scale && tensor.name.starts_with("heads") {
                 // Means and widths are in photons, logits are not.
