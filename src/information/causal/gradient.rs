@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::conditioning::InputGradients;
 use super::head::{FARTHEST, exact_loss, level_losses};
 use super::levels::Levels;
-use super::model::{CausalModel, Workspaces};
+use super::model::CausalModel;
 use super::network::{PatchInputs, Workspace};
 use crate::information::reparameterised::{DARKEST, Reparameterised};
 use crate::information::{HeldDensity, InformationError};
@@ -26,11 +26,12 @@ impl HeldDensity for CausalModel {
         self.check_shape(noisy.view())?;
         let inputs = self.conditioning.inputs(noisy.view());
         let pixels = noisy.len() / noisy.len_of(Axis(0)).max(1);
-        let workspaces = Workspaces::default();
         let parts: Vec<PatchLoss> = (0..noisy.len_of(Axis(0)))
             .into_par_iter()
             .with_max_len(1)
-            .map(|index| workspaces.with(self, |workspace| self.loss_by_patch(workspace, inputs.patch(index, pixels))))
+            .map(|index| {
+                self.workspaces.with(self, |workspace| self.loss_by_patch(workspace, inputs.patch(index, pixels)))
+            })
             .collect();
         // Through the prediction all patches go together: its matrix is large.
         let by_predicted: Vec<f32> = parts.iter().flat_map(|part| part.by_predicted.iter().copied()).collect();

@@ -32,6 +32,8 @@ pub struct CausalModel {
     pub(super) layers: Layers,
     pub(super) layout: ParameterLayout,
     pub(super) weights: Vec<f32>,
+    /// Memory for questions, shared with clones: where two patches are asked about at a time, it would take long to make it anew.
+    pub(super) workspaces: Arc<Workspaces>,
 }
 
 impl CausalModel {
@@ -97,7 +99,7 @@ impl CausalModel {
         let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
         let bias = &mut weights[layers.head.bias.clone()];
         bias[..conditioning.levels.count()].copy_from_slice(&conditioning.levels.log_frequencies(images.view()));
-        Self { shape, conditioning: Arc::new(conditioning), layers, layout, weights }
+        Self { shape, conditioning: Arc::new(conditioning), layers, layout, weights, workspaces: Arc::default() }
     }
 
     /// Rows and columns of the patches.
@@ -117,13 +119,12 @@ impl CausalModel {
     pub fn cross_entropy_map(&self, patches: ArrayView3<'_, f32>) -> Result<Array3<f64>, InformationError> {
         self.check_shape(patches)?;
         let mut out = Array3::zeros(patches.dim());
-        let workspaces = Workspaces::default();
         let pixels = self.conditioning.patch.0 * self.conditioning.patch.1;
         for (group, mut bits) in patches.axis_chunks_iter(Axis(0), GROUP).zip(out.axis_chunks_iter_mut(Axis(0), GROUP))
         {
             let inputs = self.conditioning.inputs(group);
             bits.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(index, mut bits)| {
-                workspaces.with(self, |workspace| {
+                self.workspaces.with(self, |workspace| {
                     let inputs = inputs.patch(index, pixels);
                     workspace.forward(&self.layers, &self.weights, inputs);
                     workspace.score(&self.conditioning, inputs, 0.0);
