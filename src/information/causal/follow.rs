@@ -1,6 +1,8 @@
 //! Models that follow a mask while it changes: the same levels and weights, everything else of the measurements as they are
 //! now.
 
+use std::sync::Arc;
+
 use ndarray::{Array3, Axis};
 
 use super::conditioning::{Conditioning, Moments};
@@ -14,6 +16,8 @@ use crate::sensor::Noise;
 
 /// Levels beyond those of a sample that are taken to be in use: others are brighter and darker.
 const MARGIN: usize = 4;
+/// Largest distance in rows or columns, px, over which a far place that moves is still the same one.
+const SAME_PLACE: usize = 2;
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/causal-model", version: 1 };
 
@@ -45,7 +49,7 @@ impl CausalModel {
     }
 
     /// This model for the measurements of a mask that differs little: levels and weights stay; units, linear prediction
-    /// and far places are those of the new measurements.
+    /// and far places are those of the new measurements. What it knew of a far place that it looks at no more is forgotten.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -61,8 +65,16 @@ impl CausalModel {
         conditioning.used =
             (known.used.0.min(used.0.saturating_sub(MARGIN)), known.used.1.max((used.1 + MARGIN).min(last)));
         let (now, before) = (conditioning.used, known.used);
+        let is_other = |(one, other): (&(isize, isize), &(isize, isize))| {
+            one.0.abs_diff(other.0).max(one.1.abs_diff(other.1)) > SAME_PLACE
+        };
+        let places = known.far.iter().zip(&conditioning.far).enumerate();
+        let moved: Vec<usize> = places.filter(|(_, places)| is_other(*places)).map(|(place, _)| place).collect();
         let mut model = Self::unfitted(self.shape.clone(), conditioning, sample, 0);
         model.weights.copy_from_slice(&self.weights);
+        for place in moved {
+            model.forget_far_place(place);
+        }
         for level in before.1 + 1..=now.1 {
             model.start_level(level, before.1, &frequencies);
         }
@@ -83,6 +95,16 @@ impl CausalModel {
         let mut model = Self::unfitted(self.shape.clone(), conditioning, sample, 0);
         model.begin_as_shipped();
         Ok(model)
+    }
+
+    /// Weights of zero for a far place.
+    fn forget_far_place(&mut self, index: usize) {
+        let places = self.conditioning.far.len();
+        for far in self.layers.blocks.iter().filter_map(|block| block.far.as_ref()) {
+            let weights = &mut self.weights[far.wide.kernel.clone()];
+            let of_one = weights.len() / places;
+            weights[index * of_one..(index + 1) * of_one].fill(0.0);
+        }
     }
 
     /// Gives a level that comes into use the weights of the nearest one that was in use: while nothing was measured there
@@ -128,7 +150,7 @@ impl CausalModel {
         let mut conditioning = Conditioning::clone(&self.conditioning);
         conditioning.far = far;
         conditioning.used = used.ok_or_else(|| missing("used"))?;
-        self.conditioning = std::sync::Arc::new(conditioning);
+        self.conditioning = Arc::new(conditioning);
         Ok(self)
     }
 }
@@ -139,7 +161,10 @@ fn missing(name: &str) -> NetworkError {
 
 #[cfg(test)]
 mod tests {
+    use ndarray::Array2;
+
     use super::*;
+    use crate::information::causal::start::Beginning;
     use crate::network::read_detail;
 
     fn batch(peak: f32, count: usize) -> PatchBatch {
@@ -188,5 +213,49 @@ mod tests {
             other.cross_entropy_map(dim.noisy.view()).unwrap()
         );
         assert!(first.with_state(&bytes[..bytes.len() - 4]).is_err());
+    }
+
+    #[test]
+    fn far_places_are_forgotten_where_others_are_looked_at_and_stay_where_none_takes_theirs() {
+        // Copies of all that is seen at a distance to the right, half as bright.
+        let copies = |distance: Option<f64>| {
+            let autocovariance = Array2::from_shape_fn((11, 41), |(row, col)| {
+                let (down, right) = (row as f64 - 5.0, col as f64 - 20.0);
+                let blob = |right: f64| (-0.3 * (down * down + right * right)).exp();
+                let copies = distance.map_or(0.0, |distance| blob(right - distance) + blob(right + distance));
+                let noise = if (down, right) == (0.0, 0.0) { 20.0 } else { 0.0 };
+                100.0 * (1.25 * blob(right) + 0.5 * copies) + noise
+            });
+            Moments { mean: 30.0, autocovariance }
+        };
+        let clean = Array3::from_shape_fn((8, 6, 21), |(n, r, c)| ((n * 7 + r * 5 + c * 3) % 40 + 10) as f32);
+        let sample = PatchBatch { noisy: Noise::Shot.draw(clean.view(), 5), clean: Some(clean) };
+        let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
+        let beginning = Beginning::Drawn;
+        let first = CausalModel::new(shape, Noise::Shot, &sample, &copies(Some(8.0)), beginning, 3).unwrap();
+        let place = first.conditioning.far.iter().position(|place| *place == (0, -8)).unwrap();
+        let follow = |distance| {
+            let then = first.following(&sample, &copies(distance)).unwrap();
+            (then.conditioning.far[place], then.weights)
+        };
+        let (there, known) = follow(Some(8.0));
+        assert_eq!(there, (0, -8));
+        let changed = |weights: &[f32]| weights.iter().zip(&known).filter(|(now, before)| now != before).count();
+        for (distance, expected) in [(Some(9.0), (0, -9)), (None, (0, -8))] {
+            let (there, weights) = follow(distance);
+            assert_eq!((there, changed(&weights)), (expected, 0));
+        }
+        let (there, weights) = follow(Some(14.0));
+        assert_eq!(there, (0, -14));
+        let mut forgotten = 0;
+        for far in first.layers.blocks.iter().filter_map(|block| block.far.as_ref()) {
+            let kernel = far.wide.kernel.clone();
+            let of_one = kernel.len() / first.conditioning.far.len();
+            let of_place = kernel.start + place * of_one..kernel.start + (place + 1) * of_one;
+            assert!(weights[of_place.clone()].iter().all(|weight| *weight == 0.0));
+            forgotten += known[of_place].iter().filter(|weight| **weight != 0.0).count();
+        }
+        assert!(forgotten > 0);
+        assert_eq!(changed(&weights), forgotten, "all else stays");
     }
 }
