@@ -93,8 +93,12 @@ impl<'a> Ideal<'a> {
             return Err(other("it was started from another mask, scene or setting, or by another version".into()));
         }
         let state = Self::state_in(bytes)?;
-        if !state.frames.is_empty() {
+        if let Some(frame) = state.frames.last() {
             self.guide.restore(bytes)?;
+            if state.followed {
+                // As it was turned to the mask of the round before.
+                self.guide.follow(&frame.array, true)?;
+            }
         }
         self.state = state;
         Ok(self)
@@ -164,8 +168,8 @@ impl<'a> Ideal<'a> {
     }
 
     /// One round: makes the guide ready for the mask as it is, values the mask on held-out objects, and takes the steps
-    /// up to the next round. A guide that can is fitted beside these steps for the next round, and then values the mask that
-    /// the round began with beside them, too. States for [`Ideal::to_bytes`] lie between two rounds.
+    /// up to the next round. A guide that can is fitted beside these steps for the next round; bounds from below are then taken
+    /// beside them, too. States for [`Ideal::to_bytes`] lie between two rounds.
     ///
     /// # Errors
     /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
@@ -174,24 +178,33 @@ impl<'a> Ideal<'a> {
         let watch = Watched::new(watch, self.state.seconds);
         self.prune();
         self.relight(&watch)?;
-        self.guide.follow(&self.state.array, self.settings.warm)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
         let followed = std::mem::take(&mut self.state.followed) && !is_last;
-        if !followed {
-            let steps = match (is_last, is_first || !self.settings.warm) {
-                (true, _) => self.settings.last_fit,
-                (false, true) => self.settings.first_fit,
-                (false, false) => self.settings.refit,
-            };
-            self.fit((steps, 0), &watch)?;
-        }
-        if followed {
-            self.climb_and_value(&watch)?;
-        } else {
-            self.value(is_last, &watch)?;
-            self.climb(None, &watch)?;
+        match (followed, self.guide.can_overrate()) {
+            (false, _) => {
+                let steps = match (is_last, is_first || !self.settings.warm) {
+                    (true, _) => self.settings.last_fit,
+                    (false, true) => self.settings.first_fit,
+                    (false, false) => self.settings.refit,
+                };
+                self.guide.follow(&self.state.array, self.settings.warm)?;
+                self.fit((steps, 0), &watch)?;
+                self.value(is_last, &watch)?;
+                self.climb(None, &watch)?;
+            }
+            // What can be too high is looked into before the mask climbs on, and before the model turns to other far places,
+            // which it does not know at once.
+            (true, true) => {
+                self.value(is_last, &watch)?;
+                self.guide.follow(&self.state.array, true)?;
+                self.climb(None, &watch)?;
+            }
+            (true, false) => {
+                self.guide.follow(&self.state.array, true)?;
+                self.climb_and_value(&watch)?;
+            }
         }
         self.state.seconds = watch.seconds();
         Ok(())

@@ -169,12 +169,12 @@ pub struct IdealSettings {
     pub objective: Objective,
     /// Steps of the mask.
     pub steps: usize,
-    /// Training objects that are measured in one step, one for each of its moves at least; for density models.
+    /// Training objects that are measured in one step, one at least wherever slopes are taken; for density models.
     pub objects: usize,
     /// Patches of these measurements; for the posterior, scenes of a patch each.
     pub patches: usize,
-    /// Moves of the mask in one step, each after its share of the objects and patches; along what was learned by the end of the
-    /// step before, until the last.
+    /// Moves of the mask in one step, along what was learned by the end of the step before, until the last. Between them the slopes
+    /// of its patches are taken, of two at least at a time.
     #[serde(default = "one")]
     pub moves: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.
@@ -184,12 +184,13 @@ pub struct IdealSettings {
     /// Steps of the fit of the first round, and of every round where they are not warm; those of a `PixelCNN` end before
     /// where it gets no better.
     pub first_fit: usize,
-    /// Steps of the fits of the other rounds.
+    /// Steps of the fits of the other rounds, or in the course of one.
     pub refit: usize,
     /// Steps of the fit to the mask in the end.
     pub last_fit: usize,
-    /// Whether the model of a round starts from the one before it. A decoder is then fitted while the mask moves through the round
-    /// before its own, and values the mask that a round began with between the moves of that.
+    /// Whether the model of a round starts from the one before it. The live model then learns before every move of the mask; a
+    /// decoder is fitted while the mask moves through the round before its own, and values the mask that a round began with
+    /// between the moves of that.
     pub warm: bool,
     /// Learning rates.
     pub rates: Rates,
@@ -262,6 +263,8 @@ impl IdealSettings {
                 steps: 1000,
                 objects: 12,
                 patches: 24,
+                // So that whoever watches sees the mask move ten times a second on two cores that draw the window as well.
+                moves: 24,
                 patch: Some((32, 32)),
                 refit_every: 5,
                 first_fit: 1500,

@@ -1,16 +1,20 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
-use ndarray::{Array3, Axis, concatenate};
+use ndarray::{Array3, ArrayView3, Axis, concatenate};
 
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use crate::information::{
-    CausalFit, CausalModel, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, score,
+    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, score,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
+
+/// Factor of the learning rate of a fit that keeps up with a mask. It does not fall, and at twice this rate weights swing more than
+/// they learn.
+const STEADY_RATE: f64 = 0.25;
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
@@ -26,6 +30,8 @@ pub(in crate::design) struct DensityGuide<'a> {
     model: CausalModel,
     /// Measurements through the mask that it follows.
     stream: MeasurementStream<'a>,
+    /// The fit that keeps up with a mask which moves on from there.
+    refit: Option<CausalRefit>,
 }
 
 impl<'a> DensityGuide<'a> {
@@ -66,19 +72,26 @@ impl<'a> DensityGuide<'a> {
         let known = moments.of(psf.view())?;
         let first = CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &known, &extremes, seed)?;
         let model = first.clone();
-        Ok(Self { imaging, moments, patch, seed, entropy, held_out, first, model, stream })
+        Ok(Self { imaging, moments, patch, seed, entropy, held_out, first, model, stream, refit: None })
+    }
+}
+
+impl<'a> DensityGuide<'a> {
+    /// Training measurements through a mask of this PSF.
+    fn seen_through(&self, psf: ArrayView3<'_, f64>) -> Result<MeasurementStream<'a>, IdealError> {
+        Ok(self.imaging.stream(self.imaging.convolver(psf)?, Split::Train, self.patch))
     }
 }
 
 impl Guide for DensityGuide<'_> {
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
-        let convolver = self.imaging.convolver(psf.view())?;
-        self.stream = self.imaging.stream(convolver, Split::Train, self.patch);
+        self.stream = self.seen_through(psf.view())?;
         let sample = self.stream.draw(SAMPLE, derived_seed(self.seed, 2))?;
         let moments = self.moments.of(psf.view())?;
         self.model =
             if warm { self.model.following(&sample, &moments)? } else { self.first.anew(&sample, &moments)? };
+        self.refit = None;
         Ok(())
     }
 
@@ -90,6 +103,22 @@ impl Guide for DensityGuide<'_> {
         }
         fit.fit(&mut self.model, &self.stream, &mut |progress| watch(progress.step as f64 / steps as f64))?;
         Ok(())
+    }
+
+    fn keep_up(
+        &mut self,
+        &GuideFit { steps: all, seed, .. }: &GuideFit,
+        (array, steps): (&LensletArray, usize),
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<bool, IdealError> {
+        let psf = render_psf(array, self.imaging.set.planes())?;
+        let stream = self.seen_through(psf.view())?;
+        let fit = CausalFit::new(FitLength::Steps(all), seed);
+        let fit = CausalFit { rate: STEADY_RATE * fit.rate, ..fit };
+        let refit = self.refit.get_or_insert_with(|| CausalRefit::new(fit, self.model.clone()));
+        refit.go_on(steps, &stream, go_on)?;
+        self.model = refit.model();
+        Ok(true)
     }
 
     fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {

@@ -88,6 +88,17 @@ pub(super) trait Guide {
     /// Takes the outcome of a fit that was done so.
     fn take(&mut self, _fit: DecoderRefit) {}
 
+    /// Goes on up to so many steps with a fit to a mask that moves meanwhile, and knows at once what it has learned. Guides that
+    /// are not fitted so say that they are not.
+    fn keep_up(
+        &mut self,
+        _fit: &GuideFit,
+        (_array, _steps): (&LensletArray, usize),
+        _go_on: &dyn Fn() -> bool,
+    ) -> Result<bool, IdealError> {
+        Ok(false)
+    }
+
     /// The density model, for guides that are one.
     fn density_model(&self) -> Option<&CausalModel> {
         None

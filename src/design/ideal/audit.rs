@@ -104,6 +104,15 @@ mod tests {
             if fit.warm { Ok(()) } else { self.0.restore(&without_weights(self.0.to_bytes(Vec::new())?)) }
         }
 
+        fn keep_up(
+            &mut self,
+            fit: &GuideFit,
+            due: (&LensletArray, usize),
+            go_on: &dyn Fn() -> bool,
+        ) -> Result<bool, IdealError> {
+            self.0.keep_up(fit, due, go_on)
+        }
+
         fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
             self.0.value(array, last, go_on)
         }

@@ -1,5 +1,5 @@
-//! The steps of a round. Each is made of moves that follow one another quickly, and the fit for the next round and the value of
-//! the mask that this one began with are done little by little between them, so that whoever watches sees the mask move on.
+//! The steps of a round. Each is made of moves that follow one another quickly, and what the guide has to learn meanwhile is done
+//! little by little between them, so that whoever watches sees the mask move on.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -17,6 +17,8 @@ use crate::optics::LensletArray;
 
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
+/// Patches whose slopes are taken between two moves, if any: a core has one of them at least.
+const PATCHES_AT_ONCE: usize = 2;
 /// Scenes that a mask is valued on between two moves, if any.
 const VALUED_AT_ONCE: usize = 8;
 const _: () = assert!(PosteriorGuide::SCENES.is_multiple_of(VALUED_AT_ONCE), "none is left over");
@@ -31,24 +33,29 @@ impl Ideal<'_> {
         self.take_back()
     }
 
-    /// Takes the steps of a round. A decoder is fitted for the next one meanwhile, and tells of the scenes of a value through a
-    /// mask that is `valued`; what it told comes back.
+    /// Takes the steps of a round. A density model keeps up with the mask meanwhile; a decoder is fitted for the next round, and
+    /// tells of the scenes of a value through a mask that is `valued`. What it told comes back.
     pub(super) fn climb(&mut self, valued: Option<&LensletArray>, watch: &Watched<'_>) -> Result<Vec<f64>, IdealError> {
         let steps = self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step));
         let moves = self.settings.moves.min(self.settings.patches);
         let turns = steps * moves;
+        let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
+        let fit = GuideFit { steps: self.settings.refit, seed, warm: true };
         let (mut refit, mut savings) = (None, Vec::new());
         if let Some(posterior) = self.guide.posterior().filter(|_| self.settings.warm && steps > 0) {
-            let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
-            refit = Some(posterior.refit(&GuideFit { steps: self.settings.refit, seed, warm: true })?);
+            refit = Some(posterior.refit(&fit)?);
         }
         let mut gradient = vec![[0.0; PARAMETERS]; self.state.array.lenslets.len()];
         for turn in 1..=turns {
-            let part = (turn - 1) % moves;
+            let (part, due) = ((turn - 1) % moves, fit.steps * turn / turns);
+            if self.settings.warm {
+                let go_on = || watch.tell(&self.state, None).is_continue();
+                self.state.followed = self.guide.keep_up(&fit, (&self.state.array, due), &go_on)?;
+            }
             let (mut fitted, is_given_up) = (Ok(()), AtomicBool::new(false));
             let slopes = rayon::in_place_scope(|scope| {
                 if let (Some(refit), Some(posterior)) = (&mut refit, self.guide.posterior()) {
-                    let due = (&self.state.array, self.settings.refit * turn / turns);
+                    let due = (&self.state.array, due);
                     let (fitted, go_on) = (&mut fitted, || !is_given_up.load(Ordering::Relaxed));
                     scope.spawn(move |_| *fitted = posterior.fit_on(refit, due, &go_on));
                 }
@@ -87,19 +94,25 @@ impl Ideal<'_> {
         Ok(())
     }
 
-    /// The slopes of the information by what can move, by a share of the objects of a step.
+    /// The slopes of the information by what can move, by a share of the patches of a step; none where it has none.
     fn slopes(&self, (part, moves): (usize, usize), watch: &Watched<'_>) -> Result<Vec<[f64; PARAMETERS]>, IdealError> {
-        let share = |all: usize| all * (part + 1) / moves - all * part / moves;
+        let (array, patches) = (&self.state.array, self.settings.patches);
+        let due = |part: usize| {
+            if part < moves { patches * part / moves / PATCHES_AT_ONCE * PATCHES_AT_ONCE } else { patches }
+        };
+        let share = due(part + 1) - due(part);
+        if share == 0 {
+            return Ok(vec![[0.0; PARAMETERS]; array.lenslets.len()]);
+        }
         let draw = GradientDraw {
             split: Split::Train,
-            objects: share(self.settings.objects).max(1),
-            patches: share(self.settings.patches),
+            objects: (self.settings.objects * share / patches).max(1),
+            patches: share,
             seed: derived_seed(self.settings.seed, STEP_SEEDS | (part as u64) << 40 | self.state.step as u64),
         };
         let go_on = || watch.tell(&self.state, None).is_continue();
-        let array = &self.state.array;
         let mut slopes = by_parameters(array, &self.guide.slopes(array, &draw, &go_on)?);
-        let weight = draw.patches as f64 / self.settings.patches as f64;
+        let weight = share as f64 / patches as f64;
         slopes.iter_mut().flatten().for_each(|slope| *slope *= weight);
         Ok(slopes)
     }
@@ -139,8 +152,11 @@ impl Ideal<'_> {
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::tests::{few_beads, short};
+    use super::super::tests::{beads, few_beads, short, small};
+    use super::*;
     use crate::design::imaging::Imaging;
+    use crate::design::settings::{IdealSettings, Objective, Preset};
+    use crate::design::state::{Doing, IdealProgress};
     use crate::optics::Lenslet;
     use crate::sensor::Noise;
 
@@ -153,7 +169,7 @@ mod tests {
         (ideal.settings.moves, ideal.settings.patches) = (3, 6);
         let mut seen = Vec::new();
         while !ideal.is_finished() {
-            let watch = &mut |progress: &crate::design::IdealProgress<'_>| {
+            let watch = &mut |progress: &IdealProgress<'_>| {
                 seen.push((progress.state.step, progress.state.array.clone()));
                 ControlFlow::Continue(())
             };
@@ -172,5 +188,49 @@ mod tests {
             let (one, other) = (frame.array.lenslets[0], next.array.lenslets[0]);
             assert!((one.x - other.x).abs() <= ideal.settings.rates.position * 1.0001, "a step is no longer than one");
         }
+    }
+
+    #[test]
+    fn a_density_model_keeps_up_with_the_mask_and_resumed_runs_do_the_same() {
+        let set = beads();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            first_fit: 60,
+            // More than the patches that are drawn at a time are enough for.
+            refit: 70,
+            last_fit: 2,
+            steps: 3,
+            patches: 4,
+            moves: 3,
+            objects: 2,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
+        let weights = |ideal: &Ideal<'_>| {
+            let bytes = ideal.guide.to_bytes(Vec::new()).unwrap();
+            let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+            bytes[size_of::<u64>() + header..].to_vec()
+        };
+        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let mut whole = small(&imaging, &settings);
+        advance(&mut whole);
+        let (bytes, before) = (whole.to_bytes().unwrap(), weights(&whole));
+        let mut fitted = 0;
+        let watch = &mut |progress: &IdealProgress<'_>| {
+            fitted += usize::from(progress.doing.is_some_and(|doing| doing.0 == Doing::Fitting));
+            ControlFlow::Continue(())
+        };
+        whole.advance(watch).unwrap();
+        assert_eq!(fitted, 0, "the mask does not wait");
+        assert!(weights(&whole) != before, "for what the model learns");
+        while !whole.is_finished() {
+            advance(&mut whole);
+        }
+        let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
+        while !resumed.is_finished() {
+            advance(&mut resumed);
+        }
+        assert_eq!(resumed.state.array, whole.state.array);
+        assert!(weights(&resumed) == weights(&whole), "to the bit");
     }
 }
