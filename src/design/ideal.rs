@@ -329,10 +329,15 @@ mod tests {
         Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
     }
 
+    /// All numbers of a safetensors file.
+    pub(super) fn weights_in(bytes: &mut [u8]) -> &mut [u8] {
+        let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+        &mut bytes[size_of::<u64>() + header..]
+    }
+
     /// The bytes of a safetensors file with zeros for all numbers.
     pub(super) fn without_weights(mut bytes: Vec<u8>) -> Vec<u8> {
-        let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-        bytes[size_of::<u64>() + header..].fill(0);
+        weights_in(&mut bytes).fill(0);
         bytes
     }
 

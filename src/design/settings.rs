@@ -174,7 +174,7 @@ pub struct IdealSettings {
     /// Patches of these measurements; for the posterior, scenes of a patch each.
     pub patches: usize,
     /// Moves of the mask in one step, along what was learned by the end of the step before, until the last. Between them the slopes
-    /// of its patches are taken, of two at least at a time.
+    /// of its patches are taken, two at a time or more.
     #[serde(default = "one")]
     pub moves: usize,
     /// Rows and columns of a patch in pixels; the whole measurement where it is none.

@@ -42,7 +42,7 @@ pub use parameters::{Initial, ParameterLayout, Tensor};
 pub use parts::{part_range, sum_in_order};
 pub use pool::Pool;
 pub use product::{Write, product, product_of_transposed, product_with_transposed};
-pub use schedule::{rate_schedule, rise};
+pub use schedule::{rate_rise, rate_schedule};
 pub use taps::{Grid, Taps};
 pub use weights_file::{WeightsHeader, read_detail, read_details, read_weights, write_weights};
 pub use window_product::{Window, transposed_kernel, window_product, window_product_by_kernel};

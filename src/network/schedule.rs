@@ -7,11 +7,11 @@ const LEAST: f64 = 0.005;
 /// Factor of the rate when a share `done` (0 to 1) of the schedule is over: a linear rise, and a linear fall to nearly
 /// nothing (Defazio et al. 2023).
 pub fn rate_schedule(done: f64) -> f64 {
-    rise(done).min(1.0 - done).max(LEAST)
+    rate_rise(done).min(1.0 - done).max(LEAST)
 }
 
 /// The same without the fall, for a fit to what changes meanwhile.
-pub fn rise(done: f64) -> f64 {
+pub fn rate_rise(done: f64) -> f64 {
     (done / WARM_UP).clamp(LEAST, 1.0)
 }
 
@@ -25,7 +25,7 @@ mod tests {
         assert!(rate_schedule(0.03) > 0.96);
         assert!((rate_schedule(0.5) - 0.5).abs() < 1e-6);
         assert!((rate_schedule(1.0) - 0.005).abs() < 1e-9);
-        assert_eq!(rise(0.02), rate_schedule(0.02));
-        assert!([0.03, 0.5, 1.0].iter().all(|&done| (rise(done) - 1.0).abs() < 1e-9));
+        assert_eq!(rate_rise(0.02), rate_schedule(0.02));
+        assert!([0.03, 0.5, 1.0].iter().all(|&done| (rate_rise(done) - 1.0).abs() < 1e-9));
     }
 }

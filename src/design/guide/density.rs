@@ -12,10 +12,6 @@ use crate::information::{
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
 
-/// Factor of the learning rate of a fit that keeps up with a mask. It does not fall, and at twice this rate weights swing more than
-/// they learn.
-const STEADY_RATE: f64 = 0.25;
-
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
     /// With the noise that bounds from above.
@@ -74,9 +70,7 @@ impl<'a> DensityGuide<'a> {
         let model = first.clone();
         Ok(Self { imaging, moments, patch, seed, entropy, held_out, first, model, stream, refit: None })
     }
-}
 
-impl<'a> DensityGuide<'a> {
     /// Training measurements through a mask of this PSF.
     fn seen_through(&self, psf: ArrayView3<'_, f64>) -> Result<MeasurementStream<'a>, IdealError> {
         Ok(self.imaging.stream(self.imaging.convolver(psf)?, Split::Train, self.patch))
@@ -113,9 +107,7 @@ impl Guide for DensityGuide<'_> {
     ) -> Result<bool, IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let stream = self.seen_through(psf.view())?;
-        let fit = CausalFit::new(FitLength::Steps(all), seed);
-        let fit = CausalFit { rate: STEADY_RATE * fit.rate, ..fit };
-        let refit = self.refit.get_or_insert_with(|| CausalRefit::new(fit, self.model.clone()));
+        let refit = self.refit.get_or_insert_with(|| CausalRefit::new((all, seed), self.model.clone()));
         refit.go_on(steps, &stream, go_on)?;
         self.model = refit.model();
         Ok(true)

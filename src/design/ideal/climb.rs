@@ -17,7 +17,7 @@ use crate::optics::LensletArray;
 
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
-/// Patches whose slopes are taken between two moves, if any: a core has one of them at least.
+/// Patches whose slopes are taken between two moves, if any, so that two cores are busy.
 const PATCHES_AT_ONCE: usize = 2;
 /// Scenes that a mask is valued on between two moves, if any.
 const VALUED_AT_ONCE: usize = 8;
@@ -152,7 +152,7 @@ impl Ideal<'_> {
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::tests::{beads, few_beads, short, small};
+    use super::super::tests::{beads, few_beads, short, small, weights_in};
     use super::*;
     use crate::design::imaging::Imaging;
     use crate::design::settings::{IdealSettings, Objective, Preset};
@@ -207,9 +207,8 @@ mod tests {
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
         let weights = |ideal: &Ideal<'_>| {
-            let bytes = ideal.guide.to_bytes(Vec::new()).unwrap();
-            let header = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-            bytes[size_of::<u64>() + header..].to_vec()
+            let mut bytes = ideal.guide.to_bytes(Vec::new()).unwrap();
+            weights_in(&mut bytes).to_vec()
         };
         let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         let mut whole = small(&imaging, &settings);

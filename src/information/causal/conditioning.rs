@@ -174,7 +174,7 @@ impl Conditioning {
 
     /// With its far places in the order in which `before` has those next to them, and those of before where nothing takes their
     /// place: what is no peak any more may still tell something.
-    pub fn in_order_of(mut self, before: &[(isize, isize)]) -> Self {
+    pub fn keeping_places_of(mut self, before: &[(isize, isize)]) -> Self {
         self.far = in_order_of(before, self.far);
         for (place, &before) in self.far.iter_mut().zip(before).filter(|(place, _)| **place == NOWHERE) {
             *place = before;

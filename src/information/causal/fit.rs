@@ -159,7 +159,7 @@ impl CausalFit {
     }
 
     /// Share of the fit that is over.
-    pub(super) fn done(&self, steps: usize, elapsed: Duration) -> f64 {
+    fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
             FitLength::Steps(all) => steps as f64 / all.max(1) as f64,
             FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),

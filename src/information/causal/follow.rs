@@ -57,7 +57,7 @@ impl CausalModel {
         check(sample.noisy.view())?;
         let known = &self.conditioning;
         let conditioning = Conditioning::with_levels(known.noise, sample, moments, known.levels.clone())?;
-        let mut conditioning = conditioning.in_order_of(&known.far);
+        let mut conditioning = conditioning.keeping_places_of(&known.far);
         let images = sample.clean.as_ref().unwrap_or(&sample.noisy);
         let frequencies = conditioning.levels.log_frequencies(images.view());
         let last = conditioning.levels.count() - 1;
@@ -65,15 +65,13 @@ impl CausalModel {
         conditioning.used =
             (known.used.0.min(used.0.saturating_sub(MARGIN)), known.used.1.max((used.1 + MARGIN).min(last)));
         let (now, before) = (conditioning.used, known.used);
-        let is_other = |(one, other): (&(isize, isize), &(isize, isize))| {
-            one.0.abs_diff(other.0).max(one.1.abs_diff(other.1)) > SAME_PLACE
-        };
-        let places = known.far.iter().zip(&conditioning.far).enumerate();
-        let moved: Vec<usize> = places.filter(|(_, places)| is_other(*places)).map(|(place, _)| place).collect();
         let mut model = Self::unfitted(self.shape.clone(), conditioning, sample, 0);
         model.weights.copy_from_slice(&self.weights);
-        for place in moved {
-            model.forget_far_place(place);
+        for (index, before) in known.far.iter().enumerate() {
+            let now = model.conditioning.far[index];
+            if before.0.abs_diff(now.0).max(before.1.abs_diff(now.1)) > SAME_PLACE {
+                model.forget_far_place(index);
+            }
         }
         for level in before.1 + 1..=now.1 {
             model.start_level(level, before.1, &frequencies);
