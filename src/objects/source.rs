@@ -114,7 +114,9 @@ impl FromStr for ObjectSource {
         let wrong =
             |expected: &str, found: String| ObjectError::Source { text: text.into(), expected: expected.into(), found };
         let Some((kind, rest)) = text.split_once(':') else {
-            return Err(wrong(CHOICES, "no colon".into()));
+            let path = Path::new(text);
+            let found = if path.exists() { format!("a path; try {}", Self::guess(path)) } else { "no colon".into() };
+            return Err(wrong(CHOICES, found));
         };
         let density = |text: &str| match text.trim().parse::<f64>() {
             Ok(density) if density > 0.0 && density <= 1.0 => Ok(density),
@@ -199,6 +201,15 @@ mod tests {
         ] {
             assert_eq!(ObjectSource::guess(Path::new(name)), of(name.into()));
         }
+    }
+
+    #[test]
+    fn a_path_without_its_kind_is_answered_with_the_likely_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let stack = folder.path().join("stack.npy");
+        std::fs::write(&stack, []).unwrap();
+        let answer = stack.display().to_string().parse::<ObjectSource>().unwrap_err().to_string();
+        assert!(answer.ends_with(&format!("try stack:{}", stack.display())), "{answer}");
     }
 
     #[test]
