@@ -1,6 +1,32 @@
 //! Activations and their derivatives, fused into one pass over the channels.
 
 use super::arithmetic::{exponential, vectorised};
+use super::elementwise::{each, elementwise};
+
+elementwise!(Gate, 2 => 3, |[a, b], _| {
+    let tanh = 2.0 / (1.0 + exponential(-2.0 * a)) - 1.0;
+    let sigmoid = 1.0 / (1.0 + exponential(-b));
+    [tanh, sigmoid, tanh * sigmoid]
+});
+elementwise!(GateBackward, 3 => 2, |[t, s, gradient], _| {
+    [gradient * s * (1.0 - t * t), gradient * t * s * (1.0 - s)]
+});
+elementwise!(Elu, 1 => 1, |[x], _| {
+    let below = exponential(x.min(0.0)) - 1.0;
+    [if x > 0.0 { x } else { below }]
+});
+elementwise!(EluBackward, 1 => 1, |[y], [gradient]| [gradient * (1.0 + y.min(0.0))]);
+elementwise!(Glu, 2 => 2, |[a, b], _| {
+    let sigmoid = 1.0 / (1.0 + exponential(-b));
+    [sigmoid, a * sigmoid]
+});
+elementwise!(GluBackward, 3 => 2, |[s, y, gradient], _| [gradient * s, gradient * y * (1.0 - s)]);
+elementwise!(Silu, 1 => 1, |[x], _| [x / (1.0 + exponential(-x))]);
+elementwise!(SiluPlus, 2 => 1, |[x, other], _| [x / (1.0 + exponential(-x)) + other]);
+elementwise!(SiluBackward, 1 => 1, |[x], [gradient]| {
+    let s = 1.0 / (1.0 + exponential(-x));
+    [gradient * (s * (1.0 + x * (1.0 - s)))]
+});
 
 vectorised! {
     /// Gated activation (van den Oord et al. 2016): `out = tanh(a) sigmoid(b)` where a and b are the first and second half
@@ -13,14 +39,7 @@ vectorised! {
         for ((feature, factor), out) in rows {
             let (a, b) = feature.split_at(channels);
             let (tanh, sigmoid) = factor.split_at_mut(channels);
-            let inputs = a.iter().zip(b);
-            for ((((a, b), tanh), sigmoid), out) in inputs.zip(tanh).zip(sigmoid).zip(out) {
-                let t = 2.0 / (1.0 + exponential(-2.0 * a)) - 1.0;
-                let s = 1.0 / (1.0 + exponential(-b));
-                *tanh = t;
-                *sigmoid = s;
-                *out = t * s;
-            }
+            each(&Gate, [a, b], [tanh, sigmoid, out]);
         }
     }
 }
@@ -33,10 +52,7 @@ vectorised! {
         for ((factor, gradient), out) in rows {
             let (tanh, sigmoid) = factor.split_at(channels);
             let (by_a, by_b) = out.split_at_mut(channels);
-            for ((((t, s), g), by_a), by_b) in tanh.iter().zip(sigmoid).zip(gradient).zip(by_a).zip(by_b) {
-                *by_a = g * s * (1.0 - t * t);
-                *by_b = g * t * s * (1.0 - s);
-            }
+            each(&GateBackward, [tanh, sigmoid, gradient], [by_a, by_b]);
         }
     }
 }
@@ -44,19 +60,14 @@ vectorised! {
 vectorised! {
     /// Exponential linear unit (Clevert et al. 2016): x above 0, `e^x - 1` below.
     pub fn elu<'a>(input: &'a [f32], out: &'a mut [f32]) {
-        for (x, out) in input.iter().zip(out) {
-            let below = exponential(x.min(0.0)) - 1.0;
-            *out = if *x > 0.0 { *x } else { below };
-        }
+        each(&Elu, [input], [out]);
     }
 }
 
 vectorised! {
     /// Multiplies `gradient` by the derivative of [`elu`], taken from its output.
     pub fn elu_backward<'a>(output: &'a [f32], gradient: &'a mut [f32]) {
-        for (y, gradient) in output.iter().zip(gradient) {
-            *gradient *= 1.0 + y.min(0.0);
-        }
+        each(&EluBackward, [output], [gradient]);
     }
 }
 
@@ -69,10 +80,7 @@ vectorised! {
         let rows = features.chunks_exact(2 * channels).zip(sigmoids.chunks_exact_mut(channels));
         for ((feature, sigmoid), out) in rows.zip(out.chunks_exact_mut(channels)) {
             let (a, b) = feature.split_at(channels);
-            for (((a, b), sigmoid), out) in a.iter().zip(b).zip(sigmoid).zip(out) {
-                *sigmoid = 1.0 / (1.0 + exponential(-b));
-                *out = a * *sigmoid;
-            }
+            each(&Glu, [a, b], [sigmoid, out]);
         }
     }
 }
@@ -90,11 +98,7 @@ vectorised! {
         let rows = rows.zip(gradient.chunks_exact(channels)).zip(features.chunks_exact_mut(2 * channels));
         for (((sigmoid, output), gradient), out) in rows {
             let (by_a, by_b) = out.split_at_mut(channels);
-            let inputs = sigmoid.iter().zip(output).zip(gradient);
-            for (((s, y), g), (by_a, by_b)) in inputs.zip(by_a.iter_mut().zip(by_b)) {
-                *by_a = g * s;
-                *by_b = g * y * (1.0 - s);
-            }
+            each(&GluBackward, [sigmoid, output, gradient], [by_a, by_b]);
         }
     }
 }
@@ -102,19 +106,21 @@ vectorised! {
 vectorised! {
     /// Sigmoid linear unit (Elfwing et al. 2018): `out = x sigmoid(x)`.
     pub fn silu<'a>(input: &'a [f32], out: &'a mut [f32]) {
-        for (x, out) in input.iter().zip(out) {
-            *out = x / (1.0 + exponential(-x));
-        }
+        each(&Silu, [input], [out]);
+    }
+}
+
+vectorised! {
+    /// `out = silu(input) + other`.
+    pub fn silu_plus<'a>(input: &'a [f32], other: &'a [f32], out: &'a mut [f32]) {
+        each(&SiluPlus, [input, other], [out]);
     }
 }
 
 vectorised! {
     /// Multiplies `gradient` by the derivative of [`silu`] at `input`.
     pub fn silu_backward<'a>(input: &'a [f32], gradient: &'a mut [f32]) {
-        for (x, gradient) in input.iter().zip(gradient) {
-            let s = 1.0 / (1.0 + exponential(-x));
-            *gradient *= s * (1.0 + x * (1.0 - s));
-        }
+        each(&SiluBackward, [input], [gradient]);
     }
 }
 
@@ -193,6 +199,11 @@ mod tests {
             let x = f64::from(*x);
             let slope = (formula(x + 1e-5) - formula(x - 1e-5)) / 2e-5;
             assert!((f64::from(*y) - formula(x)).abs() < 2e-6 && (f64::from(*g) - 3.0 * slope).abs() < 1e-5);
+        }
+        let mut sums = vec![0.0; 50];
+        silu_plus(&input, &numbers(50, 7), &mut sums);
+        for ((sum, y), other) in sums.iter().zip(&out).zip(numbers(50, 7)) {
+            assert!((sum - y - other).abs() < 1e-6);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Adam, and averages of weights over steps.
 
 use super::arithmetic::vectorised;
+use super::elementwise::{Elementwise, each};
 
 /// Decay of the mean of gradients.
 const FIRST_DECAY: f32 = 0.9;
@@ -41,36 +42,60 @@ impl Adam {
         self.steps = self.steps.saturating_add(1);
         let first_bias = 1.0 / (1.0 - FIRST_DECAY.powi(self.steps));
         let second_bias = 1.0 / (1.0 - SECOND_DECAY.powi(self.steps));
-        let factors = [scale, first_bias, second_bias, rate];
-        step(weights, gradient, &mut self.first, &mut self.second, factors);
+        let moved = Moved { scale, first_bias, second_bias, rate };
+        step(moved, gradient, &mut self.first, &mut self.second, weights);
+    }
+}
+
+/// What a step makes of both means and of a weight, given its gradient.
+struct Moved {
+    scale: f32,
+    first_bias: f32,
+    second_bias: f32,
+    rate: f32,
+}
+
+impl Elementwise<1, 3> for Moved {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
+    fn apply(&self, [gradient]: [f32; 1], [first, second, weight]: [f32; 3]) -> [f32; 3] {
+        let gradient = gradient * self.scale;
+        let first = FIRST_DECAY * first + (1.0 - FIRST_DECAY) * gradient;
+        let second = SECOND_DECAY * second + (1.0 - SECOND_DECAY) * gradient * gradient;
+        let step = self.rate * (first * self.first_bias) / ((second * self.second_bias).sqrt() + EPSILON);
+        [first, second, weight - step]
     }
 }
 
 vectorised! {
     fn step<'a>(
-        weights: &'a mut [f32],
+        moved: Moved,
         gradient: &'a [f32],
         first: &'a mut [f32],
         second: &'a mut [f32],
-        factors: [f32; 4],
+        weights: &'a mut [f32],
     ) {
-        let [scale, first_bias, second_bias, rate] = factors;
-        let moments = first.iter_mut().zip(second);
-        for ((weight, gradient), (first, second)) in weights.iter_mut().zip(gradient).zip(moments) {
-            let gradient = gradient * scale;
-            *first = FIRST_DECAY * *first + (1.0 - FIRST_DECAY) * gradient;
-            *second = SECOND_DECAY * *second + (1.0 - SECOND_DECAY) * gradient * gradient;
-            *weight -= rate * (*first * first_bias) / ((*second * second_bias).sqrt() + EPSILON);
-        }
+        each(&moved, [gradient], [first, second, weights]);
+    }
+}
+
+/// A share of the way to another number.
+struct Nearer {
+    share: f32,
+}
+
+impl Elementwise<1, 1> for Nearer {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
+    fn apply(&self, [weight]: [f32; 1], [average]: [f32; 1]) -> [f32; 1] {
+        [average + self.share * (weight - average)]
     }
 }
 
 vectorised! {
     /// `average += share (weights - average)`.
     pub fn moving_average<'a>(average: &'a mut [f32], weights: &'a [f32], share: f32) {
-        for (average, weight) in average.iter_mut().zip(weights) {
-            *average += share * (weight - *average);
-        }
+        each(&Nearer { share }, [weights], [average]);
     }
 }
 

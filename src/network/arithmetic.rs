@@ -6,14 +6,16 @@
 /// The choice is made at run time, so one program runs on any machine of its architecture. The body must be part of the
 /// function that the choice leads to, which an attribute on a closure cannot ask for; hence the struct.
 macro_rules! vectorised {
-    ($(#[$meta:meta])* $visibility:vis fn $name:ident<$life:lifetime>($($argument:ident: $kind:ty),* $(,)?) $body:block) => {
+    ($(#[$meta:meta])* $visibility:vis fn $name:ident<$life:lifetime $(, const $constant:ident: usize)?>(
+        $($argument:ident: $kind:ty),* $(,)?
+    ) $body:block) => {
         $(#[$meta])*
-        $visibility fn $name<$life>($($argument: $kind),*) {
-            struct Work<$life> {
+        $visibility fn $name<$life $(, const $constant: usize)?>($($argument: $kind),*) {
+            struct Work<$life $(, const $constant: usize)?> {
                 $($argument: $kind,)*
                 lifetime: std::marker::PhantomData<&$life ()>,
             }
-            impl pulp::NullaryFnOnce for Work<'_> {
+            impl$(<const $constant: usize>)? pulp::NullaryFnOnce for Work<'_ $(, $constant)?> {
                 type Output = ();
                 #[inline(always)]
                 fn call(self) {
@@ -21,7 +23,8 @@ macro_rules! vectorised {
                     $body
                 }
             }
-            pulp::Arch::new().dispatch(Work { $($argument,)* lifetime: std::marker::PhantomData });
+            let work: Work<'_ $(, $constant)?> = Work { $($argument,)* lifetime: std::marker::PhantomData };
+            pulp::Arch::new().dispatch(work);
         }
     };
 }

@@ -1,6 +1,7 @@
 //! Biases: one number per channel for every pixel, and their gradients.
 
 use super::arithmetic::vectorised;
+use super::elementwise::{Added, Sum, each};
 
 /// Sets every row of `out` (pixels, channels) to `bias` (channels).
 pub fn fill_bias(bias: &[f32], out: &mut [f32]) {
@@ -14,9 +15,7 @@ vectorised! {
     pub fn add_bias<'a>(bias: &'a [f32], input: &'a [f32], out: &'a mut [f32]) {
         let channels = bias.len();
         for (row, input) in out.chunks_exact_mut(channels).zip(input.chunks_exact(channels)) {
-            for ((out, x), b) in row.iter_mut().zip(input).zip(bias) {
-                *out = x + b;
-            }
+            each(&Sum, [input, bias], [row]);
         }
     }
 }
@@ -26,9 +25,7 @@ vectorised! {
     pub fn column_sums<'a>(values: &'a [f32], sums: &'a mut [f32]) {
         let channels = sums.len();
         for row in values.chunks_exact(channels) {
-            for (sum, value) in sums.iter_mut().zip(row) {
-                *sum += value;
-            }
+            each(&Added, [row], [&mut *sums]);
         }
     }
 }

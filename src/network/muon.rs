@@ -1,5 +1,7 @@
 //! Muon: momentum whose every singular value is made equal, for matrices in the middle of a network.
 
+use super::arithmetic::vectorised;
+use super::elementwise::{Elementwise, each, euclidean_norm};
 use super::product::{Write, product, product_of_transposed, product_with_transposed};
 
 /// Decay of the momentum.
@@ -42,28 +44,17 @@ impl Muon {
     /// Takes one step of `rate` (units of the weights) against `scale` times `gradient`, both (rows, cols).
     pub fn step(&mut self, weights: &mut [f32], gradient: &[f32], scale: f32, rate: f32) {
         let mut direction = vec![0.0; gradient.len()];
-        for ((momentum, gradient), out) in self.momentum.iter_mut().zip(gradient).zip(&mut direction) {
-            let gradient = gradient * scale;
-            *momentum = DECAY * *momentum + gradient;
-            *out = DECAY * *momentum + gradient;
-        }
+        accumulate(scale, gradient, &mut self.momentum, &mut direction);
         let direction = equalised(direction, self.rows, self.cols);
         let factor = rate * MATCHED * (self.rows.max(self.cols) as f32).sqrt();
-        let kept = 1.0 - FORGOTTEN * rate;
-        for (weight, direction) in weights.iter_mut().zip(&direction) {
-            *weight = kept * *weight - factor * direction;
-        }
+        combine(1.0 - FORGOTTEN * rate, -factor, &direction, weights);
     }
 }
 
 /// The matrix with all singular values near 1.
 fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
-    let square: f64 = matrix.iter().map(|x| f64::from(*x).powi(2)).sum();
-    let norm = square.sqrt() as f32 + 1e-7;
     // Keeps what follows far from the largest and the smallest numbers.
-    for x in &mut matrix {
-        *x /= norm;
-    }
+    multiply(1.0 / (euclidean_norm(&matrix) as f32 + 1e-7), &mut matrix);
     // The Gram matrix of the shorter side is the cheaper one; both give the same polynomial.
     let tall = rows > cols;
     let side = rows.min(cols);
@@ -77,19 +68,12 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
         }
         if iteration == 0 {
             // No singular value is above the root of this norm, which is nearer to the largest than that of the matrix is.
-            let norm = gram.iter().map(|g| g * g).sum::<f32>().sqrt().max(1e-12);
-            let root = norm.sqrt();
-            for g in &mut gram {
-                *g /= norm;
-            }
-            for x in &mut matrix {
-                *x /= root;
-            }
+            let norm = euclidean_norm(&gram).max(1e-12) as f32;
+            multiply(1.0 / norm, &mut gram);
+            multiply(1.0 / norm.sqrt(), &mut matrix);
         }
         product(&gram, &gram, (side, side, side), &mut polynomial, Write::Replace);
-        for (p, g) in polynomial.iter_mut().zip(&gram) {
-            *p = b * g + c * *p;
-        }
+        combine(c, b, &gram, &mut polynomial);
         for diagonal in polynomial.iter_mut().step_by(side + 1) {
             *diagonal += a;
         }
@@ -101,6 +85,53 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
         std::mem::swap(&mut matrix, &mut next);
     }
     matrix
+}
+
+/// Momentum, and the direction that looks one step ahead.
+struct Nesterov {
+    scale: f32,
+}
+
+impl Elementwise<1, 2> for Nesterov {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
+    fn apply(&self, [gradient]: [f32; 1], [momentum, _]: [f32; 2]) -> [f32; 2] {
+        let gradient = gradient * self.scale;
+        let momentum = DECAY * momentum + gradient;
+        [momentum, DECAY * momentum + gradient]
+    }
+}
+
+vectorised! {
+    fn accumulate<'a>(scale: f32, gradient: &'a [f32], momentum: &'a mut [f32], direction: &'a mut [f32]) {
+        each(&Nesterov { scale }, [gradient], [momentum, direction]);
+    }
+}
+
+/// So many times what is there and so many times a number.
+struct Combined {
+    own: f32,
+    other: f32,
+}
+
+impl Elementwise<1, 1> for Combined {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
+    fn apply(&self, [number]: [f32; 1], [old]: [f32; 1]) -> [f32; 1] {
+        [self.own * old + self.other * number]
+    }
+}
+
+vectorised! {
+    fn combine<'a>(own: f32, other: f32, numbers: &'a [f32], out: &'a mut [f32]) {
+        each(&Combined { own, other }, [numbers], [out]);
+    }
+}
+
+fn multiply(factor: f32, values: &mut [f32]) {
+    for value in values {
+        *value *= factor;
+    }
 }
 
 #[cfg(test)]

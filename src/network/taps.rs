@@ -3,6 +3,7 @@
 //! Only the taps that a mask leaves open are gathered, so masked ones cost nothing.
 
 use super::arithmetic::vectorised;
+use super::elementwise::{Added, each};
 
 /// A stack of images that lie one after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +48,9 @@ impl Taps {
     /// Writes what each pixel of `input` (pixels, channels) sees to `columns` (pixels, taps, channels).
     pub fn gather(&self, grid: Grid, channels: usize, input: &[f32], columns: &mut [f32]) {
         match channels {
-            48 => gather_48(self, grid, input, columns),
-            64 => gather_64(self, grid, input, columns),
+            8 => gather_of::<8>(self, grid, input, columns),
+            48 => gather_of::<48>(self, grid, input, columns),
+            64 => gather_of::<64>(self, grid, input, columns),
             _ => self.gather_by(grid, channels, input, columns),
         }
     }
@@ -59,19 +61,17 @@ impl Taps {
     fn gather_by(&self, grid: Grid, channels: usize, input: &[f32], columns: &mut [f32]) {
         let wide = self.count() * channels;
         for (line, columns) in columns.chunks_exact_mut(grid.cols * wide).enumerate() {
-            let row = line % grid.rows;
-            for (tap, &(down, right)) in self.offsets.iter().enumerate() {
-                let source = source_line(line, row, down, grid);
-                let (first, last) = seen(grid.cols, right);
-                for (col, column) in columns.chunks_exact_mut(wide).enumerate() {
-                    let out = &mut column[tap * channels..(tap + 1) * channels];
-                    match source {
-                        Some(source) if (first..last).contains(&col) => {
-                            let at = (source * grid.cols).wrapping_add(col).wrapping_add_signed(right) * channels;
-                            out.copy_from_slice(&input[at..at + channels]);
-                        }
-                        _ => out.fill(0.0),
-                    }
+            for (tap, &offset) in self.offsets.iter().enumerate() {
+                let Run { first, count, source } = Run::of(grid, line, offset);
+                let part = tap * channels..(tap + 1) * channels;
+                let (before, rest) = columns.split_at_mut(first * wide);
+                let (within, after) = rest.split_at_mut(count * wide);
+                let seen = input[source * channels..].chunks_exact(channels);
+                for (column, pixel) in within.chunks_exact_mut(wide).zip(seen) {
+                    column[part.clone()].copy_from_slice(pixel);
+                }
+                for column in before.chunks_exact_mut(wide).chain(after.chunks_exact_mut(wide)) {
+                    column[part.clone()].fill(0.0);
                 }
             }
         }
@@ -80,8 +80,9 @@ impl Taps {
     /// The transpose of [`Taps::gather`]: adds each column entry to the pixel it was read from.
     pub fn scatter_add(&self, grid: Grid, channels: usize, columns: &[f32], output: &mut [f32]) {
         match channels {
-            48 => scatter_48(self, grid, columns, output),
-            64 => scatter_64(self, grid, columns, output),
+            8 => scatter_of::<8>(self, grid, columns, output),
+            48 => scatter_of::<48>(self, grid, columns, output),
+            64 => scatter_of::<64>(self, grid, columns, output),
             _ => self.scatter_by(grid, channels, columns, output),
         }
     }
@@ -91,17 +92,12 @@ impl Taps {
     fn scatter_by(&self, grid: Grid, channels: usize, columns: &[f32], output: &mut [f32]) {
         let wide = self.count() * channels;
         for (line, columns) in columns.chunks_exact(grid.cols * wide).enumerate() {
-            let row = line % grid.rows;
-            for (tap, &(down, right)) in self.offsets.iter().enumerate() {
-                let Some(source) = source_line(line, row, down, grid) else { continue };
-                let (first, last) = seen(grid.cols, right);
-                for col in first..last {
-                    let at = (source * grid.cols + col).wrapping_add_signed(right) * channels;
-                    let from = col * wide + tap * channels;
-                    let column = &columns[from..from + channels];
-                    for (sum, value) in output[at..at + channels].iter_mut().zip(column) {
-                        *sum += value;
-                    }
+            for (tap, &offset) in self.offsets.iter().enumerate() {
+                let Run { first, count, source } = Run::of(grid, line, offset);
+                let part = tap * channels..(tap + 1) * channels;
+                let columns = columns[first * wide..(first + count) * wide].chunks_exact(wide);
+                for (pixel, column) in output[source * channels..].chunks_exact_mut(channels).zip(columns) {
+                    each(&Added, [&column[part.clone()]], [pixel]);
                 }
             }
         }
@@ -109,41 +105,36 @@ impl Taps {
 }
 
 vectorised! {
-    fn gather_48<'a>(taps: &'a Taps, grid: Grid, input: &'a [f32], columns: &'a mut [f32]) {
-        taps.gather_by(grid, 48, input, columns);
+    fn gather_of<'a, const CHANNELS: usize>(taps: &'a Taps, grid: Grid, input: &'a [f32], columns: &'a mut [f32]) {
+        taps.gather_by(grid, CHANNELS, input, columns);
     }
 }
 
 vectorised! {
-    fn scatter_48<'a>(taps: &'a Taps, grid: Grid, columns: &'a [f32], output: &'a mut [f32]) {
-        taps.scatter_by(grid, 48, columns, output);
+    fn scatter_of<'a, const CHANNELS: usize>(taps: &'a Taps, grid: Grid, columns: &'a [f32], output: &'a mut [f32]) {
+        taps.scatter_by(grid, CHANNELS, columns, output);
     }
 }
 
-vectorised! {
-    fn gather_64<'a>(taps: &'a Taps, grid: Grid, input: &'a [f32], columns: &'a mut [f32]) {
-        taps.gather_by(grid, 64, input, columns);
+/// The pixels of one image line that see others through a tap.
+struct Run {
+    /// Column of the first.
+    first: usize,
+    count: usize,
+    /// Pixel that the first one sees.
+    source: usize,
+}
+
+impl Run {
+    fn of(grid: Grid, line: usize, (down, right): (isize, isize)) -> Self {
+        let row = line % grid.rows;
+        let seen = row.checked_add_signed(down).filter(|seen| *seen < grid.rows);
+        let Some(seen) = seen else { return Self { first: 0, count: 0, source: 0 } };
+        let reach = right.unsigned_abs().min(grid.cols);
+        let (first, skipped) = if right < 0 { (reach, 0) } else { (0, reach) };
+        let source = (line - row + seen) * grid.cols + skipped;
+        Self { first, count: grid.cols - reach, source }
     }
-}
-
-vectorised! {
-    fn scatter_64<'a>(taps: &'a Taps, grid: Grid, columns: &'a [f32], output: &'a mut [f32]) {
-        taps.scatter_by(grid, 64, columns, output);
-    }
-}
-
-/// The image line `down` lines further in the same image.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "called in the loops above")]
-fn source_line(line: usize, row: usize, down: isize, grid: Grid) -> Option<usize> {
-    let target = row.checked_add_signed(down)?;
-    (target < grid.rows).then(|| line - row + target)
-}
-
-/// Columns, first and past the last, whose neighbour `right` columns further lies in the image.
-fn seen(cols: usize, right: isize) -> (usize, usize) {
-    let reach = right.unsigned_abs().min(cols);
-    if right < 0 { (reach, cols) } else { (0, cols - reach) }
 }
 
 #[cfg(test)]
@@ -177,6 +168,7 @@ mod tests {
         let taps = Taps::new(offsets);
         for (channels, grid) in [
             (3, Grid { samples: 2, rows: 5, cols: 4 }),
+            (8, Grid { samples: 1, rows: 4, cols: 3 }),
             (48, Grid { samples: 1, rows: 5, cols: 3 }),
             (64, Grid { samples: 2, rows: 3, cols: 6 }),
         ] {

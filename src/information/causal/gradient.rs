@@ -139,8 +139,8 @@ impl Mixture {
         let scale = f64::from(1.0 + outputs[count]);
         self.before.copy_from_slice(outputs);
         let mut nats = [0.0];
-        let (guesses, shares) = ([guess], &self.shares);
-        level_losses(&levels.photons, &guesses, 1, shares, &[0.0], 1.0, outputs, &mut nats, &mut self.scratch);
+        let likelihoods = [(self.shares.as_slice(), 0.0)];
+        level_losses(&levels.photons, &[guess], &likelihoods, 1.0, outputs, &mut nats, &mut self.scratch);
         let mut nats = f64::from(nats[0]) - largest;
         let (pulls, posteriors) = (&self.scratch[..count], &self.scratch[2 * count..3 * count]);
         let mut by_y = 0.0;

@@ -1,6 +1,6 @@
 //! The density of a pixel: a mixture of the likelihoods of clean levels, weighted by the network.
 
-use crate::network::{exponential, if_not_negligible, logarithm, vectorised};
+use crate::network::{LANES, exponential, if_not_negligible, logarithm, sum_of_lanes, vectorised};
 
 /// A level is never further from the linear prediction than this says, nats.
 pub(super) const FARTHEST: f32 = -30.0;
@@ -12,17 +12,16 @@ vectorised! {
     ///
     /// `outputs` (pixels, levels + 1) holds the outputs of the network, the last of them the weight that the linear
     /// prediction gets beyond 1; it is overwritten with `weight` times the gradient of the loss by them. `guess` holds
-    /// the predicted mean (photons) and -1/2 over its variance, `shares` (pixels, targets, levels) and `log_largest`
-    /// (pixels, targets) the likelihoods of the levels. `losses` (pixels) receives the negative logarithms; infinity where a
+    /// the predicted mean (photons) and -1/2 over its variance, `likelihoods` (pixels, targets) those of all levels relative to the
+    /// largest, and the logarithm of that one. `losses` (pixels) receives the negative logarithms; infinity where a
     /// likelihood relative to the best level is below [`SMALLEST`]. `scratch` is (4, levels): pulls of the prediction,
-    /// weights and posteriors of the levels of the last pixel and target, and room.
+    /// weights and posteriors of the levels of the last pixel and target, and room. The number of levels is a multiple of
+    /// [`LANES`].
     #[allow(clippy::too_many_arguments, reason = "slices of one batch, all needed in the same loop")]
     pub(super) fn level_losses<'a>(
         photons: &'a [f32],
         guess: &'a [(f32, f32)],
-        targets: usize,
-        shares: &'a [f32],
-        log_largest: &'a [f32],
+        likelihoods: &'a [(&'a [f32], f32)],
         weight: f32,
         outputs: &'a mut [f32],
         losses: &'a mut [f32],
@@ -33,9 +32,9 @@ vectorised! {
         let (weights, rest) = rest.split_at_mut(levels);
         let (posteriors, sums) = rest.split_at_mut(levels);
         let sums = &mut sums[..levels];
-        let pixels = outputs.chunks_exact_mut(levels + 1).zip(shares.chunks_exact(targets * levels)).zip(losses);
-        let pixels = pixels.zip(guess).zip(log_largest.chunks_exact(targets));
-        for ((((outputs, shares), loss), &(mean, half)), log_largest) in pixels {
+        let targets = likelihoods.len() / losses.len();
+        let pixels = outputs.chunks_exact_mut(levels + 1).zip(likelihoods.chunks_exact(targets)).zip(losses);
+        for (((outputs, likelihoods), loss), &(mean, half)) in pixels.zip(guess) {
             let (logits, scale) = outputs.split_at_mut(levels);
             let scale_now = 1.0 + scale[0];
             let mut most = [f32::NEG_INFINITY; LANES];
@@ -58,13 +57,13 @@ vectorised! {
                     total[k] += weights[k];
                 }
             }
-            let total = total.iter().sum::<f32>();
+            let total = sum_of_lanes(total);
             let to_weight = weight / total;
             for (sum, weight) in sums.iter_mut().zip(&*weights) {
                 *sum = weight * to_weight;
             }
             let mut nats = 0.0;
-            for (shares, largest_log) in shares.chunks_exact(levels).zip(log_largest) {
+            for (shares, largest_log) in likelihoods {
                 let mut mixture = [0.0_f32; LANES];
                 let lanes = weights.as_chunks::<LANES>().0.iter().zip(shares.as_chunks::<LANES>().0);
                 for ((weights, shares), posteriors) in lanes.zip(posteriors.as_chunks_mut::<LANES>().0) {
@@ -73,7 +72,7 @@ vectorised! {
                         mixture[k] += posteriors[k];
                     }
                 }
-                let mixture = mixture.iter().sum::<f32>();
+                let mixture = sum_of_lanes(mixture);
                 // A share of the mixture that single precision cannot hold is summed elsewhere; it has no gradient here.
                 let trusted = mixture > SMALLEST * total;
                 nats += if trusted { logarithm(total) - logarithm(mixture) - largest_log } else { f32::INFINITY };
@@ -91,13 +90,10 @@ vectorised! {
                     by_scale[k] += sums[k] * pulls[k];
                 }
             }
-            scale[0] = by_scale.iter().sum();
+            scale[0] = sum_of_lanes(by_scale);
         }
     }
 }
-
-/// Levels that are worked on side by side; the number of levels is a multiple.
-const LANES: usize = 16;
 
 /// The loss of one pixel in double precision, nats, from the logarithms of the likelihoods of its levels (any constant
 /// added), and the posterior of every level; `outputs` is overwritten with `weight` times the gradient by it. For what [`level_losses`] cannot hold: without it
@@ -163,7 +159,8 @@ mod tests {
         };
         let mut found = outputs.clone();
         let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 4 * levels]);
-        level_losses(&photons, &guess, targets, &shares, &log_largest, 2.0, &mut found, &mut losses, &mut scratch);
+        let likelihoods: Vec<(&[f32], f32)> = shares.chunks_exact(levels).zip(log_largest).collect();
+        level_losses(&photons, &guess, &likelihoods, 2.0, &mut found, &mut losses, &mut scratch);
         for (pixel, loss) in losses.iter().enumerate() {
             let range = pixel * (levels + 1)..(pixel + 1) * (levels + 1);
             let outputs = &outputs[range.clone()];
@@ -210,7 +207,7 @@ mod tests {
         let mut shares = vec![0.0; 16];
         shares[15] = 1e-30;
         let (mut outputs, mut losses, mut scratch) = (vec![0.0; 17], vec![0.0], vec![0.0; 64]);
-        level_losses(&photons, &[(0.0, -1.0)], 1, &shares, &[0.0], 1.0, &mut outputs, &mut losses, &mut scratch);
+        level_losses(&photons, &[(0.0, -1.0)], &[(&shares, 0.0)], 1.0, &mut outputs, &mut losses, &mut scratch);
         assert!(losses[0] == f32::INFINITY && outputs.iter().all(|x| x.is_finite()));
     }
 }

@@ -221,34 +221,32 @@ impl Levels {
         counts.iter().map(|count| (count / total).ln() as f32).collect()
     }
 
-    /// Likelihoods of all levels for each of `values` (photons): `shares` (pixels, levels) relative to the largest of
-    /// the pixel, whose logarithm goes to `log_largest` (pixels).
-    pub fn likelihoods(&self, values: &[f32], shares: &mut [f32], log_largest: &mut [f32]) {
+    /// Likelihoods of all levels for `y` photons, relative to the largest, and the logarithm of that one. `room` is for as many
+    /// numbers as there are levels.
+    pub fn likelihoods<'a>(&'a self, y: f32, room: &'a mut [f32]) -> (&'a [f32], f32) {
         let levels = self.count();
-        let pixels = values.iter().zip(shares.chunks_exact_mut(levels)).zip(log_largest);
-        for ((&y, shares), log_largest) in pixels {
-            match &self.kernel {
-                // A measured stack can have a pixel below its offset now and then, which then counts as dark.
-                Kernel::Counts(table) if (y as usize) < table.log_largest.len() => {
-                    shares.copy_from_slice(table.row(y as usize, levels));
-                    *log_largest = table.log_largest[y as usize];
-                }
-                Kernel::Grid { first, step, table } => {
-                    let position = (f64::from(y) - first) / step;
-                    if position >= 0.0 && (position as usize) + 1 < table.log_largest.len() {
-                        *log_largest = table.between(position, levels, shares);
-                    } else {
-                        *log_largest = self.directly(y, shares);
-                    }
-                }
-                Kernel::Gaussian { inverse, log_norm } => {
-                    gaussian_logs(&self.photons, inverse, log_norm, y, shares);
-                    *log_largest = largest(shares);
-                    relative(*log_largest, shares);
-                }
-                Kernel::Counts(_) => *log_largest = self.directly(y, shares),
+        let log_largest = match &self.kernel {
+            // A measured stack can have a pixel below its offset now and then, which then counts as dark.
+            Kernel::Counts(table) if (y as usize) < table.log_largest.len() => {
+                return (table.row(y as usize, levels), table.log_largest[y as usize]);
             }
-        }
+            Kernel::Grid { first, step, table } => {
+                let position = (f64::from(y) - first) / step;
+                if position >= 0.0 && (position as usize) + 1 < table.log_largest.len() {
+                    table.between(position, levels, room)
+                } else {
+                    self.directly(y, room)
+                }
+            }
+            Kernel::Gaussian { inverse, log_norm } => {
+                gaussian_logs(&self.photons, inverse, log_norm, y, room);
+                let log_largest = largest(room);
+                relative(log_largest, room);
+                log_largest
+            }
+            Kernel::Counts(_) => self.directly(y, room),
+        };
+        (room, log_largest)
     }
 
     /// `ln P(y | x_l)` without a table, nats.
@@ -391,10 +389,7 @@ mod tests {
         // A pixel below the dark is dark.
         let levels = levels(Noise::Shot, 100.0, true);
         let (mut below, mut dark) = (vec![0.0; levels.count()], vec![0.0; levels.count()]);
-        let mut logs = [0.0; 2];
-        levels.likelihoods(&[-3.0], &mut below, &mut logs[..1]);
-        levels.likelihoods(&[0.0], &mut dark, &mut logs[1..]);
-        assert_eq!((below, logs[0]), (dark, logs[1]));
+        assert_eq!(levels.likelihoods(-3.0, &mut below), levels.likelihoods(0.0, &mut dark));
     }
 
     fn levels(noise: Noise, brightest: f32, counts: bool) -> Levels {
@@ -407,9 +402,8 @@ mod tests {
         let mut shares = vec![0.0; levels.count()];
         let mut sum = 0.0;
         for i in 0..count {
-            let mut log = [0.0];
-            levels.likelihoods(&[(from + i as f64 * step) as f32], &mut shares, &mut log);
-            sum += f64::from(shares[level]) * f64::from(log[0]).exp();
+            let (shares, log) = levels.likelihoods((from + i as f64 * step) as f32, &mut shares);
+            sum += f64::from(shares[level]) * f64::from(log).exp();
         }
         sum * step
     }
@@ -453,9 +447,8 @@ mod tests {
         for (noise, counts) in [(Noise::Shot, true), (Noise::ShotRead { sigma: 2.0 }, false)] {
             let levels = levels(noise, 50.0, counts);
             let mut shares = vec![0.0; levels.count()];
-            let mut log = [0.0];
-            levels.likelihoods(&[5000.0], &mut shares, &mut log);
-            assert!(log[0].is_finite() && log[0] < -1000.0);
+            let (shares, log) = levels.likelihoods(5000.0, &mut shares);
+            assert!(log.is_finite() && log < -1000.0);
             assert_eq!(shares[levels.count() - 1], 1.0);
         }
     }

@@ -14,7 +14,7 @@ use super::shape::{CausalShape, Layers};
 use super::start::Beginning;
 use super::stream::PatchBatch;
 use crate::information::{InformationError, MAX_PATCH_PIXELS};
-use crate::network::{ParameterLayout, Pool, sum_in_order};
+use crate::network::{ParameterLayout, Pool, euclidean_norm, sum_in_order};
 use crate::sensor::Noise;
 
 /// Patches that are made ready and scored at a time.
@@ -211,15 +211,7 @@ impl Gradients {
 
     /// Euclidean norm of the gradient by all weights.
     pub fn norm(&self) -> f64 {
-        // Many sums side by side: one alone waits for every addition.
-        let (lanes, rest) = self.total.as_chunks::<16>();
-        let mut sums = [0.0; 16];
-        for lane in lanes.iter().map(<[f32; 16]>::as_slice).chain([rest]) {
-            for (sum, &x) in sums.iter_mut().zip(lane) {
-                *sum += f64::from(x) * f64::from(x);
-            }
-        }
-        sums.iter().sum::<f64>().sqrt()
+        euclidean_norm(&self.total)
     }
 }
 

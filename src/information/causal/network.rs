@@ -44,10 +44,9 @@ pub(super) struct Workspace {
     last: Vec<f32>,
     /// Outputs, later the gradient by them; (pixels, levels + 1).
     outputs: Vec<f32>,
-    /// The outputs as they were before their gradients took their place.
+    /// Those of a few pixels as they were before their gradients took their place.
     before_losses: Vec<f32>,
     shares: Vec<f32>,
-    log_largest: Vec<f32>,
     /// Negative log-likelihoods of the pixels, nats.
     pub losses: Vec<f32>,
     by_stream: Vec<f32>,
@@ -116,9 +115,8 @@ impl Workspace {
             before_last: per_pixel(channels),
             last: per_pixel(channels),
             outputs: per_pixel(levels + 1),
-            before_losses: per_pixel(levels + 1),
+            before_losses: vec![0.0; STRETCH * (levels + 1)],
             shares: Vec::new(),
-            log_largest: Vec::new(),
             losses: per_pixel(1),
             by_stream: per_pixel(channels),
             by_gated: per_pixel(channels),
@@ -176,31 +174,30 @@ impl Workspace {
         let levels = &conditioning.levels;
         let (count, targets) = (levels.count(), inputs.targets.len() / inputs.values.len());
         self.shares.resize(STRETCH * targets * count, 0.0);
-        self.log_largest.resize(STRETCH * targets, 0.0);
-        // Where single precision fails, the outputs are needed as they were.
-        self.before_losses.copy_from_slice(&self.outputs);
         let stretches = self.outputs.chunks_mut(STRETCH * (count + 1)).zip(self.losses.chunks_mut(STRETCH));
         let given = inputs.guess.chunks(STRETCH).zip(inputs.targets.chunks(STRETCH * targets));
         for ((outputs, losses), (guess, values)) in stretches.zip(given) {
-            let shares = &mut self.shares[..values.len() * count];
-            let log_largest = &mut self.log_largest[..values.len()];
-            levels.likelihoods(values, shares, log_largest);
-            let scratch = &mut self.scratch;
-            level_losses(&levels.photons, guess, targets, shares, log_largest, weight, outputs, losses, scratch);
-        }
-        let pixels = self.outputs.chunks_exact_mut(count + 1).zip(self.before_losses.chunks_exact(count + 1));
-        let given = inputs.guess.iter().zip(inputs.targets.chunks_exact(targets));
-        for ((loss, (by, outputs)), (&guess, values)) in self.losses.iter_mut().zip(pixels).zip(given) {
-            if !loss.is_finite() {
-                let share = 1.0 / targets as f32;
-                *loss = 0.0;
-                by.fill(0.0);
-                for &y in values {
-                    let logs: Vec<f64> = (0..count).map(|level| levels.log_likelihood(y, level)).collect();
-                    let mut exact = outputs.to_vec();
-                    *loss += share * exact_loss(&levels.photons, guess, &logs, share * weight, &mut exact).0 as f32;
-                    for (by, exact) in by.iter_mut().zip(exact) {
-                        *by += exact;
+            // Where single precision fails, the outputs are needed as they were.
+            let before = &mut self.before_losses[..outputs.len()];
+            before.copy_from_slice(outputs);
+            let room = self.shares.chunks_exact_mut(count);
+            let likelihoods: Vec<_> = values.iter().zip(room).map(|(&y, room)| levels.likelihoods(y, room)).collect();
+            level_losses(&levels.photons, guess, &likelihoods, weight, outputs, losses, &mut self.scratch);
+            let pixels = outputs.chunks_exact_mut(count + 1).zip(before.chunks_exact(count + 1));
+            let given = guess.iter().zip(values.chunks_exact(targets));
+            for ((loss, (by, outputs)), (&guess, values)) in losses.iter_mut().zip(pixels).zip(given) {
+                if !loss.is_finite() {
+                    let share = 1.0 / targets as f32;
+                    *loss = 0.0;
+                    by.fill(0.0);
+                    for &y in values {
+                        let logs: Vec<f64> = (0..count).map(|level| levels.log_likelihood(y, level)).collect();
+                        let mut exact = outputs.to_vec();
+                        let nats = exact_loss(&levels.photons, guess, &logs, share * weight, &mut exact).0;
+                        *loss += share * nats as f32;
+                        for (by, exact) in by.iter_mut().zip(exact) {
+                            *by += exact;
+                        }
                     }
                 }
             }

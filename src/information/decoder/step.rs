@@ -3,7 +3,7 @@
 use super::features::{Moves, interleave, separate};
 use super::layers::{HIDDEN, INPUTS, OUTPUTS, StepLayers, Windows};
 use crate::network::{
-    Bordered, column_sums, silu, silu_backward, transposed_kernel, window_product, window_product_by_kernel,
+    Bordered, column_sums, silu, silu_backward, silu_plus, transposed_kernel, window_product, window_product_by_kernel,
 };
 
 /// What the backward pass needs of the layers of one step; (positions, channels).
@@ -83,10 +83,8 @@ impl Layers<'_> {
     fn activate(&self, kept: &Activations, scratch: &mut LayerScratch) {
         let covered = self.sites.covered();
         let range = covered.start * HIDDEN..covered.end * HIDDEN;
-        silu(&kept.windowed[range.clone()], &mut scratch.second[range.clone()]);
-        for (second, first) in scratch.second[range.clone()].iter_mut().zip(&scratch.first[range]) {
-            *second += first;
-        }
+        let (first, second) = (&scratch.first[range.clone()], &mut scratch.second[range.clone()]);
+        silu_plus(&kept.windowed[range], first, second);
     }
 
     /// The input of the window layer in `first` of the scratch, zero outside the grid.
