@@ -1,7 +1,6 @@
 //! Biases: one number per channel for every pixel, and their gradients.
 
 use super::arithmetic::vectorised;
-use super::elementwise::{Added, Sum, each};
 
 /// Sets every row of `out` (pixels, channels) to `bias` (channels).
 pub fn fill_bias(bias: &[f32], out: &mut [f32]) {
@@ -15,7 +14,9 @@ vectorised! {
     pub fn add_bias<'a>(bias: &'a [f32], input: &'a [f32], out: &'a mut [f32]) {
         let channels = bias.len();
         for (row, input) in out.chunks_exact_mut(channels).zip(input.chunks_exact(channels)) {
-            each(&Sum, [input, bias], [row]);
+            for ((out, x), b) in row.iter_mut().zip(input).zip(bias) {
+                *out = x + b;
+            }
         }
     }
 }
@@ -25,7 +26,9 @@ vectorised! {
     pub fn column_sums<'a>(values: &'a [f32], sums: &'a mut [f32]) {
         let channels = sums.len();
         for row in values.chunks_exact(channels) {
-            each(&Added, [row], [&mut *sums]);
+            for (sum, value) in sums.iter_mut().zip(row) {
+                *sum += value;
+            }
         }
     }
 }

@@ -30,10 +30,6 @@ macro_rules! elementwise {
 pub(crate) use elementwise;
 
 elementwise!(
-    /// Two numbers added.
-    Sum, 2 => 1, |[a, b], _| [a + b]
-);
-elementwise!(
     /// A number added to what is there.
     Added, 1 => 1, |[value], [sum]| [sum + value]
 );

@@ -1,7 +1,6 @@
 //! Root-mean-square normalisation of the channels of a pixel.
 
 use super::arithmetic::vectorised;
-use super::elementwise::{Elementwise, LANES, each, sum_of_lanes};
 
 /// Keeps pixels whose channels are all 0 finite.
 const EPSILON: f32 = 1e-4;
@@ -15,7 +14,9 @@ vectorised! {
         let rows = input.chunks_exact(channels).zip(out.chunks_exact_mut(channels));
         for ((row, out), inverse) in rows.zip(inverses) {
             *inverse = 1.0 / (dot(row, row) / channels as f32 + EPSILON).sqrt();
-            each(&Normalised { inverse: *inverse }, [row, gain], [out]);
+            for ((x, gain), out) in row.iter().zip(gain).zip(out) {
+                *out = x * *inverse * gain;
+            }
         }
     }
 }
@@ -42,39 +43,18 @@ vectorised! {
                 }
             }
             let rest: f32 = xs.1.iter().zip(gs.1).zip(ks.1).map(|((x, g), k)| x * g * k).sum();
-            let pull = (sum_of_lanes(lanes) + rest) * inverse * inverse / channels as f32;
-            each(&Pulled { inverse: *inverse, pull }, [row, gradient, gain], [by_row, &mut *by_gain]);
+            let pull = (lanes.iter().sum::<f32>() + rest) * inverse * inverse / channels as f32;
+            let values = row.iter().zip(gradient).zip(gain);
+            for (((x, g), k), (by_row, by_gain)) in values.zip(by_row.iter_mut().zip(by_gain.iter_mut())) {
+                *by_row += inverse * (g * k - x * pull);
+                *by_gain += g * x * inverse;
+            }
         }
     }
 }
 
-/// A channel, normalised.
-struct Normalised {
-    inverse: f32,
-}
-
-impl Elementwise<2, 1> for Normalised {
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
-    fn apply(&self, [x, gain]: [f32; 2], _: [f32; 1]) -> [f32; 1] {
-        [x * self.inverse * gain]
-    }
-}
-
-/// Gradients by a channel and by its gain, added to what is there.
-struct Pulled {
-    inverse: f32,
-    /// What the norm takes back of every channel.
-    pull: f32,
-}
-
-impl Elementwise<3, 2> for Pulled {
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
-    fn apply(&self, [x, gradient, gain]: [f32; 3], [by_x, by_gain]: [f32; 2]) -> [f32; 2] {
-        [by_x + self.inverse * (gradient * gain - x * self.pull), by_gain + gradient * x * self.inverse]
-    }
-}
+/// Numbers that are summed side by side.
+const LANES: usize = 8;
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "called in the loops over pixels")]
@@ -87,7 +67,7 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
             *lane += a * b;
         }
     }
-    sum_of_lanes(lanes) + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f32>()
+    lanes.iter().sum::<f32>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f32>()
 }
 
 #[cfg(test)]

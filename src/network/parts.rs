@@ -5,7 +5,6 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::arithmetic::vectorised;
-use super::elementwise::{Added, each};
 
 /// Samples of part `index` of `parts` when `samples` are split as evenly as whole numbers allow.
 pub fn part_range(samples: usize, parts: usize, index: usize) -> Range<usize> {
@@ -29,7 +28,9 @@ pub fn sum_in_order(parts: &[&[f32]], total: &mut [f32]) {
 
 vectorised! {
     fn add<'a>(total: &'a mut [f32], part: &'a [f32]) {
-        each(&Added, [part], [total]);
+        for (sum, value) in total.iter_mut().zip(part) {
+            *sum += value;
+        }
     }
 }
 
