@@ -94,15 +94,15 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
 }
 
 #[test]
-fn the_posterior_makes_a_lenslet_sharper_within_the_ceiling() {
+fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
     let imaging = imaging(&set);
     let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.1, weight: 1e-3, relative_weight: 0.0 };
-    let settings = IdealSettings { steps: 200, patches: 16, refit_every: 20, rates, ..up_the_posterior() };
+    // Slopes by fewer scenes are so noisy that the last digits of sums decide where such a run ends.
+    let settings = IdealSettings { steps: 200, patches: 64, refit_every: 20, rates, ..up_the_posterior() };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
-    // Values hardly tell 1.1 from 0.775, the least there is: ten such runs ended between these.
-    assert!(last.array.lenslets[0].spot.mean_sigma() < 1.25, "{:?}", last.array);
+    assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.05, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
     let psf = render_psf(&last.array, 1).unwrap();
     let channel = imaging.bead_channel(psf.view(), (8, 8)).unwrap();

@@ -79,23 +79,12 @@ vectorised! {
     }
 }
 
-/// A share of the way to another number.
-struct Nearer {
-    share: f32,
-}
-
-impl Elementwise<1, 1> for Nearer {
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
-    fn apply(&self, [weight]: [f32; 1], [average]: [f32; 1]) -> [f32; 1] {
-        [average + self.share * (weight - average)]
-    }
-}
-
 vectorised! {
     /// `average += share (weights - average)`.
     pub fn moving_average<'a>(average: &'a mut [f32], weights: &'a [f32], share: f32) {
-        each(&Nearer { share }, [weights], [average]);
+        for (average, weight) in average.iter_mut().zip(weights) {
+            *average += share * (weight - *average);
+        }
     }
 }
 

@@ -108,23 +108,12 @@ vectorised! {
     }
 }
 
-/// So many times what is there and so many times a number.
-struct Combined {
-    own: f32,
-    other: f32,
-}
-
-impl Elementwise<1, 1> for Combined {
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
-    fn apply(&self, [number]: [f32; 1], [old]: [f32; 1]) -> [f32; 1] {
-        [self.own * old + self.other * number]
-    }
-}
-
 vectorised! {
+    /// `out = own out + other numbers`.
     fn combine<'a>(own: f32, other: f32, numbers: &'a [f32], out: &'a mut [f32]) {
-        each(&Combined { own, other }, [numbers], [out]);
+        for (out, number) in out.iter_mut().zip(numbers) {
+            *out = own * *out + other * number;
+        }
     }
 }
 

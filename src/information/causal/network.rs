@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::conditioning::{Conditioning, Inputs, PRESENT_CHANNELS, WINDOW_CHANNELS};
 use super::head::{exact_loss, level_losses};
+use super::levels::Levels;
 use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
 use crate::network::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
 
@@ -187,18 +188,7 @@ impl Workspace {
             let given = guess.iter().zip(values.chunks_exact(targets));
             for ((loss, (by, outputs)), (&guess, values)) in losses.iter_mut().zip(pixels).zip(given) {
                 if !loss.is_finite() {
-                    let share = 1.0 / targets as f32;
-                    *loss = 0.0;
-                    by.fill(0.0);
-                    for &y in values {
-                        let logs: Vec<f64> = (0..count).map(|level| levels.log_likelihood(y, level)).collect();
-                        let mut exact = outputs.to_vec();
-                        let nats = exact_loss(&levels.photons, guess, &logs, share * weight, &mut exact).0;
-                        *loss += share * nats as f32;
-                        for (by, exact) in by.iter_mut().zip(exact) {
-                            *by += exact;
-                        }
-                    }
+                    *loss = exact_mean(levels, guess, values, weight, outputs, by);
                 }
             }
         }
@@ -291,4 +281,21 @@ impl Workspace {
             gradient[block.gain.clone()].copy_from_slice(by_gain);
         }
     }
+}
+
+/// The loss of one pixel in double precision, nats, the mean over what might have been measured there (photons); `by` receives
+/// `weight` times its gradient by `outputs`.
+fn exact_mean(levels: &Levels, guess: (f32, f32), values: &[f32], weight: f32, outputs: &[f32], by: &mut [f32]) -> f32 {
+    let share = 1.0 / values.len() as f32;
+    by.fill(0.0);
+    let losses = values.iter().map(|&y| {
+        let logs: Vec<f64> = (0..levels.count()).map(|level| levels.log_likelihood(y, level)).collect();
+        let mut exact = outputs.to_vec();
+        let nats = exact_loss(&levels.photons, guess, &logs, share * weight, &mut exact).0;
+        for (by, exact) in by.iter_mut().zip(exact) {
+            *by += exact;
+        }
+        share * nats as f32
+    });
+    losses.sum()
 }
