@@ -184,7 +184,7 @@ pub struct IdealSettings {
     /// Steps of the fit of the first round, and of every round where they are not warm; those of a `PixelCNN` end before
     /// where it gets no better.
     pub first_fit: usize,
-    /// Steps of the fits of the other rounds, or in the course of one.
+    /// Steps of the fits of the other rounds, or in the course of one; of a density model fewer where the rates have fallen.
     pub refit: usize,
     /// Steps of the fit to the mask in the end.
     pub last_fit: usize,
@@ -259,23 +259,23 @@ impl IdealSettings {
                 ..paper
             },
             (Preset::Default, Objective::Density | Objective::PixelCnn) => Self {
-                // Light that goes over from the second best lenslet to the best takes some 600 at full rate.
-                steps: 1000,
+                // Light that goes over from the second best lenslet to the best takes some 600 at full rate, which these hold.
+                steps: 800,
                 objects: 12,
                 patches: 24,
                 // So that whoever watches sees the mask move ten times a second on two cores that draw the window as well.
                 moves: 24,
                 patch: Some((32, 32)),
                 refit_every: 5,
-                first_fit: 1500,
-                // The mask must not outrun the model: with a fifth of these steps it climbs into designs that the model
+                first_fit: 1000,
+                // The mask must not outrun the model: with a quarter of these steps it climbs into designs that the model
                 // merely does not know yet.
-                refit: 150,
-                last_fit: 1500,
+                refit: 120,
+                last_fit: 1000,
                 warm: true,
                 // Bright lenslets outgrow the others within some hundred steps where one is best.
                 rates: Rates { position: 0.015, variance: 5e-3, weight: 1.2e-4, relative_weight: 5e-3 },
-                settle: 0.4,
+                settle: 0.25,
                 ..paper
             },
         }
@@ -366,6 +366,16 @@ impl IdealSettings {
         let share = (left / self.settle).clamp(0.0, 1.0);
         LAST_RATE + (1.0 - LAST_RATE) * 0.5 * (1.0 - (std::f64::consts::PI * share).cos())
     }
+
+    /// Steps of the fit in the course of the round that begins at a step. A density model has less to learn of a mask that moves
+    /// more slowly.
+    pub(super) fn refit_from(&self, step: usize) -> usize {
+        let share = match self.objective {
+            Objective::Density | Objective::PixelCnn => self.rate(step).max(LEAST_REFIT),
+            Objective::Posterior => 1.0,
+        };
+        (share * self.refit as f64).round() as usize
+    }
 }
 
 /// Moves in a step of runs whose records do not tell.
@@ -377,6 +387,8 @@ fn one() -> usize {
 const GRID_UNIT: f64 = 31.0 / 32.0;
 /// Factor of the rates at the last step.
 const LAST_RATE: f64 = 0.05;
+/// Least share of the steps of a fit that is left where the rates have fallen.
+const LEAST_REFIT: f64 = 0.5;
 
 #[cfg(test)]
 mod tests {
@@ -425,6 +437,17 @@ mod tests {
         assert!(settings.rate(80) < settings.rate(70) && (settings.rate(80) - 0.525).abs() < 1e-9);
         assert!((settings.rate(100) - LAST_RATE).abs() < 1e-12);
         assert_eq!(IdealSettings::new(Preset::Paper, Objective::Density, 1).rate(1999), 1.0);
+    }
+
+    #[test]
+    fn a_density_model_learns_less_of_a_mask_that_moves_more_slowly() {
+        let refits = |preset, objective| {
+            let settings =
+                IdealSettings { steps: 100, settle: 0.4, refit: 50, ..IdealSettings::new(preset, objective, 1) };
+            [0, 60, 80, 100].map(|step| settings.refit_from(step))
+        };
+        assert_eq!(refits(Preset::Default, Objective::Density), [50, 50, 26, 25]);
+        assert_eq!(refits(Preset::Default, Objective::Posterior), [50; 4]);
     }
 
     #[test]

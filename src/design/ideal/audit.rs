@@ -10,7 +10,7 @@ const MOST_GAIN: f64 = 0.015;
 /// Factor by which its interval can widen in one round.
 const MOST_WIDENING: f64 = 1.4;
 /// Rounds from one comparison with a model that begins anew to the next.
-const AUDIT_EVERY: usize = 30;
+const AUDIT_EVERY: usize = 40;
 /// Least factor of the rates, which are halved where a model that begins anew takes over.
 const SLOWEST: f64 = 0.25;
 

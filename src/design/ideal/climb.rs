@@ -40,7 +40,7 @@ impl Ideal<'_> {
         let moves = self.settings.moves.min(self.settings.patches);
         let turns = steps * moves;
         let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
-        let fit = GuideFit { steps: self.settings.refit, seed, warm: true };
+        let fit = GuideFit { steps: self.settings.refit_from(self.state.step), seed, warm: true };
         let (mut refit, mut savings) = (None, Vec::new());
         if let Some(posterior) = self.guide.posterior().filter(|_| self.settings.warm && steps > 0) {
             refit = Some(posterior.refit(&fit)?);
