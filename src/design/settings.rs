@@ -259,7 +259,7 @@ impl IdealSettings {
                 ..paper
             },
             (Preset::Default, Objective::Density | Objective::PixelCnn) => Self {
-                // Light that goes over from the second best lenslet to the best takes some 600 at full rate, which these hold.
+                // Light that goes over from the second best lenslet to the best takes some 600 at full rate; the others settle.
                 steps: 800,
                 objects: 12,
                 patches: 24,
@@ -368,7 +368,7 @@ impl IdealSettings {
     }
 
     /// Steps of the fit in the course of the round that begins at a step. A density model has less to learn of a mask that moves
-    /// more slowly.
+    /// more slowly; a decoder learns as much of every mask.
     pub(super) fn refit_from(&self, step: usize) -> usize {
         let share = match self.objective {
             Objective::Density | Objective::PixelCnn => self.rate(step).max(LEAST_REFIT),
