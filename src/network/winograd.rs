@@ -8,11 +8,12 @@
 
 use super::bias::fill_bias;
 use super::minimal_filter::{
-    InputsToPoints, OutputsToPoints, POINTS, PointsToInputs, PointsToOutputs, PointsToTaps, TAPS, TILE, TapsToPoints,
+    InputsToPoints, OutputsToPoints, POINTS, PointsToInputs, PointsToOutputs, PointsToTaps, TAPS, TapsToPoints,
     transform,
 };
 use super::product::{Write, product, product_of_transposed, product_with_transposed};
 use super::taps::{Grid, Taps};
+use super::tiles::{Tile, part, part_mut, points_of, taps_of, tiles_of_row};
 
 /// Rows that are seen.
 const ROWS: usize = 2;
@@ -36,20 +37,13 @@ pub struct Winograd {
 #[derive(Clone, Debug, Default)]
 pub struct WinogradMemory {
     /// In the order of rows, then samples: what a row sees of those above lies a constant number of tiles before.
-    tiles: Vec<Tile>,
+    pub(super) tiles: Vec<Tile>,
     /// (points, tiles, inputs).
-    inputs: Vec<f32>,
+    pub(super) inputs: Vec<f32>,
     /// (points, tiles, outputs).
-    outputs: Vec<f32>,
+    pub(super) outputs: Vec<f32>,
     /// (points, rows, inputs, outputs).
-    by_kernel: Vec<f32>,
-}
-
-/// Pixels that a tile sees and gives; none outside the image.
-#[derive(Clone, Copy, Debug)]
-struct Tile {
-    seen: [Option<usize>; POINTS],
-    given: [Option<usize>; TILE],
+    pub(super) by_kernel: Vec<f32>,
 }
 
 impl Winograd {
@@ -155,12 +149,7 @@ impl Winograd {
         for row in 0..grid.rows {
             for sample in 0..grid.samples {
                 let line = (sample * grid.rows + row) * grid.cols;
-                let inside = |col: usize| (col < grid.cols).then_some(line + col);
-                let starts = (0..d.min(grid.cols)).flat_map(|first| (first..grid.cols).step_by(TILE * d));
-                memory.tiles.extend(starts.map(|start| Tile {
-                    seen: std::array::from_fn(|i| (start + i * d).checked_sub(d).and_then(inside)),
-                    given: std::array::from_fn(|i| inside(start + i * d)),
-                }));
+                memory.tiles.extend(tiles_of_row((grid.cols, d), (line, line)));
             }
         }
         let count = memory.tiles.len();
@@ -170,29 +159,9 @@ impl Winograd {
     }
 }
 
-fn part(values: &[f32], point: usize) -> &[f32] {
-    let size = values.len() / POINTS;
-    &values[point * size..(point + 1) * size]
-}
-
-fn part_mut(values: &mut [f32], point: usize) -> &mut [f32] {
-    let size = values.len() / POINTS;
-    &mut values[point * size..(point + 1) * size]
-}
-
 /// Kernel of the row above, and of the own row.
 fn rows_of_kernel(kernel: &[f32], point: usize) -> (&[f32], &[f32]) {
     part(kernel, point).split_at(kernel.len() / (POINTS * ROWS))
-}
-
-/// Where the points of tile or row `n` of `count` lie.
-fn points_of(n: usize, count: usize) -> [Option<usize>; POINTS] {
-    std::array::from_fn(|point| Some(point * count + n))
-}
-
-/// Where the taps of a row of the kernel lie.
-fn taps_of(row: usize) -> [Option<usize>; TAPS] {
-    std::array::from_fn(|tap| Some(row * TAPS + tap))
 }
 
 #[cfg(test)]

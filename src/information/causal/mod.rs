@@ -6,6 +6,7 @@ mod conditioning;
 mod estimate;
 mod first;
 mod fit;
+mod five_taps;
 mod follow;
 mod gradient;
 mod head;

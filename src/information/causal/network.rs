@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::conditioning::{Conditioning, Inputs, PRESENT_CHANNELS, WINDOW_CHANNELS};
+use super::five_taps::FiveTapsMemory;
 use super::head::{exact_loss, level_losses};
 use super::levels::Levels;
 use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
@@ -36,7 +37,8 @@ pub(super) struct Workspace {
     levels: usize,
     kept: Vec<Kept>,
     window_columns: Vec<f32>,
-    columns: Vec<f32>,
+    five_taps: FiveTapsMemory,
+    far_columns: Vec<f32>,
     features: Vec<f32>,
     first_sigmoids: Vec<f32>,
     first: Vec<f32>,
@@ -99,15 +101,14 @@ impl Workspace {
             gated: per_pixel(channels),
             narrow: per_pixel(FAR_CHANNELS),
         };
-        let widest = layers.blocks.iter().map(|block| block.wide.inputs).max().unwrap_or(0);
-        let far = layers.far_taps.count() * FAR_CHANNELS;
         Self {
             grid,
             channels,
             levels,
             kept: vec![kept; layers.blocks.len()],
             window_columns: per_pixel(layers.window.inputs),
-            columns: per_pixel(widest.max(far)),
+            five_taps: FiveTapsMemory::default(),
+            far_columns: per_pixel(layers.far_taps.count() * FAR_CHANNELS),
             by_narrow: per_pixel(FAR_CHANNELS),
             features: per_pixel(2 * channels),
             first_sigmoids: per_pixel(channels),
@@ -148,15 +149,12 @@ impl Workspace {
                 now.stream.copy_from_slice(&self.first);
             }
             rms_norm(&now.stream, &weights[block.gain.clone()], &mut now.inverses, &mut now.normalised);
-            let columns = &mut self.columns[..grid.pixels() * block.wide.inputs];
-            block.taps.gather(grid, channels, &now.normalised, columns);
-            block.wide.forward(weights, columns, &mut self.features);
+            block.wide.forward(grid, weights, &now.normalised, &mut self.features, &mut self.five_taps);
             if let Some(far) = &block.far {
                 now.narrow.fill(0.0);
                 far.narrow.add_forward(weights, &now.normalised, &mut now.narrow);
-                let columns = &mut self.columns[..grid.pixels() * far.wide.inputs];
-                layers.far_taps.gather(grid, FAR_CHANNELS, &now.narrow, columns);
-                far.wide.add_forward(weights, columns, &mut self.features);
+                layers.far_taps.gather(grid, FAR_CHANNELS, &now.narrow, &mut self.far_columns);
+                far.wide.add_forward(weights, &self.far_columns, &mut self.features);
             }
             glu(&self.features, channels, &mut now.sigmoids, &mut now.gated);
             let next = later.first_mut().map_or(&mut self.stream, |next| &mut next.stream);
@@ -251,16 +249,11 @@ impl Workspace {
         }
         block.out.by_input(weights, &self.by_stream, &mut self.by_gated, Write::Replace);
         glu_backward(&kept.sigmoids, &kept.gated, channels, &self.by_gated, &mut self.features);
-        let columns = &mut self.columns[..grid.pixels() * block.wide.inputs];
-        if let Some(gradient) = gradient.as_deref_mut() {
-            block.taps.gather(grid, channels, &kept.normalised, columns);
-            block.wide.by_weights(columns, &self.features, gradient, Write::Replace);
-        }
-        block.wide.by_input(weights, &self.features, columns, Write::Replace);
-        self.by_gated.fill(0.0);
-        block.taps.scatter_add(grid, channels, columns, &mut self.by_gated);
+        let given = (kept.normalised.as_slice(), self.features.as_slice());
+        let memory = &mut self.five_taps;
+        block.wide.backward(grid, weights, given, gradient.as_deref_mut(), &mut self.by_gated, memory);
         if let Some(far) = &block.far {
-            let columns = &mut self.columns[..grid.pixels() * far.wide.inputs];
+            let columns = &mut self.far_columns;
             if let Some(gradient) = gradient.as_deref_mut() {
                 layers.far_taps.gather(grid, FAR_CHANNELS, &kept.narrow, columns);
                 far.wide.by_kernel(columns, &self.features, gradient, Write::Replace);

@@ -5,6 +5,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::conditioning::{PRESENT_CHANNELS, WINDOW_CHANNELS};
+use super::five_taps::FiveTaps;
 use crate::network::{Initial, Layer, ParameterLayout, Rule, Taps, Tensor};
 
 /// Rows above and columns to either side that the first window sees.
@@ -40,13 +41,12 @@ pub(super) struct Far {
 /// A residual block: normalise, see five taps, gate, project.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
-    pub taps: Taps,
     /// In every second block.
     pub far: Option<Far>,
     /// Gain of the normalisation (C).
     pub gain: Range<usize>,
     /// Taps C -> 2C.
-    pub wide: Layer,
+    pub wide: FiveTaps,
     /// C -> C.
     pub out: Layer,
 }
@@ -82,14 +82,12 @@ impl CausalShape {
         let window = layer("window", window_taps.count() * WINDOW_CHANNELS, 2 * channels, 1.0);
         let mut blocks = Vec::new();
         for (index, &dilation) in self.dilations.iter().enumerate() {
-            let d = dilation as isize;
-            let taps = Taps::new([(0, 0), (0, -d), (-d, -d), (-d, 0), (-d, d)]);
+            let wide = layer(&format!("block{index}.wide"), FiveTaps::COUNT * channels, 2 * channels, 1.0);
             blocks.push(Block {
-                wide: layer(&format!("block{index}.wide"), taps.count() * channels, 2 * channels, 1.0),
+                wide: FiveTaps::new(dilation, wide),
                 out: layer(&format!("block{index}.out"), channels, channels, 0.5),
                 gain: 0..0,
                 far: None,
-                taps,
             });
         }
         let last = layer("last", channels, channels, 1.0);
