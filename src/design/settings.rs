@@ -267,11 +267,11 @@ impl IdealSettings {
                 moves: 24,
                 patch: Some((32, 32)),
                 refit_every: 5,
-                first_fit: 1000,
+                first_fit: 1500,
                 // The mask must not outrun the model: with a quarter of these steps it climbs into designs that the model
                 // merely does not know yet.
-                refit: 120,
-                last_fit: 1000,
+                refit: 150,
+                last_fit: 1500,
                 warm: true,
                 // Bright lenslets outgrow the others within some hundred steps where one is best.
                 rates: Rates { position: 0.015, variance: 5e-3, weight: 1.2e-4, relative_weight: 5e-3 },
