@@ -21,7 +21,7 @@ pub const SAMPLES: [Sample; 3] = [
     },
     Sample {
         name: "Designed mask",
-        about: "What the optimizer made of 25 random lenslets: five, of unequal weight",
+        about: "Five lenslets that the optimizer made of 25 random ones",
         json: include_str!("../../assets/samples/designed.json"),
     },
     Sample {
