@@ -49,6 +49,7 @@ pub use product::{Write, product, product_of_transposed, product_with_transposed
 pub use row_above::RowAbove;
 pub use schedule::{rate_rise, rate_schedule};
 pub use taps::{Grid, Taps};
+pub use tiles::TileMemory;
 pub use weights_file::{WeightsHeader, read_detail, read_details, read_weights, write_weights};
 pub use window_product::{Window, transposed_kernel, window_product, window_product_by_kernel};
-pub use winograd::{Winograd, WinogradMemory};
+pub use winograd::Winograd;

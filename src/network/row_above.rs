@@ -9,8 +9,7 @@ use super::minimal_filter::{
 };
 use super::product::{Write, product, product_of_transposed, product_with_transposed};
 use super::taps::Grid;
-use super::tiles::{part, part_mut, points_of, taps_of, tiles_of_row};
-use super::winograd::WinogradMemory;
+use super::tiles::{TileMemory, part, part_mut, points_of, taps_of, tiles_of_row};
 
 /// A convolution with three taps in the row `dilation` px above, as far from each other, and no bias.
 ///
@@ -41,9 +40,9 @@ impl RowAbove {
     }
 
     /// `out += input * kernel`; input (pixels, inputs), out (pixels, outputs), kernel [`RowAbove::transformed`].
-    pub fn add_forward(self, grid: Grid, kernel: &[f32], input: &[f32], out: &mut [f32], memory: &mut WinogradMemory) {
+    pub fn add_forward(self, grid: Grid, kernel: &[f32], input: &[f32], out: &mut [f32], memory: &mut TileMemory) {
         let count = self.prepare(grid, memory);
-        let WinogradMemory { tiles, inputs, outputs, .. } = memory;
+        let TileMemory { tiles, inputs, outputs, .. } = memory;
         transform(InputsToPoints, self.inputs, input, inputs, Write::Replace, count, |n| {
             (tiles[n].seen, points_of(n, count))
         });
@@ -65,10 +64,10 @@ impl RowAbove {
         (input, by_output): (&[f32], &[f32]),
         gradient: Option<&mut [f32]>,
         by_input: &mut [f32],
-        memory: &mut WinogradMemory,
+        memory: &mut TileMemory,
     ) {
         let count = self.prepare(grid, memory);
-        let WinogradMemory { tiles, inputs, outputs, by_kernel } = memory;
+        let TileMemory { tiles, inputs, outputs, by_kernel } = memory;
         transform(OutputsToPoints, self.outputs, by_output, outputs, Write::Replace, count, |n| {
             (tiles[n].given, points_of(n, count))
         });
@@ -96,7 +95,7 @@ impl RowAbove {
     }
 
     /// Lists the tiles and makes room; returns how many tiles there are.
-    fn prepare(self, grid: Grid, memory: &mut WinogradMemory) -> usize {
+    fn prepare(self, grid: Grid, memory: &mut TileMemory) -> usize {
         memory.tiles.clear();
         for sample in 0..grid.samples {
             for row in self.dilation..grid.rows {
@@ -120,7 +119,7 @@ mod tests {
 
     #[test]
     fn tiles_give_the_sums_of_the_taps_and_their_gradients() {
-        let mut memory = WinogradMemory::default();
+        let mut memory = TileMemory::default();
         for (dilation, inputs, outputs, grid) in [
             (1, 16, 32, Grid { samples: 2, rows: 4, cols: 8 }),
             (1, 5, 19, Grid { samples: 3, rows: 3, cols: 7 }),
@@ -173,7 +172,7 @@ mod tests {
         let kernel = layer.transformed(&numbers(TAPS * 16 * 16, 2));
         let given = |input: &[f32]| {
             let mut out = vec![0.0; grid.pixels() * 16];
-            layer.add_forward(grid, &kernel, input, &mut out, &mut WinogradMemory::default());
+            layer.add_forward(grid, &kernel, input, &mut out, &mut TileMemory::default());
             out
         };
         let input = numbers(grid.pixels() * 16, 1);

@@ -9,6 +9,18 @@ pub(super) struct Tile {
     pub given: [Option<usize>; TILE],
 }
 
+/// What one thread needs for convolutions by minimal filtering.
+#[derive(Clone, Debug, Default)]
+pub struct TileMemory {
+    pub(super) tiles: Vec<Tile>,
+    /// (points, tiles, inputs).
+    pub(super) inputs: Vec<f32>,
+    /// (points, tiles, outputs).
+    pub(super) outputs: Vec<f32>,
+    /// (points, rows, inputs, outputs).
+    pub(super) by_kernel: Vec<f32>,
+}
+
 /// The tiles of a row of `cols` pixels with `dilation` px between taps, of which those that are seen begin at pixel `seen`, and
 /// those that are given at pixel `given`.
 pub(super) fn tiles_of_row(

@@ -13,7 +13,7 @@ use super::minimal_filter::{
 };
 use super::product::{Write, product, product_of_transposed, product_with_transposed};
 use super::taps::{Grid, Taps};
-use super::tiles::{Tile, part, part_mut, points_of, taps_of, tiles_of_row};
+use super::tiles::{TileMemory, part, part_mut, points_of, taps_of, tiles_of_row};
 
 /// Rows that are seen.
 const ROWS: usize = 2;
@@ -31,19 +31,6 @@ pub struct Winograd {
     pub inputs: usize,
     /// Channels that it gives.
     pub outputs: usize,
-}
-
-/// What one thread needs for such convolutions.
-#[derive(Clone, Debug, Default)]
-pub struct WinogradMemory {
-    /// In the order of rows, then samples: what a row sees of those above lies a constant number of tiles before.
-    pub(super) tiles: Vec<Tile>,
-    /// (points, tiles, inputs).
-    pub(super) inputs: Vec<f32>,
-    /// (points, tiles, outputs).
-    pub(super) outputs: Vec<f32>,
-    /// (points, rows, inputs, outputs).
-    pub(super) by_kernel: Vec<f32>,
 }
 
 impl Winograd {
@@ -70,10 +57,10 @@ impl Winograd {
         (kernel, bias): (&[f32], &[f32]),
         input: &[f32],
         out: &mut [f32],
-        memory: &mut WinogradMemory,
+        memory: &mut TileMemory,
     ) {
         let shift = self.prepare(grid, memory);
-        let WinogradMemory { tiles, inputs, outputs, .. } = memory;
+        let TileMemory { tiles, inputs, outputs, .. } = memory;
         let (count, above) = (tiles.len(), tiles.len() - shift);
         transform(InputsToPoints, self.inputs, input, inputs, Write::Replace, count, |n| {
             (tiles[n].seen, points_of(n, count))
@@ -105,10 +92,10 @@ impl Winograd {
         (input, by_output): (&[f32], &[f32]),
         into: Option<(&mut [f32], Write)>,
         by_input: &mut [f32],
-        memory: &mut WinogradMemory,
+        memory: &mut TileMemory,
     ) {
         let shift = self.prepare(grid, memory);
-        let WinogradMemory { tiles, inputs, outputs, by_kernel } = memory;
+        let TileMemory { tiles, inputs, outputs, by_kernel } = memory;
         let (count, above) = (tiles.len(), tiles.len() - shift);
         transform(OutputsToPoints, self.outputs, by_output, outputs, Write::Replace, count, |n| {
             (tiles[n].given, points_of(n, count))
@@ -142,8 +129,9 @@ impl Winograd {
         });
     }
 
-    /// Lists the tiles and makes room; returns how many tiles lie between one and that which sees it from below.
-    fn prepare(&self, grid: Grid, memory: &mut WinogradMemory) -> usize {
+    /// Lists the tiles in the order of rows, then samples, and makes room; returns how many tiles lie between one and that which sees it
+    /// from below, a constant number.
+    fn prepare(&self, grid: Grid, memory: &mut TileMemory) -> usize {
         let d = self.dilation;
         memory.tiles.clear();
         for row in 0..grid.rows {
@@ -199,7 +187,7 @@ mod tests {
             // Memory of another layer and grid does no harm.
             let stale = |count: usize| vec![f32::NAN; count];
             let (inputs_before, outputs_before) = (stale(7), stale(9999));
-            let mut memory = WinogradMemory {
+            let mut memory = TileMemory {
                 inputs: inputs_before,
                 outputs: outputs_before,
                 by_kernel: stale(9999),
@@ -263,7 +251,7 @@ mod tests {
         let (kernel, bias) = (layer.transformed(&numbers(6 * 16 * 16, 2)), numbers(16, 3));
         let given = |input: &[f32]| {
             let mut out = vec![0.0; grid.pixels() * 16];
-            layer.forward(grid, (&kernel, &bias), input, &mut out, &mut WinogradMemory::default());
+            layer.forward(grid, (&kernel, &bias), input, &mut out, &mut TileMemory::default());
             out
         };
         let input = numbers(grid.pixels() * 16, 1);

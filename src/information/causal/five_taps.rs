@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::network::{Grid, Layer, RowAbove, Taps, WinogradMemory, Write};
+use crate::network::{Grid, Layer, RowAbove, Taps, TileMemory, Write};
 
 /// Where its weights lie among all, and how it is computed: the own row by a product of gathered pixels, the row above by minimal
 /// filtering.
@@ -19,7 +19,7 @@ pub(super) struct FiveTaps {
 #[derive(Clone, Debug, Default)]
 pub(super) struct FiveTapsMemory {
     columns: Vec<f32>,
-    tiles: WinogradMemory,
+    tiles: TileMemory,
 }
 
 impl FiveTaps {

@@ -6,7 +6,7 @@ use super::mixture::{SCRATCH, mixture_losses};
 use super::scale::DataScale;
 use super::shape::{Block, Layers, PixelCnnShape};
 use crate::network::{
-    Grid, WinogradMemory, Write, add_bias, column_sums, elu, elu_backward, fill_bias, gate, gate_backward,
+    Grid, TileMemory, Write, add_bias, column_sums, elu, elu_backward, fill_bias, gate, gate_backward,
 };
 
 /// A network whose weights are ready to be passed through.
@@ -57,7 +57,7 @@ pub(super) struct Workspace {
     /// Gradient by the patches, photons.
     pub by_value: Vec<f32>,
     columns: Vec<f32>,
-    tiles: WinogradMemory,
+    tiles: TileMemory,
     features: Vec<f32>,
     by_vertical: Vec<f32>,
     by_horizontal: Vec<f32>,
@@ -93,7 +93,7 @@ impl Workspace {
             losses: per_pixel(1),
             by_value: per_pixel(1),
             columns: per_pixel(3.max(2 * channels)),
-            tiles: WinogradMemory::default(),
+            tiles: TileMemory::default(),
             features: per_pixel(wide),
             by_vertical: per_pixel(channels),
             by_horizontal: per_pixel(channels),
