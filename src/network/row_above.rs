@@ -25,12 +25,6 @@ pub struct RowAbove {
 }
 
 impl RowAbove {
-    /// Offsets of the taps (rows down, columns right), in the order of the kernel.
-    pub fn offsets(self) -> [(isize, isize); TAPS] {
-        let d = self.dilation as isize;
-        [(-d, -d), (-d, 0), (-d, d)]
-    }
-
     /// The kernel (3 taps, inputs, outputs) as the passes want it: (6 points, inputs, outputs).
     pub fn transformed(self, kernel: &[f32]) -> Vec<f32> {
         let mut points = vec![0.0; kernel.len() / TAPS * POINTS];
@@ -132,7 +126,8 @@ mod tests {
             let layer = RowAbove { dilation, inputs, outputs };
             let (input, kernel) = (numbers(grid.pixels() * inputs, 1), numbers(TAPS * inputs * outputs, 2));
             let by_output = numbers(grid.pixels() * outputs, 4);
-            let (taps, wide) = (Taps::new(layer.offsets()), TAPS * inputs);
+            let (d, wide) = (dilation as isize, TAPS * inputs);
+            let taps = Taps::new([(-d, -d), (-d, 0), (-d, d)]);
             let mut columns = vec![0.0; grid.pixels() * wide];
             taps.gather(grid, inputs, &input, &mut columns);
             let mut expected = vec![2.0; by_output.len()];
