@@ -120,7 +120,7 @@ def target_folder():
 
 def crate_seconds(target, side, profile):
     """Least time per step, and per run of the products alone and without filtering, from criterion's samples."""
-    command = ["cargo", "bench", "--no-default-features", "--profile", profile, "--bench", "pixelcnn", "--", f"/{side}$"]
+    command = ["cargo", "bench", "--profile", profile, "--bench", "pixelcnn", "--", f"/{side}$"]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     least = []
     for name in ("step", "products alone", "products without filtering"):

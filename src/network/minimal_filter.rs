@@ -174,31 +174,33 @@ impl<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usi
         for n in 0..count {
             let (from, to) = places(n);
             let mut seen: [&[f32]; I] = [&[]; I];
-            for (seen, place) in seen.iter_mut().zip(from) {
+            for (seen, place) in seen.iter_mut().zip(&from) {
                 if let Some(place) = place {
                     *seen = &source[place * channels..(place + 1) * channels];
                 }
             }
+            let seen_vectors = seen.map(|seen| S::as_simd_f32s(seen).0);
             for vector in 0..channels / S::F32_LANES {
                 let mut values = [Lanes(simd, zero); I];
-                for (value, seen) in values.iter_mut().zip(seen) {
-                    if let Some(seen) = S::as_simd_f32s(seen).0.get(vector) {
+                for (value, seen) in values.iter_mut().zip(&seen_vectors) {
+                    if let Some(seen) = seen.get(vector) {
                         value.1 = *seen;
                     }
                 }
-                for (place, result) in to.into_iter().zip(linear.apply(values)) {
+                let results = linear.apply(values);
+                for (place, result) in to.iter().zip(&results) {
                     let Some(place) = place else { continue };
-                    let given = S::as_mut_simd_f32s(&mut target[place * channels..(place + 1) * channels]).0;
-                    let add = write == Write::Add;
-                    given[vector] = if add { simd.add_f32s(given[vector], result.1) } else { result.1 };
+                    let first = place * channels + vector * S::F32_LANES;
+                    let given = &mut S::as_mut_simd_f32s(&mut target[first..first + S::F32_LANES]).0[0];
+                    *given = if write == Write::Add { simd.add_f32s(*given, result.1) } else { result.1 };
                 }
             }
             for channel in channels - channels % S::F32_LANES..channels {
-                let values = seen.map(|seen| seen.get(channel).copied().unwrap_or_default());
-                for (place, result) in to.into_iter().zip(linear.apply(values)) {
+                let results = linear.apply(seen.map(|seen| seen.get(channel).copied().unwrap_or_default()));
+                for (place, result) in to.iter().zip(&results) {
                     let Some(place) = place else { continue };
                     let given = &mut target[place * channels + channel];
-                    *given = if write == Write::Add { *given + result } else { result };
+                    *given = if write == Write::Add { *given + result } else { *result };
                 }
             }
         }

@@ -11,6 +11,7 @@ use super::model::CausalModel;
 use super::network::{PatchInputs, Workspace};
 use crate::information::reparameterised::{DARKEST, Reparameterised};
 use crate::information::{HeldDensity, InformationError};
+use crate::network::if_not_negligible;
 
 impl HeldDensity for CausalModel {
     /// Both terms of `log2 p(y|x) - log2 q(y)` at the same measurements. Of Poisson counts the part of both that depends on
@@ -116,7 +117,7 @@ struct Mixture {
     slopes: Vec<f32>,
     /// The outputs before their gradients took their place.
     before: Vec<f32>,
-    /// Pulls of the prediction, weights and posteriors as [`level_losses`] leaves them, and room.
+    /// Pulls of the prediction and weights as [`level_losses`] leaves them, and room.
     scratch: Vec<f32>,
 }
 
@@ -128,7 +129,7 @@ impl Mixture {
             shares: numbers(),
             slopes: numbers(),
             before: vec![0.0; levels + 1],
-            scratch: vec![0.0; 4 * levels],
+            scratch: vec![0.0; 2 * levels + 1],
         }
     }
 
@@ -142,11 +143,12 @@ impl Mixture {
         let likelihoods = [(self.shares.as_slice(), 0.0)];
         level_losses(&levels.photons, &[guess], &likelihoods, 1.0, outputs, &mut nats, &mut self.scratch);
         let mut nats = f64::from(nats[0]) - largest;
-        let (pulls, posteriors) = (&self.scratch[..count], &self.scratch[2 * count..3 * count]);
+        let (pulls, weights) = (&self.scratch[..count], &self.scratch[count..2 * count]);
         let mut by_y = 0.0;
         if nats.is_finite() {
             let (mut sum, mut slope) = (0.0_f32, 0.0_f32);
-            for (posterior, by) in posteriors.iter().zip(&self.slopes) {
+            for ((weight, share), by) in weights.iter().zip(&self.shares).zip(&self.slopes) {
+                let posterior = weight * if_not_negligible(*share);
                 sum += posterior;
                 slope += posterior * by;
             }

@@ -14,9 +14,8 @@ vectorised! {
     /// prediction gets beyond 1; it is overwritten with `weight` times the gradient of the loss by them. `guess` holds
     /// the predicted mean (photons) and -1/2 over its variance, `likelihoods` (pixels, targets) those of all levels relative to the
     /// largest, and the logarithm of that one. `losses` (pixels) receives the negative logarithms; infinity where a
-    /// likelihood relative to the best level is below [`SMALLEST`]. `scratch` is (4, levels): pulls of the prediction,
-    /// weights and posteriors of the levels of the last pixel and target, and room. The number of levels is a multiple of
-    /// [`LANES`].
+    /// likelihood relative to the best level is below [`SMALLEST`]. `scratch` is for two numbers by level, the pull of the
+    /// prediction and the weight at the last pixel, and one by target. The number of levels is a multiple of [`LANES`].
     #[allow(clippy::too_many_arguments, reason = "slices of one batch, all needed in the same loop")]
     pub(super) fn level_losses<'a>(
         photons: &'a [f32],
@@ -29,10 +28,9 @@ vectorised! {
     ) {
         let levels = photons.len();
         let (pulls, rest) = scratch.split_at_mut(levels);
-        let (weights, rest) = rest.split_at_mut(levels);
-        let (posteriors, sums) = rest.split_at_mut(levels);
-        let sums = &mut sums[..levels];
         let targets = likelihoods.len() / losses.len();
+        let (weights, rest) = rest.split_at_mut(levels);
+        let factors = &mut rest[..targets];
         let pixels = outputs.chunks_exact_mut(levels + 1).zip(likelihoods.chunks_exact(targets)).zip(losses);
         for (((outputs, likelihoods), loss), &(mean, half)) in pixels.zip(guess) {
             let (logits, scale) = outputs.split_at_mut(levels);
@@ -58,36 +56,38 @@ vectorised! {
                 }
             }
             let total = sum_of_lanes(total);
-            let to_weight = weight / total;
-            for (sum, weight) in sums.iter_mut().zip(&*weights) {
-                *sum = weight * to_weight;
-            }
-            let mut nats = 0.0;
-            for (shares, largest_log) in likelihoods {
-                let mut mixture = [0.0_f32; LANES];
-                let lanes = weights.as_chunks::<LANES>().0.iter().zip(shares.as_chunks::<LANES>().0);
-                for ((weights, shares), posteriors) in lanes.zip(posteriors.as_chunks_mut::<LANES>().0) {
+            for (mixture, (shares, _)) in factors.iter_mut().zip(likelihoods) {
+                let mut sum = [0.0_f32; LANES];
+                for (weights, shares) in weights.as_chunks::<LANES>().0.iter().zip(shares.as_chunks::<LANES>().0) {
                     for k in 0..LANES {
-                        posteriors[k] = weights[k] * if_not_negligible(shares[k]);
-                        mixture[k] += posteriors[k];
+                        sum[k] += weights[k] * if_not_negligible(shares[k]);
                     }
                 }
-                let mixture = sum_of_lanes(mixture);
+                *mixture = sum_of_lanes(sum);
+            }
+            let (to_weight, log_total) = (weight / total, logarithm(total));
+            let mut nats = 0.0;
+            for (factor, (_, largest_log)) in factors.iter_mut().zip(likelihoods) {
+                let mixture = *factor;
                 // A share of the mixture that single precision cannot hold is summed elsewhere; it has no gradient here.
                 let trusted = mixture > SMALLEST * total;
-                nats += if trusted { logarithm(total) - logarithm(mixture) - largest_log } else { f32::INFINITY };
-                let to_posterior = if trusted { weight / (mixture * targets as f32) } else { 0.0 };
-                for (sum, posterior) in sums.iter_mut().zip(&*posteriors) {
-                    *sum -= posterior * to_posterior;
-                }
+                nats += if trusted { log_total - logarithm(mixture) - largest_log } else { f32::INFINITY };
+                *factor = if trusted { weight / (mixture * targets as f32) } else { 0.0 };
             }
             *loss = nats / targets as f32;
             let mut by_scale = [0.0_f32; LANES];
-            let lanes = sums.as_chunks::<LANES>().0.iter().zip(pulls.as_chunks::<LANES>().0);
-            for ((sums, pulls), logits) in lanes.zip(logits.as_chunks_mut::<LANES>().0) {
-                *logits = *sums;
+            let lanes = weights.as_chunks::<LANES>().0.iter().zip(pulls.as_chunks::<LANES>().0);
+            for (index, ((weights, pulls), logits)) in lanes.zip(logits.as_chunks_mut::<LANES>().0).enumerate() {
+                let mut by_weights = [to_weight; LANES];
+                for (factor, (shares, _)) in factors.iter().zip(likelihoods) {
+                    let shares = &shares.as_chunks::<LANES>().0[index];
+                    for k in 0..LANES {
+                        by_weights[k] -= if_not_negligible(shares[k]) * factor;
+                    }
+                }
                 for k in 0..LANES {
-                    by_scale[k] += sums[k] * pulls[k];
+                    logits[k] = weights[k] * by_weights[k];
+                    by_scale[k] += logits[k] * pulls[k];
                 }
             }
             scale[0] = sum_of_lanes(by_scale);
@@ -158,7 +158,7 @@ mod tests {
             f64::midpoint(of(0), of(1))
         };
         let mut found = outputs.clone();
-        let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 4 * levels]);
+        let (mut losses, mut scratch) = (vec![0.0; pixels], vec![0.0; 2 * levels + targets]);
         let likelihoods: Vec<(&[f32], f32)> = shares.chunks_exact(levels).zip(log_largest).collect();
         level_losses(&photons, &guess, &likelihoods, 2.0, &mut found, &mut losses, &mut scratch);
         for (pixel, loss) in losses.iter().enumerate() {

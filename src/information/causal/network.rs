@@ -123,7 +123,7 @@ impl Workspace {
             by_stream: per_pixel(channels),
             by_gated: per_pixel(channels),
             by_gain: vec![0.0; channels],
-            scratch: vec![0.0; 4 * levels],
+            scratch: Vec::new(),
         }
     }
 
@@ -173,6 +173,7 @@ impl Workspace {
         let levels = &conditioning.levels;
         let (count, targets) = (levels.count(), inputs.targets.len() / inputs.values.len());
         self.shares.resize(STRETCH * targets * count, 0.0);
+        self.scratch.resize(2 * count + targets, 0.0);
         let stretches = self.outputs.chunks_mut(STRETCH * (count + 1)).zip(self.losses.chunks_mut(STRETCH));
         let given = inputs.guess.chunks(STRETCH).zip(inputs.targets.chunks(STRETCH * targets));
         for ((outputs, losses), (guess, values)) in stretches.zip(given) {
