@@ -20,6 +20,8 @@ use training::{Gradients, causal_shapes, decoder_shapes, products_alone};
 const PIXELS: usize = 32 * 32;
 /// Patches of one step of a fit.
 const BATCH: usize = 2;
+/// Held-out patches that the value of a mask up a density model rests on.
+const HELD_OUT: usize = 128;
 /// Scenes that the value of a mask up the posterior rests on.
 const SAMPLES: usize = 512;
 
@@ -82,6 +84,7 @@ fn parts_of_a_run(criterion: &mut Criterion) {
             for _ in 0..settings.refit {
                 products_alone(&shapes, PIXELS, BATCH, Gradients::All);
             }
+            products_alone(&shapes, PIXELS, HELD_OUT, Gradients::None);
             for _ in 0..settings.refit_every {
                 products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs);
             }
