@@ -172,6 +172,7 @@ impl<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usi
         let Self { linear, channels, source, target, write, count, places } = self;
         let zero = simd.splat_f32s(0.0);
         for n in 0..count {
+            // Read by reference: places that are taken by value are copied first, for which each tile would wait.
             let (from, to) = places(n);
             let mut seen: [&[f32]; I] = [&[]; I];
             for (seen, place) in seen.iter_mut().zip(&from) {
