@@ -3,28 +3,28 @@
 use super::arithmetic::{exponential, vectorised};
 use super::elementwise::{each, elementwise};
 
-elementwise!(Gate, 2 => 3, |[a, b], _| {
-    let tanh = 2.0 / (1.0 + exponential(-2.0 * a)) - 1.0;
-    let sigmoid = 1.0 / (1.0 + exponential(-b));
+elementwise!(Gate<FUSED>, 2 => 3, |[a, b], _| {
+    let tanh = 2.0 / (1.0 + exponential::<FUSED>(-2.0 * a)) - 1.0;
+    let sigmoid = 1.0 / (1.0 + exponential::<FUSED>(-b));
     [tanh, sigmoid, tanh * sigmoid]
 });
 elementwise!(GateBackward, 3 => 2, |[t, s, gradient], _| {
     [gradient * s * (1.0 - t * t), gradient * t * s * (1.0 - s)]
 });
-elementwise!(Elu, 1 => 1, |[x], _| {
-    let below = exponential(x.min(0.0)) - 1.0;
+elementwise!(Elu<FUSED>, 1 => 1, |[x], _| {
+    let below = exponential::<FUSED>(x.min(0.0)) - 1.0;
     [if x > 0.0 { x } else { below }]
 });
 elementwise!(EluBackward, 1 => 1, |[y], [gradient]| [gradient * (1.0 + y.min(0.0))]);
-elementwise!(Glu, 2 => 2, |[a, b], _| {
-    let sigmoid = 1.0 / (1.0 + exponential(-b));
+elementwise!(Glu<FUSED>, 2 => 2, |[a, b], _| {
+    let sigmoid = 1.0 / (1.0 + exponential::<FUSED>(-b));
     [sigmoid, a * sigmoid]
 });
 elementwise!(GluBackward, 3 => 2, |[s, y, gradient], _| [gradient * s, gradient * y * (1.0 - s)]);
-elementwise!(Silu, 1 => 1, |[x], _| [x / (1.0 + exponential(-x))]);
-elementwise!(SiluPlus, 2 => 1, |[x, other], _| [x / (1.0 + exponential(-x)) + other]);
-elementwise!(SiluBackward, 1 => 1, |[x], [gradient]| {
-    let s = 1.0 / (1.0 + exponential(-x));
+elementwise!(Silu<FUSED>, 1 => 1, |[x], _| [x / (1.0 + exponential::<FUSED>(-x))]);
+elementwise!(SiluPlus<FUSED>, 2 => 1, |[x, other], _| [x / (1.0 + exponential::<FUSED>(-x)) + other]);
+elementwise!(SiluBackward<FUSED>, 1 => 1, |[x], [gradient]| {
+    let s = 1.0 / (1.0 + exponential::<FUSED>(-x));
     [gradient * (s * (1.0 + x * (1.0 - s)))]
 });
 
@@ -33,13 +33,13 @@ vectorised! {
     /// of the channels of `features` (pixels, 2 channels).
     ///
     /// `factors` (pixels, 2 channels) keeps tanh and sigmoid for [`gate_backward`]; `out` is (pixels, channels).
-    pub fn gate<'a>(features: &'a [f32], channels: usize, factors: &'a mut [f32], out: &'a mut [f32]) {
+    pub fn gate<'a, fused FUSED>(features: &'a [f32], channels: usize, factors: &'a mut [f32], out: &'a mut [f32]) {
         let wide = 2 * channels;
         let rows = features.chunks_exact(wide).zip(factors.chunks_exact_mut(wide)).zip(out.chunks_exact_mut(channels));
         for ((feature, factor), out) in rows {
             let (a, b) = feature.split_at(channels);
             let (tanh, sigmoid) = factor.split_at_mut(channels);
-            each(&Gate, [a, b], [tanh, sigmoid, out]);
+            each(&Gate::<FUSED>, [a, b], [tanh, sigmoid, out]);
         }
     }
 }
@@ -59,8 +59,8 @@ vectorised! {
 
 vectorised! {
     /// Exponential linear unit (Clevert et al. 2016): x above 0, `e^x - 1` below.
-    pub fn elu<'a>(input: &'a [f32], out: &'a mut [f32]) {
-        each(&Elu, [input], [out]);
+    pub fn elu<'a, fused FUSED>(input: &'a [f32], out: &'a mut [f32]) {
+        each(&Elu::<FUSED>, [input], [out]);
     }
 }
 
@@ -76,11 +76,11 @@ vectorised! {
     /// channels of `features` (pixels, 2 channels).
     ///
     /// `sigmoids` and `out` are (pixels, channels); the former is kept for [`glu_backward`].
-    pub fn glu<'a>(features: &'a [f32], channels: usize, sigmoids: &'a mut [f32], out: &'a mut [f32]) {
+    pub fn glu<'a, fused FUSED>(features: &'a [f32], channels: usize, sigmoids: &'a mut [f32], out: &'a mut [f32]) {
         let rows = features.chunks_exact(2 * channels).zip(sigmoids.chunks_exact_mut(channels));
         for ((feature, sigmoid), out) in rows.zip(out.chunks_exact_mut(channels)) {
             let (a, b) = feature.split_at(channels);
-            each(&Glu, [a, b], [sigmoid, out]);
+            each(&Glu::<FUSED>, [a, b], [sigmoid, out]);
         }
     }
 }
@@ -105,22 +105,22 @@ vectorised! {
 
 vectorised! {
     /// Sigmoid linear unit (Elfwing et al. 2018): `out = x sigmoid(x)`.
-    pub fn silu<'a>(input: &'a [f32], out: &'a mut [f32]) {
-        each(&Silu, [input], [out]);
+    pub fn silu<'a, fused FUSED>(input: &'a [f32], out: &'a mut [f32]) {
+        each(&Silu::<FUSED>, [input], [out]);
     }
 }
 
 vectorised! {
     /// `out = silu(input) + other`.
-    pub fn silu_plus<'a>(input: &'a [f32], other: &'a [f32], out: &'a mut [f32]) {
-        each(&SiluPlus, [input, other], [out]);
+    pub fn silu_plus<'a, fused FUSED>(input: &'a [f32], other: &'a [f32], out: &'a mut [f32]) {
+        each(&SiluPlus::<FUSED>, [input, other], [out]);
     }
 }
 
 vectorised! {
     /// Multiplies `gradient` by the derivative of [`silu`] at `input`.
-    pub fn silu_backward<'a>(input: &'a [f32], gradient: &'a mut [f32]) {
-        each(&SiluBackward, [input], [gradient]);
+    pub fn silu_backward<'a, fused FUSED>(input: &'a [f32], gradient: &'a mut [f32]) {
+        each(&SiluBackward::<FUSED>, [input], [gradient]);
     }
 }
 

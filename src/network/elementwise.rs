@@ -12,13 +12,14 @@ pub(crate) trait Elementwise<const I: usize, const O: usize> {
     fn apply(&self, from: [f32; I], to: [f32; O]) -> [f32; O];
 }
 
-/// Defines an [`Elementwise`] operation without parameters.
+/// Defines an [`Elementwise`] operation without parameters, or with a constant: whether this processor
+/// [multiplies and adds](super::multiplies_and_adds) in one go.
 macro_rules! elementwise {
-    ($(#[$meta:meta])* $name:ident, $from:expr => $to:expr, |$given:pat_param, $old:pat_param| $body:expr) => {
+    ($(#[$meta:meta])* $name:ident $(<$fused:ident>)?, $from:expr => $to:expr, |$given:pat_param, $old:pat_param| $body:expr) => {
         $(#[$meta])*
-        pub(crate) struct $name;
+        pub(crate) struct $name $(<const $fused: bool>)?;
 
-        impl $crate::network::elementwise::Elementwise<{ $from }, { $to }> for $name {
+        impl $(<const $fused: bool>)? $crate::network::elementwise::Elementwise<{ $from }, { $to }> for $name $(<$fused>)? {
             #[inline(always)]
             #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
             fn apply(&self, $given: [f32; $from], $old: [f32; $to]) -> [f32; $to] {
@@ -28,11 +29,6 @@ macro_rules! elementwise {
     };
 }
 pub(crate) use elementwise;
-
-elementwise!(
-    /// A number added to what is there.
-    Added, 1 => 1, |[value], [sum]| [sum + value]
-);
 
 /// Applies an operation to each number of `to`, with those of `from` at the same place; all slices are as long as the first
 /// of `to`.

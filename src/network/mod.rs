@@ -33,7 +33,7 @@ mod winograd;
 pub use activation::{elu, elu_backward, gate, gate_backward, glu, glu_backward, silu, silu_backward, silu_plus};
 pub use adam::{Adam, moving_average};
 pub(crate) use arithmetic::vectorised;
-pub use arithmetic::{exponential, if_not_negligible, logarithm};
+pub use arithmetic::{exponential, if_not_negligible, logarithm, multiplies_and_adds};
 pub use bias::{add_bias, column_sums, fill_bias};
 pub use bordered::Bordered;
 pub(crate) use elementwise::{LANES, euclidean_norm, sum_of_lanes};

@@ -2,8 +2,9 @@
 //!
 //! Only the taps that a mask leaves open are gathered, so masked ones cost nothing.
 
+use pulp::{Arch, Simd, WithSimd};
+
 use super::arithmetic::vectorised;
-use super::elementwise::{Added, each};
 
 /// A stack of images that lie one after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,28 +80,7 @@ impl Taps {
 
     /// The transpose of [`Taps::gather`]: adds each column entry to the pixel it was read from.
     pub fn scatter_add(&self, grid: Grid, channels: usize, columns: &[f32], output: &mut [f32]) {
-        match channels {
-            8 => scatter_of::<8>(self, grid, columns, output),
-            48 => scatter_of::<48>(self, grid, columns, output),
-            64 => scatter_of::<64>(self, grid, columns, output),
-            _ => self.scatter_by(grid, channels, columns, output),
-        }
-    }
-
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "the constant number of channels must reach the inner loop")]
-    fn scatter_by(&self, grid: Grid, channels: usize, columns: &[f32], output: &mut [f32]) {
-        let wide = self.count() * channels;
-        for (line, columns) in columns.chunks_exact(grid.cols * wide).enumerate() {
-            for (tap, &offset) in self.offsets.iter().enumerate() {
-                let Run { first, count, source } = Run::of(grid, line, offset);
-                let part = tap * channels..(tap + 1) * channels;
-                let columns = columns[first * wide..(first + count) * wide].chunks_exact(wide);
-                for (pixel, column) in output[source * channels..].chunks_exact_mut(channels).zip(columns) {
-                    each(&Added, [&column[part.clone()]], [pixel]);
-                }
-            }
-        }
+        Arch::new().dispatch(ScatterAdd { taps: self, grid, channels, columns, output });
     }
 }
 
@@ -110,9 +90,41 @@ vectorised! {
     }
 }
 
-vectorised! {
-    fn scatter_of<'a, const CHANNELS: usize>(taps: &'a Taps, grid: Grid, columns: &'a [f32], output: &'a mut [f32]) {
-        taps.scatter_by(grid, CHANNELS, columns, output);
+/// Written with vectors: of plain loops the compiler makes code that gathers one channel of many columns.
+struct ScatterAdd<'a> {
+    taps: &'a Taps,
+    grid: Grid,
+    channels: usize,
+    columns: &'a [f32],
+    output: &'a mut [f32],
+}
+
+impl WithSimd for ScatterAdd<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { taps, grid, channels, columns, output } = self;
+        let wide = taps.count() * channels;
+        for (line, columns) in columns.chunks_exact(grid.cols * wide).enumerate() {
+            for (tap, &offset) in taps.offsets.iter().enumerate() {
+                let Run { first, count, source } = Run::of(grid, line, offset);
+                let part = tap * channels..(tap + 1) * channels;
+                let columns = columns[first * wide..(first + count) * wide].chunks_exact(wide);
+                for (pixel, column) in output[source * channels..].chunks_exact_mut(channels).zip(columns) {
+                    let (sums, last_sums) = S::as_mut_simd_f32s(pixel);
+                    let (values, last_values) = S::as_simd_f32s(&column[part.clone()]);
+                    for (sum, value) in sums.iter_mut().zip(values) {
+                        *sum = simd.add_f32s(*sum, *value);
+                    }
+                    if !last_sums.is_empty() {
+                        let (sum, value) = (simd.partial_load_f32s(last_sums), simd.partial_load_f32s(last_values));
+                        simd.partial_store_f32s(last_sums, simd.add_f32s(sum, value));
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -170,6 +182,7 @@ mod tests {
             (3, Grid { samples: 2, rows: 5, cols: 4 }),
             (8, Grid { samples: 1, rows: 4, cols: 3 }),
             (48, Grid { samples: 1, rows: 5, cols: 3 }),
+            (50, Grid { samples: 1, rows: 3, cols: 4 }),
             (64, Grid { samples: 2, rows: 3, cols: 6 }),
         ] {
             let input: Vec<f32> = (0..grid.pixels() * channels).map(|i| ((i * 31) % 97) as f32).collect();

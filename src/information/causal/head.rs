@@ -17,7 +17,7 @@ vectorised! {
     /// likelihood relative to the best level is below [`SMALLEST`]. `scratch` is for two numbers by level, the pull of the
     /// prediction and the weight at the last pixel, and one by target. The number of levels is a multiple of [`LANES`].
     #[allow(clippy::too_many_arguments, reason = "slices of one batch, all needed in the same loop")]
-    pub(super) fn level_losses<'a>(
+    pub(super) fn level_losses<'a, fused FUSED>(
         photons: &'a [f32],
         guess: &'a [(f32, f32)],
         likelihoods: &'a [(&'a [f32], f32)],
@@ -51,7 +51,7 @@ vectorised! {
             let lanes = logits.as_chunks::<LANES>().0.iter().zip(weights.as_chunks_mut::<LANES>().0);
             for (logits, weights) in lanes {
                 for k in 0..LANES {
-                    weights[k] = if_not_negligible(exponential(logits[k] - most));
+                    weights[k] = if_not_negligible(exponential::<FUSED>(logits[k] - most));
                     total[k] += weights[k];
                 }
             }
@@ -65,13 +65,13 @@ vectorised! {
                 }
                 *mixture = sum_of_lanes(sum);
             }
-            let (to_weight, log_total) = (weight / total, logarithm(total));
+            let (to_weight, log_total) = (weight / total, logarithm::<FUSED>(total));
             let mut nats = 0.0;
             for (factor, (_, largest_log)) in factors.iter_mut().zip(likelihoods) {
                 let mixture = *factor;
                 // A share of the mixture that single precision cannot hold is summed elsewhere; it has no gradient here.
                 let trusted = mixture > SMALLEST * total;
-                nats += if trusted { log_total - logarithm(mixture) - largest_log } else { f32::INFINITY };
+                nats += if trusted { log_total - logarithm::<FUSED>(mixture) - largest_log } else { f32::INFINITY };
                 *factor = if trusted { weight / (mixture * targets as f32) } else { 0.0 };
             }
             *loss = nats / targets as f32;

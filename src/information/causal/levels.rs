@@ -358,9 +358,9 @@ vectorised! {
 }
 
 vectorised! {
-    fn relative<'a>(largest: f32, logs: &'a mut [f32]) {
+    fn relative<'a, fused FUSED>(largest: f32, logs: &'a mut [f32]) {
         for log in logs {
-            *log = exponential(*log - largest);
+            *log = exponential::<FUSED>(*log - largest);
         }
     }
 }

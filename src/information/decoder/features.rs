@@ -1,7 +1,7 @@
 //! What the network is told about every site, how it moves the logits, and the derivatives of both: passes over plain
 //! arrays with one number per site or per pixel.
 
-use super::layers::FEATURES;
+use super::layers::{FEATURES, HIDDEN, INPUTS, OUTPUTS};
 use crate::network::{exponential, logarithm, vectorised};
 
 /// Log odds are kept within this of zero between steps, or a little beyond those of the prior.
@@ -56,7 +56,7 @@ impl Pixels {
 
 vectorised! {
     /// Probabilities from logits where sites are free, else what is known of them; and their variances.
-    pub(super) fn probabilities<'a>(
+    pub(super) fn probabilities<'a, fused FUSED>(
         free: &'a [f32],
         known: &'a [f32],
         known_logits: &'a [f32],
@@ -68,7 +68,7 @@ vectorised! {
         let (free, known, known_logits) = (&free[..n], &known[..n], &known_logits[..n]);
         let (probability, variance) = (&mut probability[..n], &mut variance[..n]);
         for i in 0..n {
-            let p = 1.0 / (1.0 + exponential(-logits[i]));
+            let p = 1.0 / (1.0 + exponential::<FUSED>(-logits[i]));
             let p = free[i] * p + (1.0 - free[i]) * known[i];
             logits[i] = free[i] * logits[i] + (1.0 - free[i]) * known_logits[i];
             probability[i] = p;
@@ -154,7 +154,12 @@ fn likelihood_ratio(gain: f32, precision: f32, probability: f32) -> f32 {
 
 vectorised! {
     /// The features of all sites, one array after the other. `per_light` is 1 / photons that a bead leaves on the patch.
-    pub(super) fn features<'a>(evidence: &'a Evidence, free: &'a [f32], per_light: &'a [f32], features: &'a mut [f32]) {
+    pub(super) fn features<'a, fused FUSED>(
+        evidence: &'a Evidence,
+        free: &'a [f32],
+        per_light: &'a [f32],
+        features: &'a mut [f32],
+    ) {
         let n = free.len();
         let (contrast, per_light) = (&evidence.contrast[..n], &per_light[..n]);
         let Evidence { logits, probability, gain, precision, .. } = evidence;
@@ -174,10 +179,10 @@ vectorised! {
             let size = ratio.abs();
             f0[i] = s[i] / 6.0;
             f1[i] = p[i];
-            f2[i] = 4.0 / (1.0 + exponential(-ratio / 4.0)) - 2.0;
-            f3[i] = (logarithm(size + (size * size + 1.0).sqrt()) / 3.0).copysign(ratio);
+            f2[i] = 4.0 / (1.0 + exponential::<FUSED>(-ratio / 4.0)) - 2.0;
+            f3[i] = (logarithm::<FUSED>(size + (size * size + 1.0).sqrt()) / 3.0).copysign(ratio);
             f4[i] = g[i] / (3.0 * (root + EPSILON));
-            f5[i] = logarithm(1.0 + root) / 4.0;
+            f5[i] = logarithm::<FUSED>(1.0 + root) / 4.0;
             f6[i] = 1.0 - free[i];
             f7[i] = 2.0 * contrast[i] * per_light[i];
         }
@@ -213,7 +218,7 @@ impl ByEvidence {
 vectorised! {
     /// Adds the gradients by logits and replaces those by probability, gain, precision and contrast, from those by features
     /// and by the ratio.
-    pub(super) fn features_backward<'a>(
+    pub(super) fn features_backward<'a, fused FUSED>(
         evidence: &'a Evidence,
         per_light: &'a [f32],
         by_features: &'a [f32],
@@ -233,7 +238,7 @@ vectorised! {
             let precision = h[i].max(LEAST_PRECISION);
             let ratio = likelihood_ratio(g[i], precision, p[i]);
             let root = precision.sqrt();
-            let s = 1.0 / (1.0 + exponential(-ratio / 4.0));
+            let s = 1.0 / (1.0 + exponential::<FUSED>(-ratio / 4.0));
             let by_ratio = by_ratio[i] + b2[i] * s * (1.0 - s) + b3[i] / (3.0 * (ratio * ratio + 1.0).sqrt());
             let quotient = 1.0 / (root + EPSILON);
             let by_root = b5[i] / (4.0 * (1.0 + root)) - b4[i] * g[i] * quotient * quotient / 3.0;
@@ -264,7 +269,12 @@ impl Moves {
 
 vectorised! {
     /// Log odds that the step claims, and those the next step starts from: halfway.
-    pub(super) fn update<'a>(evidence: &'a Evidence, prior: f32, moves: &'a mut Moves, next: &'a mut [f32]) {
+    pub(super) fn update<'a, fused FUSED>(
+        evidence: &'a Evidence,
+        prior: f32,
+        moves: &'a mut Moves,
+        next: &'a mut [f32],
+    ) {
         let n = next.len();
         let Evidence { logits, probability, gain, precision, .. } = evidence;
         let (s, p, g, h) = (&logits[..n], &probability[..n], &gain[..n], &precision[..n]);
@@ -273,7 +283,7 @@ vectorised! {
         let (limit, _) = limits(prior);
         for i in 0..n {
             let ratio = likelihood_ratio(g[i], h[i].max(LEAST_PRECISION), p[i]);
-            let logit = prior + 0.5 * ratio / (1.0 + exponential(-gate[i])) + 4.0 * level[i];
+            let logit = prior + 0.5 * ratio / (1.0 + exponential::<FUSED>(-gate[i])) + 4.0 * level[i];
             claimed[i] = logit;
             next[i] = (0.5 * (s[i] + logit)).clamp(-limit, limit);
         }
@@ -284,7 +294,7 @@ vectorised! {
     /// Gradient of [`update`]: `by.logits` holds the gradient by the next logits and gets that by the logits; `by_claimed`
     /// holds the gradient by the claimed log odds from the loss. Writes gradients by level and gate in place of
     /// `by_claimed` and `by_gate`, and by the ratio.
-    pub(super) fn update_backward<'a>(
+    pub(super) fn update_backward<'a, fused FUSED>(
         evidence: &'a Evidence,
         moves: &'a Moves,
         prior: f32,
@@ -302,7 +312,7 @@ vectorised! {
             let inside = (0.5 * (s[i] + claimed[i])).abs() < limit;
             let half = if inside { 0.5 * by_s[i] } else { 0.0 };
             let by_logit = by_claimed[i] + half;
-            let open = 1.0 / (1.0 + exponential(-gate[i]));
+            let open = 1.0 / (1.0 + exponential::<FUSED>(-gate[i]));
             let ratio = likelihood_ratio(g[i], h[i].max(LEAST_PRECISION), p[i]);
             by_s[i] = half;
             by_ratio[i] = 0.5 * open * by_logit;
@@ -314,7 +324,7 @@ vectorised! {
 
 vectorised! {
     /// Code lengths of the free sites under the claimed log odds, nats, and `weight` times their gradients.
-    pub(super) fn code_lengths<'a>(
+    pub(super) fn code_lengths<'a, fused FUSED>(
         beads: &'a [f32],
         free: &'a [f32],
         prior: f32,
@@ -329,9 +339,9 @@ vectorised! {
         let (_, limit) = limits(prior);
         for i in 0..n {
             let logit = claimed[i].clamp(-limit, limit);
-            let p = 1.0 / (1.0 + exponential(-logit));
-            let surprise = logit.max(0.0) + logarithm(1.0 + exponential(-logit.abs())) - beads[i] * logit;
-            nats[i] = free[i] * surprise;
+            let p = 1.0 / (1.0 + exponential::<FUSED>(-logit));
+            let softplus = logit.max(0.0) + logarithm::<FUSED>(1.0 + exponential::<FUSED>(-logit.abs()));
+            nats[i] = free[i] * (softplus - beads[i] * logit);
             let slope = if claimed[i].abs() < limit { p - beads[i] } else { 0.0 };
             by_claimed[i] = weight * free[i] * slope;
         }
@@ -359,19 +369,31 @@ vectorised! {
 }
 
 /// Writes features (one array after the other) beside the hidden channels of the sites of one row.
-pub(super) fn interleave(features: &[f32], count: usize, first: usize, inputs: &mut [[f32; super::layers::INPUTS]]) {
-    for (offset, input) in inputs.iter_mut().enumerate() {
-        for k in 0..FEATURES {
-            input[super::layers::HIDDEN + k] = features[k * count + first + offset];
+pub(super) fn interleave(features: &[f32], count: usize, first: usize, inputs: &mut [[f32; INPUTS]]) {
+    let cols = inputs.len();
+    let features: [&[f32]; FEATURES] = std::array::from_fn(|k| &features[k * count + first..][..cols]);
+    for (col, input) in inputs.iter_mut().enumerate() {
+        for (feature, value) in features.iter().zip(&mut input[HIDDEN..]) {
+            *value = feature[col];
         }
     }
 }
 
 /// The transpose of [`interleave`].
-pub(super) fn separate(inputs: &[[f32; super::layers::INPUTS]], count: usize, first: usize, features: &mut [f32]) {
-    for (offset, input) in inputs.iter().enumerate() {
-        for k in 0..FEATURES {
-            features[k * count + first + offset] = input[super::layers::HIDDEN + k];
+pub(super) fn separate(inputs: &[[f32; INPUTS]], count: usize, first: usize, features: &mut [f32]) {
+    for (k, features) in features.chunks_exact_mut(count).enumerate().take(FEATURES) {
+        for (input, value) in inputs.iter().zip(&mut features[first..]) {
+            *value = input[HIDDEN + k];
+        }
+    }
+}
+
+/// The hidden channels that the next step begins with: those of this step and what its layers add.
+pub(super) fn carry(inputs: &[[f32; INPUTS]], outputs: &[[f32; OUTPUTS]], next: &mut [[f32; INPUTS]]) {
+    // Not compiled for the widest vectors: the compiler would gather single channels of many sites.
+    for (next, (input, output)) in next.iter_mut().zip(inputs.iter().zip(outputs)) {
+        for k in 0..HIDDEN {
+            next[k] = input[k] + output[k];
         }
     }
 }

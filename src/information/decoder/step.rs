@@ -1,6 +1,6 @@
 //! The layers of one unrolled step, forwards and backwards.
 
-use super::features::{Moves, interleave, separate};
+use super::features::{Moves, carry, interleave, separate};
 use super::layers::{HIDDEN, INPUTS, OUTPUTS, StepLayers, Windows};
 use crate::network::{
     Bordered, column_sums, silu, silu_backward, silu_plus, transposed_kernel, window_product, window_product_by_kernel,
@@ -133,12 +133,8 @@ impl Layers<'_> {
         }
         if let Some(next) = next_inputs {
             let covered = self.sites.covered();
-            let pixels = kept.inputs.as_chunks::<INPUTS>().0[covered.clone()].iter().zip(&outputs[covered.clone()]);
-            for (next, (input, output)) in next.as_chunks_mut::<INPUTS>().0[covered].iter_mut().zip(pixels) {
-                for ((next, input), output) in next.iter_mut().zip(input).zip(output).take(HIDDEN) {
-                    *next = input + output;
-                }
-            }
+            let inputs = &kept.inputs.as_chunks::<INPUTS>().0[covered.clone()];
+            carry(inputs, &outputs[covered.clone()], &mut next.as_chunks_mut::<INPUTS>().0[covered]);
         }
     }
 

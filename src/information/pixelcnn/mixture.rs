@@ -33,7 +33,7 @@ pub(super) fn mixture_losses(
     match components {
         // A constant length turns the loops into straight vector code.
         40 => pixels_of_40(scale, values, weight, heads, losses, by_value, scratch),
-        _ => pixels::<0>(components, scale, values, weight, heads, losses, by_value, scratch),
+        _ => pixels::<0, false>(components, scale, values, weight, heads, losses, by_value, scratch),
     }
 }
 
@@ -41,12 +41,12 @@ pub(super) fn mixture_losses(
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "called in the loop over components")]
 pub(super) fn component(scale: &DataScale, mean: f32, width: f32) -> (f32, f32) {
-    let softplus = width.max(0.0) + logarithm(1.0 + exponential(-width.abs()));
+    let softplus = width.max(0.0) + logarithm::<false>(1.0 + exponential::<false>(-width.abs()));
     (mean.max(scale.min).min(scale.max), softplus.max(scale.min_width).min(scale.deviation))
 }
 
 vectorised! {
-    fn pixels_of_40<'a>(
+    fn pixels_of_40<'a, fused FUSED>(
         scale: &'a DataScale,
         values: &'a [f32],
         weight: f32,
@@ -55,13 +55,13 @@ vectorised! {
         by_value: &'a mut [f32],
         scratch: &'a mut [f32],
     ) {
-        pixels::<40>(40, scale, values, weight, heads, losses, by_value, scratch);
+        pixels::<40, FUSED>(40, scale, values, weight, heads, losses, by_value, scratch);
     }
 }
 
 #[inline(always)]
 #[allow(clippy::inline_always, clippy::too_many_arguments, reason = "the body of the loop above")]
-fn pixels<const COMPONENTS: usize>(
+fn pixels<const COMPONENTS: usize, const FUSED: bool>(
     components: usize,
     scale: &DataScale,
     values: &[f32],
@@ -84,14 +84,14 @@ fn pixels<const COMPONENTS: usize>(
         for k in 0..components {
             let (mean, raw) = (means[k], widths[k]);
             let open_mean = mean >= scale.min && mean <= scale.max;
-            let e = exponential(-raw.abs());
-            let softplus = raw.max(0.0) + logarithm(1.0 + e);
+            let e = exponential::<FUSED>(-raw.abs());
+            let softplus = raw.max(0.0) + logarithm::<FUSED>(1.0 + e);
             let sigmoid = if raw >= 0.0 { 1.0 } else { e } / (1.0 + e);
             let open_width = softplus >= scale.min_width && softplus <= scale.deviation;
             let width = softplus.max(scale.min_width).min(scale.deviation);
             let inverse = 1.0 / width;
             let z = (value - mean.max(scale.min).min(scale.max)) * inverse;
-            logs[k] = logits[k] - 0.5 * z * z - logarithm(width) - HALF_LN_TWO_PI;
+            logs[k] = logits[k] - 0.5 * z * z - logarithm::<FUSED>(width) - HALF_LN_TWO_PI;
             // Not masked yet: the derivative by the value needs all of them.
             by_mean[k] = z * inverse;
             by_width[k] = if open_width { sigmoid } else { 0.0 } * (z * z - 1.0) * inverse;
@@ -99,8 +99,8 @@ fn pixels<const COMPONENTS: usize>(
         }
         let (largest_log, largest_logit) = (largest(logs), largest(logits));
         for k in 0..components {
-            logs[k] = if_not_negligible(exponential(logs[k] - largest_log));
-            shares[k] = if_not_negligible(exponential(logits[k] - largest_logit));
+            logs[k] = if_not_negligible(exponential::<FUSED>(logs[k] - largest_log));
+            shares[k] = if_not_negligible(exponential::<FUSED>(logits[k] - largest_logit));
         }
         let (density, total) = (sum(logs), sum(shares));
         *loss = (largest_logit + total.ln()) - (largest_log + density.ln());

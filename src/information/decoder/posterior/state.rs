@@ -138,9 +138,9 @@ impl<'a> State<'a> {
 
 /// The body of a gain: `$term` from clean photons before and after, noisy photons.
 macro_rules! gain {
-    ($name:ident, ($($extra:ident),*), |$before:ident, $after:ident, $noisy:ident| $term:expr) => {
+    ($name:ident<$fused:ident>, ($($extra:ident),*), |$before:ident, $after:ident, $noisy:ident| $term:expr) => {
         vectorised! {
-            fn $name<'a>(
+            fn $name<'a, fused $fused>(
                 light: &'a Light,
                 change: (usize, f32),
                 $($extra: f32,)*
@@ -172,10 +172,10 @@ macro_rules! gain {
     };
 }
 
-gain!(shot_gain, (), |before, after, noisy| noisy * logarithm(after / before) - (after - before));
-gain!(read_gain, (), |before, after, noisy| (after - before) * (noisy - 0.5 * (after + before)));
-gain!(both_gain, (variance), |before, after, noisy| {
+gain!(shot_gain<FUSED>, (), |before, after, noisy| noisy * logarithm::<FUSED>(after / before) - (after - before));
+gain!(read_gain<FUSED>, (), |before, after, noisy| (after - before) * (noisy - 0.5 * (after + before)));
+gain!(both_gain<FUSED>, (variance), |before, after, noisy| {
     let (v0, v1) = (before + variance, after + variance);
     let (d0, d1) = (noisy - before, noisy - after);
-    0.5 * (d0 * d0 / v0 - d1 * d1 / v1 - logarithm(v1 / v0))
+    0.5 * (d0 * d0 / v0 - d1 * d1 / v1 - logarithm::<FUSED>(v1 / v0))
 });
