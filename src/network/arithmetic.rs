@@ -48,12 +48,12 @@ macro_rules! vectorised {
 }
 pub(crate) use vectorised;
 
-/// Whether vector instructions of this processor multiply and add in one go, which takes half the time and rounds once.
+/// Whether vector instructions of this processor multiply and add in one go, with one rounding.
 pub fn multiplies_and_adds() -> bool {
     !matches!(pulp::Arch::new(), pulp::Arch::Scalar)
 }
 
-/// `a b + c`, in one instruction where that is known to exist: elsewhere it is a call that takes a hundred times as long.
+/// `a b + c`, in one instruction where that is known to exist; elsewhere such a product would be the call of a library.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
 fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
