@@ -208,6 +208,20 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     format!("at most {:.4} bits per pixel  [{low:.4}, {high:.4}], from the {upper}{below}", bracket.upper)
 }
 
+/// The same numbers for all pixels together: where the patch is the sensor, of a whole measurement.
+fn per_patch(result: &Estimate) -> String {
+    let [rows, cols] = result.patch;
+    let most = result.bits_per_patch();
+    let patch = format!("bits in each {rows} x {cols} px patch");
+    match result.lower() {
+        Some(lower) => {
+            let (least, most) = Bracket::in_order(lower * (rows * cols) as f64, most);
+            format!("{least:.1} to {most:.1} {patch}")
+        }
+        None => format!("at most {most:.1} {patch}"),
+    }
+}
+
 /// The estimate for people, line by line.
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
@@ -222,6 +236,7 @@ fn lines_of(result: &Estimate) -> Vec<String> {
                 result.bits_per_pixel, result.estimator, result.protocol
             ),
         },
+        per_patch(result),
         format!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x),
         match result.ceiling {
             Some(ceiling) => format!("ceiling {ceiling:.4} bits per pixel"),

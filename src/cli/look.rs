@@ -84,8 +84,9 @@ impl Bounds {
     }
 
     fn lines(&self) -> Vec<String> {
+        let loose = self.ceiling.is_some_and(|ceiling| self.gaussian_bound > ceiling);
         let ([rows, cols], [low, high], bound) = (self.patch, self.gaussian_interval_95, self.gaussian_bound);
-        vec![
+        let mut lines = vec![
             format!("Information of a {rows} x {cols} px patch, bits per pixel:"),
             if self.gaussian_is_bound {
                 format!("  at most {bound:.3} [{low:.3}, {high:.3}]  Gaussian bound")
@@ -96,7 +97,9 @@ impl Bounds {
                 Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy ceiling"),
                 None => "  ceiling unknown: the entropy of these objects is not known".into(),
             },
-        ]
+        ];
+        lines.extend(loose.then(|| "  the Gaussian lies above the ceiling: do not rank designs by it".into()));
+        lines
     }
 }
 

@@ -225,6 +225,12 @@ impl Estimate {
             bits_per_pixel: ceiling,
             interval_95: [ceiling; 2],
         }));
+        if let Some(ceiling) = ceiling.filter(|&ceiling| density > ceiling) {
+            estimate.notes.push(format!(
+                "the density model lies above the ceiling, {density:.3} of at most {ceiling:.3} bits per pixel: it is loose for \
+                 these objects"
+            ));
+        }
         let bracket = Bracket::new(above, below).ok_or(InformationError::Empty)?;
         if bracket.width().is_some_and(|width| width < 0.0) {
             estimate
@@ -262,6 +268,11 @@ impl Estimate {
             Some(bracket) => format!("{}: {}", self.estimator, bracket.upper_from),
             None => self.estimator.to_string(),
         }
+    }
+
+    /// The estimate for all pixels of a patch together, or of a whole measurement where the patch is one; bits.
+    pub fn bits_per_patch(&self) -> f64 {
+        self.bits_per_pixel * (self.patch[0] * self.patch[1]) as f64
     }
 
     /// Whether the estimate lies above the ceiling, where one is known.

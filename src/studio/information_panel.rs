@@ -22,6 +22,8 @@ pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
 pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
 /// Colour of density models.
 pub const DENSITY: Color32 = Color32::from_rgb(196, 122, 232);
+/// Colour of finished estimates by one density model.
+pub const FITTED: Color32 = Color32::from_rgb(214, 190, 86);
 /// Colour of upper bounds by posterior sampling.
 pub const SAMPLED: Color32 = Color32::from_rgb(226, 92, 118);
 /// Colour of lower bounds.
@@ -101,6 +103,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "ceiling": known.bounds.ceiling_bits(),
         "live_estimate": live,
         "bracket": known.bracket,
+        "fitted": known.fitted,
         "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
         "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
         "object_tamura": scene.map(|scene| scene.value.tamura.mean),
@@ -125,6 +128,12 @@ pub fn between(lower: f64, upper: f64) -> String {
     format!("{} \u{2013} {}", rounded(low), rounded(high))
 }
 
+/// Two bounds in bits per pixel as those of a whole measurement.
+fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
+    let (low, high) = Bracket::in_order(lower, upper);
+    format!("{:.0} \u{2013} {:.0}", low * pixels as f64, high * pixels as f64)
+}
+
 /// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
 fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let (upper, from) = known.upper();
@@ -133,7 +142,13 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         (Some((Bracket { lower: Some(lower), upper, lower_from: Some(below), upper_from, .. }, [rows, cols])), _) => (
             between(*lower, *upper),
             format!("whole sensor: {}", both(below, upper_from)),
-            format!("The information of whole measurements ({rows} x {cols} px) lies between these bounds."),
+            format!(
+                "The information of whole measurements ({rows} x {cols} px) lies between these bounds: {} bits each. Bar and \
+                 table are of {} x {} px patches.",
+                whole_bits((*lower, *upper), rows * cols),
+                known.bounds.patch.0,
+                known.bounds.patch.1
+            ),
         ),
         (_, Some(lower)) => (
             between(lower.bits_per_pixel, upper),
@@ -197,14 +212,15 @@ fn both(below: &str, above: &str) -> String {
 
 /// Says where a number overstates the design; below the numbers, so that they stay where they are.
 fn warning(ui: &mut Ui, known: &Known<'_>) {
-    let ceiling = known.bounds.ceiling_bits().unwrap_or(f64::INFINITY);
-    if known.live.as_ref().is_some_and(|(live, current)| *current && live.interval_95[0] > ceiling) {
-        let warning = "The density model lies above what the objects hold at all: do not rank masks by it.";
-        ui.colored_label(ui.visuals().warn_fg_color, warning);
-    } else if ceiling < known.gaussian() && known.live.is_none() && known.run.is_none() {
-        let warning = "The Gaussian bound lies above what the objects hold at all: it overstates this design.";
-        ui.colored_label(ui.visuals().warn_fg_color, warning);
-    }
+    let Some(ceiling) = known.bounds.ceiling_bits() else { return };
+    let density = known.sampling().is_some_and(|live| live.bits_per_pixel > ceiling);
+    let warning = match (density, known.gaussian() > ceiling) {
+        (true, true) => "Density model and Gaussian lie above what the objects hold at all: do not rank masks by them.",
+        (true, false) => "The density model lies above what the objects hold at all: do not rank masks by it.",
+        (false, true) => "The Gaussian lies above what the objects hold at all: do not rank masks by it.",
+        (false, false) => return,
+    };
+    ui.colored_label(ui.visuals().warn_fg_color, warning);
 }
 
 /// All bounds on one axis that starts at 0; where the truth can be is filled.
@@ -216,6 +232,7 @@ fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     let density = known.sampling().map(|live| live.bits_per_pixel);
     let density = density.or_else(|| Some(known.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
     marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
+    marks.extend(known.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
     let sampled = known.sampling().and_then(|live| live.upper.as_ref());
     marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
@@ -280,6 +297,12 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
                         is at most this, however badly the sampling goes; the longer it takes, the tighter.";
             let value = format!("{} {}", rounded(upper.bits_per_pixel), interval(upper.interval_95));
             line("Posterior sampling", value, Some(SAMPLED), hint);
+        }
+        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = &known.fitted {
+            let hint = "The smallest of the finished estimates (Estimates) of this design by one density model: an upper bound, \
+                        with its 95 % interval.";
+            let value = format!("{} {} {from}", rounded(*bits_per_pixel), interval(*interval_95));
+            line("Upper bound", value, Some(FITTED), hint);
         }
         let (value, entropies) = live_line(state, known);
         line(

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::state::State;
-use crate::information::{Bracket, NamedBound};
+use crate::information::{Bracket, Estimate, NamedBound, Protocol};
 use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, Stamped};
 
 /// All that is known of the open design.
@@ -16,7 +16,9 @@ pub struct Known<'a> {
     pub run: Option<RunBounds>,
     /// All bounds that finished estimates know of the design as it is now, for the patch that the live numbers refer to.
     pub bracket: Option<Bracket>,
-    /// The same for whole measurements, with their shape.
+    /// The smallest upper bound by finished estimates of one density model, for that patch.
+    pub fitted: Option<NamedBound>,
+    /// The same as `bracket` for whole measurements, with their shape.
     pub sensor: Option<(Bracket, [usize; 2])>,
 }
 
@@ -25,13 +27,20 @@ impl<'a> Known<'a> {
         // A design that was left and came back is the same design.
         let design = state.bench.design();
         let is_of = |result: &&Stamped<FinishedEstimate>| result.value.is_of(design, &state.live);
-        let finished = state.estimates.finished.iter().rev().filter(is_of);
-        let brackets: Vec<_> = finished
-            .filter_map(|result| Some((result.value.estimate.bracket.as_ref()?, result.value.estimate.patch)))
-            .collect();
+        let finished = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
+        let brackets: Vec<_> =
+            finished().filter_map(|estimate| Some((estimate.bracket.as_ref()?, estimate.patch))).collect();
         let of =
             |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| *bracket));
         let here = [bounds.patch.0, bounds.patch.1];
+        let is_bound = |estimate: &&Estimate| {
+            estimate.bracket.is_none() && estimate.patch == here && estimate.protocol == Protocol::Default
+        };
+        let fitted = finished().filter(is_bound).map(|estimate| NamedBound {
+            from: format!("{} estimate", estimate.estimator),
+            bits_per_pixel: estimate.bits_per_pixel,
+            interval_95: estimate.interval_95,
+        });
         let live = state.estimates.live.as_ref();
         let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
         let has_live = live.as_ref().is_some_and(|(_, current)| *current);
@@ -44,6 +53,7 @@ impl<'a> Known<'a> {
             live: live.filter(|(_, current)| *current || run.is_none()),
             run,
             bracket: of(here),
+            fitted: fitted.min_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel)),
             sensor: brackets
                 .iter()
                 .find(|(_, patch)| *patch != here)
@@ -98,6 +108,7 @@ impl<'a> Known<'a> {
         if let Some(bracket) = &self.bracket {
             bounds.push((bracket.upper, bracket.upper_from.clone()));
         }
+        bounds.extend(self.fitted.as_ref().map(|fitted| (fitted.bits_per_pixel, fitted.from.clone())));
         if let Some(upper) = self.run.as_ref().and_then(|run| run.upper.as_ref()) {
             bounds.push((upper.bits_per_pixel, upper.from.clone()));
         }

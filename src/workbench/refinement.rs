@@ -154,7 +154,8 @@ impl Refiner {
             return self.take_last_bounds((design, scene), estimate, &mut beads, publish, stop);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
-        let start = self.last.take().filter(serves).map(|(_, start)| start);
+        // Kept where this fit does not get to begin.
+        let start = self.last.as_ref().filter(|last| serves(last)).map(|(_, start)| Arc::clone(start));
         let test = subject.test(SCORED)?;
         let train = subject.stream(Split::Train);
         let mut model = subject.model(&train, &test, start.as_deref())?;
@@ -215,9 +216,8 @@ impl Refiner {
             return Err(failure.into());
         }
         // Weights of a fit that went astray would lead the next one astray, too.
-        if matches!(fitted, Ok(_) | Err(InformationError::Cancelled)) {
-            self.last = Some((Arc::clone(scene), Arc::new(CausalStart::from(&model))));
-        }
+        let went_well = matches!(fitted, Ok(_) | Err(InformationError::Cancelled));
+        self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         let steps = fitted?;
         let mut estimate = score(&model, &subject.test(SCORED_LAST)?, steps, None)?;
         estimate.gradient = pull(design, &imaging, &model);
