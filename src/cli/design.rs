@@ -283,6 +283,9 @@ fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
     }
 }
 
+/// Distances that differ by less are the same to people, px.
+const ROUNDING_PX: f64 = 0.01;
+
 /// The run for people, line by line.
 fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     let bits = |frame: &Frame| {
@@ -304,8 +307,14 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
         ),
     ];
-    if record.start.objects.is_beads() {
-        lines.push("`estimate --estimator bracket` bounds the design from both sides".into());
+    lines.push(if record.start.objects.is_beads() {
+        "`estimate --estimator bracket` bounds the design from both sides".into()
+    } else {
+        "Numbers of a run steer it and can mislead: `estimate` or `--score` judges the design".into()
+    });
+    let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
+    if least < asked - ROUNDING_PX {
+        lines.push(format!("there is no room for so many lenslets {asked} px apart: some are {least:.2} px apart"));
     }
     lines.extend(IdealEvent::detours(&record.events));
     lines

@@ -1,6 +1,6 @@
 //! Lenslets that have become one, or dark: how many there really are, and the mask without the others.
 
-use super::settings::Free;
+use super::settings::{Free, IdealSettings};
 use crate::optics::{Lenslet, LensletArray, Spot};
 
 /// Distance of centres below which two lenslets make one spot, px.
@@ -15,36 +15,55 @@ const DARK_OF_MEAN: f64 = 0.1;
 /// The array with dark lenslets left out and coincident ones made one: the same light, its centre of mass and mean
 /// covariance.
 pub fn merged(array: &LensletArray) -> LensletArray {
+    merged_where(array, Free::default(), &[])
+}
+
+/// The mask that a run with these settings leaves: as [`merged`], but locked lenslets are what they were, and where weights are
+/// held none takes the light of another.
+pub fn merged_result(array: &LensletArray, settings: &IdealSettings) -> LensletArray {
+    merged_where(array, settings.free, &settings.locked)
+}
+
+fn merged_where(array: &LensletArray, free: Free, locked: &[usize]) -> LensletArray {
     let total: f64 = array.lenslets.iter().map(|lenslet| lenslet.weight).sum();
     let dark = total * DARK.min(DARK_OF_MEAN / array.lenslets.len().max(1) as f64);
-    let mut lenslets: Vec<Lenslet> = array.lenslets.iter().filter(|lenslet| lenslet.weight >= dark).copied().collect();
-    loop {
+    let lenslets = array.lenslets.iter().enumerate().map(|(index, lenslet)| (*lenslet, !locked.contains(&index)));
+    let mut lenslets: Vec<_> = lenslets.filter(|(lenslet, may_change)| lenslet.weight >= dark || !may_change).collect();
+    let mut go_on = free.weights;
+    while go_on {
         let apart = apart(&lenslets);
-        if apart.len() == lenslets.len() {
-            break;
-        }
         // What was joined may have come upon another.
+        go_on = apart.len() < lenslets.len();
         lenslets = apart;
     }
     if lenslets.is_empty() {
         return array.clone();
     }
+    let lenslets = lenslets.into_iter().map(|(lenslet, _)| lenslet).collect();
     LensletArray { lenslets, ..array.clone() }.with_unit_weight()
 }
 
-/// The lenslets with each joined to the first one before it that it coincides with.
-fn apart(lenslets: &[Lenslet]) -> Vec<Lenslet> {
-    let mut apart: Vec<Lenslet> = Vec::with_capacity(lenslets.len());
-    for &lenslet in lenslets {
-        let coincides = |other: &&mut Lenslet| {
-            other.plane == lenslet.plane && (other.x - lenslet.x).hypot(other.y - lenslet.y) < COINCIDENT_PX
-        };
-        match apart.iter_mut().find(coincides) {
-            Some(other) => *other = joined(*other, lenslet, Free::default()),
-            None => apart.push(lenslet),
+/// The lenslets, which may change or not, with each joined to the first one before it that it coincides with.
+fn apart(lenslets: &[(Lenslet, bool)]) -> Vec<(Lenslet, bool)> {
+    let mut apart: Vec<(Lenslet, bool)> = Vec::with_capacity(lenslets.len());
+    for &(lenslet, may_change) in lenslets {
+        let found = apart.iter_mut().find(|(other, may)| may_change && *may && coincide(other, &lenslet));
+        match found {
+            Some((other, _)) => *other = joined(*other, lenslet, Free::default()),
+            None => apart.push((lenslet, may_change)),
         }
     }
     apart
+}
+
+/// Whether two lenslets make one spot: a narrow one in the middle of a wide one does not.
+fn coincide(one: &Lenslet, other: &Lenslet) -> bool {
+    let ((axx, axy, ayy), (bxx, bxy, byy)) = (one.spot.covariance(), other.spot.covariance());
+    one.plane == other.plane
+        && (one.x - other.x).hypot(one.y - other.y) < COINCIDENT_PX
+        && (axx.sqrt() - bxx.sqrt()).abs() < COINCIDENT_PX
+        && (ayy.sqrt() - byy.sqrt()).abs() < COINCIDENT_PX
+        && (axy - bxy).abs() < COINCIDENT_PX
 }
 
 /// The two lenslets of one plane whose centres are closest, and their distance in px.
@@ -59,6 +78,11 @@ fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
         }
     }
     found
+}
+
+/// Least distance of the centres of two lenslets of one plane, px, where there are two.
+pub fn least_separation_px(array: &LensletArray) -> Option<f64> {
+    closest(&array.lenslets).map(|(_, _, distance)| distance)
 }
 
 /// Of some lenslets of an array the two that all but coincide, as places in the list.
@@ -88,6 +112,7 @@ pub(super) fn joined(one: Lenslet, other: Lenslet, free: Free) -> Lenslet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::design::{Objective, Preset};
     use crate::optics::{heuristic_layout, render_psf};
 
     #[test]
@@ -102,6 +127,25 @@ mod tests {
         assert!((merged.effective_count() - 4.0).abs() < 0.3);
         array.lenslets[5].plane = 1;
         assert_eq!(super::merged(&array).lenslets.len(), 5, "planes are kept apart");
+    }
+
+    #[test]
+    fn a_core_keeps_its_halo_locked_lenslets_their_place_and_held_weights_their_light() {
+        let mut array = heuristic_layout(3);
+        array.lenslets.push(Lenslet { spot: Spot::Isotropic(5.0), ..array.lenslets[0] });
+        assert_eq!(merged(&array).lenslets.len(), 4);
+        array.lenslets[3] = Lenslet { x: array.lenslets[0].x + 0.1, ..array.lenslets[0] };
+        array.lenslets[2].weight = 0.0;
+        let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
+        let left = |settings: &IdealSettings| merged_result(&array, settings).lenslets;
+        assert_eq!(left(&settings).len(), 2);
+        let locked = left(&IdealSettings { locked: vec![0, 2], ..settings.clone() });
+        assert_eq!(locked.len(), 4);
+        assert_eq!((locked[0].x, locked[2].weight), (array.lenslets[0].x, 0.0));
+        let held = Free { weights: false, ..Free::default() };
+        let held = left(&IdealSettings { free: held, ..settings });
+        assert_eq!(held.len(), 3);
+        assert!(held.iter().all(|lenslet| (lenslet.weight - 1.0 / 3.0).abs() < 1e-12));
     }
 
     #[test]

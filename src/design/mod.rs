@@ -15,6 +15,6 @@ pub use error::IdealError;
 pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_gradient};
 pub use ideal::{Ideal, OnIdeal};
 pub use imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed, mean_measurement, spots_on_sensor};
-pub use merge::merged;
+pub use merge::{least_separation_px, merged, merged_result};
 pub use settings::{Free, IdealSettings, Objective, Preset, Rates};
 pub use state::{Doing, Frame, IdealEvent, IdealProgress, IdealState, time_left};

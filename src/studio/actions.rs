@@ -52,6 +52,8 @@ pub enum Action {
     StopRun,
     /// Accepts the mask of the run that is shown: in place of the design, or as a design of its own.
     Accept,
+    /// Opens that mask as a design of its own.
+    OpenMask,
     /// Shows the open design again, in place of a mask of the run.
     LookAway,
     /// Puts the open design aside, to compare it.
@@ -197,6 +199,7 @@ impl Action {
             Self::StartRun,
             Self::StopRun,
             Self::Accept,
+            Self::OpenMask,
             Self::LookAway,
             Self::KeepDesign,
             Self::Maximise,
@@ -243,6 +246,7 @@ impl Action {
             Self::StartRun => "Start a run that optimizes the mask",
             Self::StopRun => "Stop the run",
             Self::Accept => "Accept this mask",
+            Self::OpenMask => "Open as new design",
             Self::LookAway => "Back to the design",
             Self::KeepDesign => "Keep this design to compare",
             Self::ResetLayout => "Reset layout",
@@ -272,7 +276,7 @@ impl Action {
             Self::SelectAll | Self::AddLenslet => state.lenslet_count() > 0,
             Self::StartRun => optimize_panel::can_start(state),
             Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
-            Self::Accept | Self::LookAway => state.bench.is_looking(),
+            Self::Accept | Self::OpenMask | Self::LookAway => state.bench.is_looking(),
             Self::Delete => !state.selection.is_empty(),
             Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
             Self::ExportMeasurements => state.current_measurements().is_some(),
@@ -368,6 +372,10 @@ impl Action {
                 if !state.bench.accept() {
                     state.guard(ctx, super::state::Leave::Accept);
                 }
+            }
+            Self::OpenMask => {
+                state.bench.follow_run(false);
+                state.guard(ctx, super::state::Leave::Accept);
             }
             Self::LookAway => state.bench.look_away(),
             Self::KeepDesign => {

@@ -84,6 +84,7 @@ pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     entry(ui, state, Action::Delete);
     ui.separator();
     entry(ui, state, Action::Accept);
+    entry(ui, state, Action::OpenMask);
     entry(ui, state, Action::LookAway);
     entry(ui, state, Action::KeepDesign);
     entry(ui, state, Action::CopyNumbers);

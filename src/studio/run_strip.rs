@@ -6,6 +6,9 @@ use super::actions::Action;
 use super::app::file_name;
 use super::state::State;
 
+/// Least width for a third button, points.
+const ROOM: f32 = 640.0;
+
 /// Shows the strip while such a mask is shown.
 pub fn show(ui: &mut Ui, state: &mut State) {
     if !state.bench.is_looking() {
@@ -15,7 +18,10 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let frame = egui::Frame::new().fill(fill).inner_margin(egui::Margin::symmetric(8, 4));
     egui::Panel::top("run strip").frame(frame).show(ui, |ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            for action in [Action::LookAway, Action::Accept] {
+            // In a narrow window that is left to the Edit menu; without it the other button may do the same.
+            let has_room = ui.available_width() > ROOM && state.bench.can_accept();
+            let actions = [Action::LookAway, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
+            for action in actions {
                 if ui.button(action.label()).on_hover_text(hint(state, action)).clicked() {
                     action.run(&ui.ctx().clone(), state);
                 }
@@ -35,6 +41,7 @@ fn hint(state: &State, action: Action) -> &'static str {
         Action::Accept => {
             "The design has changed since the run was started, so that this mask is opened as a design of its own"
         }
+        Action::OpenMask => "Leaves the design as it is and opens this mask as a design of its own",
         _ => "Shows the design again; the run goes on, and its masks can be shown again (Optimize, Newest)",
     }
 }

@@ -81,6 +81,15 @@ fn a_run_is_started_watched_rewound_and_undone() {
     wait_for(&mut window, "the first step", |window| studio(window).bench().run().unwrap().step > 0);
     assert!(studio(&window).bench().run().unwrap().step <= paused);
     click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+
+    // A mask may also become a design of its own.
+    click(&mut window, "Show newest");
+    let newest = lenslets(&window);
+    click(&mut window, "Open as new design");
+    click(&mut window, "Discard");
+    let bench = studio(&window).bench();
+    assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_looking()), (newest, None, false));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::design_run::{DesignRun, RankedStart, RunStatus, SCORED_PATCH, Start, score_request};
 use super::record::IdealRecord;
 use super::run::{KeptOrder, KeptRun, run_ideal, start_of};
-use crate::design::{Ideal, IdealProgress, IdealSettings, merged, time_left};
+use crate::design::{Ideal, IdealProgress, IdealSettings, merged_result, time_left};
 use crate::information::Estimate;
 use crate::optics::Encoder;
 use crate::workbench::activity::{Activities, ActivityKind, Entry};
@@ -83,7 +83,7 @@ impl Designer {
             run.status = RunStatus::Stopped;
             if let Some((bytes, state)) = state {
                 // One that was to go on after its score has more steps before it, or another mask by now.
-                let found = Encoder::Lenslets(merged(&state.array));
+                let found = Encoder::Lenslets(merged_result(&state.array, &run.settings));
                 let has_ended = state.finished && state.step >= run.settings.steps;
                 if has_ended && run.ranked.iter().any(|result| result.design.encoder == found) {
                     run.status = RunStatus::Finished;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, Objective, merged};
+use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, Objective, least_separation_px, merged_result};
 use crate::formats::{FormatError, write_json};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
@@ -56,8 +56,13 @@ impl IdealRecord {
             finished: state.finished,
             frames: state.frames.clone(),
             events: state.events.clone(),
-            result: Encoder::Lenslets(merged(&state.array)),
+            result: Encoder::Lenslets(merged_result(&state.array, ideal.settings())),
         }
+    }
+
+    /// Least distance of two centres in one plane of the mask in the end, px; infinite for one lenslet.
+    pub fn least_separation_px(&self) -> f64 {
+        self.result.lenslets().and_then(least_separation_px).unwrap_or(f64::INFINITY)
     }
 
     /// The design with the mask of the end in place.

@@ -73,10 +73,16 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
         let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
         let rivals = || cells.iter().filter(|cell| cell.design != RESULT && cell.design != START);
         if let Some(bits) = result.model_bits() {
-            let best = rivals().filter_map(|cell| Some((cell.model_bits()?, cell.design.as_str())));
-            if let Some((other, name)) = best.max_by(|one, other| one.0.total_cmp(&other.0)) {
+            let best = rivals().filter_map(|cell| Some((cell.model_bits()?, cell)));
+            if let Some((other, cell)) = best.max_by(|one, other| one.0.total_cmp(&other.0)) {
+                let doubt = match lower_of(result) {
+                    Some(_) => "",
+                    None if overlap(result, cell) => "; within their intervals, and only upper bounds are known",
+                    None => "; only upper bounds are known",
+                };
                 sentences.push(format!(
-                    "{place}, density model: {bits:.3} bits per pixel, best heuristic {other:.3} ({name}), {:+.3}",
+                    "{place}, density model: {bits:.3} bits per pixel, best heuristic {other:.3} ({}), {:+.3}{doubt}",
+                    cell.design,
                     bits - other
                 ));
             }
@@ -107,6 +113,12 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
         }
     }
     sentences
+}
+
+/// Whether the intervals of two estimates have numbers in common.
+fn overlap(one: &StudyCell, other: &StudyCell) -> bool {
+    let interval = |cell: &StudyCell| cell.estimate.as_ref().map(|estimate| estimate.interval_95);
+    interval(one).zip(interval(other)).is_some_and(|([a, b], [c, d])| a <= d && c <= b)
 }
 
 fn lower_of(cell: &StudyCell) -> Option<(f64, [f64; 2])> {
@@ -180,5 +192,24 @@ mod tests {
         // One that could not be estimated may tell more.
         record.cells.iter_mut().find(|cell| cell.design == "heuristic:1").unwrap().estimate = None;
         assert!(judged(&record).ends_with("confirms the gain"), "{}", judged(&record));
+
+        // Of objects of unknown entropy there is one number of each mask.
+        let mut upper = |name: &str, bits: f64| {
+            let estimate = record.cells.iter_mut().find(|cell| cell.design == name).unwrap().estimate.as_mut().unwrap();
+            (estimate.bracket, estimate.bits_per_pixel) = (None, bits);
+            estimate.interval_95 = [bits - 0.01, bits + 0.01];
+        };
+        upper("heuristic:3", 0.2);
+        upper("design", 0.215);
+        let words =
+            "0.215 bits per pixel, best heuristic 0.200 (heuristic:3), +0.015; within their intervals, and only";
+        assert!(judged(&record).contains(words), "{}", judged(&record));
+        let mut upper = |name: &str, bits: f64| {
+            let estimate = record.cells.iter_mut().find(|cell| cell.design == name).unwrap().estimate.as_mut().unwrap();
+            estimate.interval_95 = [bits - 0.001, bits + 0.001];
+        };
+        upper("design", 0.215);
+        upper("heuristic:3", 0.2);
+        assert!(judged(&record).ends_with("+0.015; only upper bounds are known"), "{}", judged(&record));
     }
 }
