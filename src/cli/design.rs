@@ -314,7 +314,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     });
     let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
     if least < asked - ROUNDING_PX {
-        lines.push(format!("there is no room for so many lenslets {asked} px apart: some are {least:.2} px apart"));
+        lines.push(format!("some lenslets are {least:.2} px apart, although {asked} px were asked for"));
     }
     lines.extend(IdealEvent::detours(&record.events));
     lines

@@ -211,11 +211,12 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
 /// The same numbers for all pixels together: where the patch is the sensor, of a whole measurement.
 fn per_patch(result: &Estimate) -> String {
     let [rows, cols] = result.patch;
-    let most = result.bits_per_patch();
+    let pixels = (rows * cols) as f64;
+    let most = result.bits_per_pixel * pixels;
     let patch = format!("bits in each {rows} x {cols} px patch");
     match result.lower() {
         Some(lower) => {
-            let (least, most) = Bracket::in_order(lower * (rows * cols) as f64, most);
+            let (least, most) = Bracket::in_order(lower * pixels, most);
             format!("{least:.1} to {most:.1} {patch}")
         }
         None => format!("at most {most:.1} {patch}"),

@@ -18,8 +18,8 @@ pub fn merged(array: &LensletArray) -> LensletArray {
     merged_where(array, Free::default(), &[])
 }
 
-/// The mask that a run with these settings leaves: as [`merged`], but locked lenslets are what they were, and where weights are
-/// held none takes the light of another.
+/// The mask that a run with these settings leaves: as [`merged`], but locked lenslets and what is held are as they
+/// were.
 pub fn merged_result(array: &LensletArray, settings: &IdealSettings) -> LensletArray {
     merged_where(array, settings.free, &settings.locked)
 }
@@ -31,7 +31,7 @@ fn merged_where(array: &LensletArray, free: Free, locked: &[usize]) -> LensletAr
     let mut lenslets: Vec<_> = lenslets.filter(|(lenslet, may_change)| lenslet.weight >= dark || !may_change).collect();
     let mut go_on = free.weights;
     while go_on {
-        let apart = apart(&lenslets);
+        let apart = apart(&lenslets, free);
         // What was joined may have come upon another.
         go_on = apart.len() < lenslets.len();
         lenslets = apart;
@@ -44,12 +44,12 @@ fn merged_where(array: &LensletArray, free: Free, locked: &[usize]) -> LensletAr
 }
 
 /// The lenslets, which may change or not, with each joined to the first one before it that it coincides with.
-fn apart(lenslets: &[(Lenslet, bool)]) -> Vec<(Lenslet, bool)> {
+fn apart(lenslets: &[(Lenslet, bool)], free: Free) -> Vec<(Lenslet, bool)> {
     let mut apart: Vec<(Lenslet, bool)> = Vec::with_capacity(lenslets.len());
     for &(lenslet, may_change) in lenslets {
         let found = apart.iter_mut().find(|(other, may)| may_change && *may && coincide(other, &lenslet));
         match found {
-            Some((other, _)) => *other = joined(*other, lenslet, Free::default()),
+            Some((other, _)) => *other = joined(*other, lenslet, free),
             None => apart.push((lenslet, may_change)),
         }
     }

@@ -270,11 +270,6 @@ impl Estimate {
         }
     }
 
-    /// The estimate for all pixels of a patch together, or of a whole measurement where the patch is one; bits.
-    pub fn bits_per_patch(&self) -> f64 {
-        self.bits_per_pixel * (self.patch[0] * self.patch[1]) as f64
-    }
-
     /// Whether the estimate lies above the ceiling, where one is known.
     pub fn above_ceiling(&self) -> bool {
         self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)
