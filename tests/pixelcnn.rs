@@ -15,8 +15,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Poisson, StandardNormal};
 
-/// The engines of every build and machine.
-const ENGINES: [EngineChoice; 2] = [EngineChoice::Cpu, EngineChoice::Burn(BurnDevice::Ndarray)];
+/// The engines that this program was built with and any machine has.
+fn engines() -> Vec<EngineChoice> {
+    let cards = [BurnDevice::Wgpu, BurnDevice::Cuda].map(EngineChoice::Burn);
+    EngineChoice::built().into_iter().filter(|engine| !cards.contains(engine)).collect()
+}
 
 fn small_model(seed: u64) -> (PixelCnn, Array3<f32>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -187,7 +190,7 @@ fn outputs_and_gradients_are_those_of_the_published_network() {
     let gradients: Vec<Vec<f32>> =
         layout.tensors().iter().map(|tensor| reference_tensor(array, "grad", &tensor.name, &tensor.shape)).collect();
     let (expected, expected_by_patch) = (f64::from(number("loss")), array("grad_input"));
-    for choice in ENGINES {
+    for choice in engines() {
         let mut engine = choice.open().unwrap();
         let (loss, gradient, by_patch) = model.loss_and_gradients_on(engine.as_mut(), noisy.view()).unwrap();
         assert!((loss - expected).abs() < 1e-4 * expected, "{choice}: {loss} {expected}");
@@ -208,7 +211,7 @@ fn all_engines_compute_the_same() {
     let (model, patches) = small_model(5);
     let reference = model.loss_and_gradients(patches.view()).unwrap();
     let bits = model.cross_entropy_bits(patches.view()).unwrap();
-    for choice in ENGINES {
+    for choice in engines() {
         let mut engine = choice.open().unwrap();
         assert_eq!(engine.choice(), choice);
         let found = model.loss_and_gradients_on(engine.as_mut(), patches.view()).unwrap();
@@ -240,12 +243,14 @@ fn all_engines_compute_the_same() {
 fn a_fit_goes_the_same_way_on_all_engines() {
     let patches = pixels_of_two_rates(60, 6, 1).1;
     let training = TrainingPatches { noisy: patches.view(), clean: None };
-    let fits = ENGINES.map(|engine| {
+    let engines = engines();
+    let fit = |&engine: &EngineChoice| {
         let fit = PixelCnnFit { batch: 8, steps_per_epoch: 5, max_epochs: 2, engine, ..PixelCnnFit::standard(5) };
         let shape = PixelCnnShape::new(8, 4, vec![1, 2]).unwrap();
         fit.fit(shape, 1.0, training, None, &mut |_| ControlFlow::Continue(())).unwrap().1
-    });
-    for (choice, report) in ENGINES.iter().zip(&fits) {
+    };
+    let fits: Vec<_> = engines.iter().map(fit).collect();
+    for (choice, report) in engines.iter().zip(&fits) {
         assert_eq!(report.steps, 10);
         for (found, expected) in report.epochs.iter().zip(&fits[0].epochs) {
             assert!((found.1 - expected.1).abs() < 1e-3, "{choice}: {} {}", found.1, expected.1);
@@ -291,6 +296,7 @@ fn an_estimate_bounds_the_information_from_above() {
         protocol: Protocol::Default,
         budget: Some(Duration::from_millis(500)),
         start: None,
+        keeper: None,
         engine: EngineChoice::Cpu,
         seed: 3,
     };
@@ -352,7 +358,7 @@ fn a_budget_ends_a_fit_and_says_whether_that_was_early() {
 fn steps_without_finite_numbers_are_refused() {
     let patches = pixels_of_two_rates(100, 4, 1).1;
     let training = TrainingPatches { noisy: patches.view(), clean: None };
-    for engine in ENGINES {
+    for engine in engines() {
         // One step of this rate takes all weights beyond what squares of them can hold.
         let fit = PixelCnnFit { rate: 1e30, engine, ..PixelCnnFit::paper(1) };
         let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
@@ -437,6 +443,7 @@ fn bad_patches_get_reasons() {
             protocol: Protocol::Default,
             budget: Some(Duration::from_millis(1)),
             start: None,
+            keeper: None,
             engine: EngineChoice::Cpu,
             seed: 1,
         };

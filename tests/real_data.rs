@@ -8,7 +8,7 @@ use lenslet_studio::optics::{Encoder, heuristic_layout};
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::sparsity::tamura_of_stack;
 use lenslet_studio::workbench::{
-    DensityModel, Design, EstimateRequest, MeasurementFormat, Simulator, estimate, measure_into,
+    DensityModel, Design, EstimateRequest, MeasurementFormat, Simulator, WeightsFiles, estimate, measure_into,
 };
 
 const SETS: [(&str, &str); 3] = [
@@ -43,6 +43,7 @@ fn estimated(design: &Design, model: DensityModel) -> Estimate {
         fresh: false,
         trials: 1,
         keep: None,
+        weights: WeightsFiles::default(),
     };
     estimate(design, &request, &mut |_| std::ops::ControlFlow::Continue(())).unwrap()
 }

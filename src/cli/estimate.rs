@@ -12,7 +12,8 @@ use super::{Failure, output};
 use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
-    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, estimate,
+    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
+    estimate, lower_bound_at_once,
 };
 
 /// Most repetitions.
@@ -61,7 +62,7 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "budget")]
     steps: Option<usize>,
 
-    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
+    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:flex, burn:wgpu or burn:cuda.
     #[arg(long)]
     engine: Option<EngineChoice>,
 
@@ -73,10 +74,18 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1)]
     trials: usize,
 
-    /// Keep the state of a live or full fit in this file every 20 s; the same command goes on from it, and removes it in
-    /// the end.
+    /// Keep in this file what estimates by pixelcnn, live, full and bracket have come to, and beside it every 20 s the state of
+    /// their fits; the same command goes on from it, and removes it in the end.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
+
+    /// Score these weights of a PixelCNN, a safetensors file, as they are: nothing is fitted.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["budget", "trials", "resume", "save_weights"])]
+    weights: Option<PathBuf>,
+
+    /// Write the weights that pixelcnn was fitted to, those of the smallest trial, to this safetensors file.
+    #[arg(long, value_name = "FILE")]
+    save_weights: Option<PathBuf>,
 
     /// Print the result as JSON.
     #[arg(long)]
@@ -134,11 +143,15 @@ impl Arguments {
         if self.trials > 1 && estimator == Estimator::Bracket {
             return Err(anyhow::anyhow!("--estimator bracket is fitted once; give it a longer --budget").into());
         }
-        let kept = matches!(estimator, Estimator::Live | Estimator::Full) && self.trials == 1;
-        if self.resume.is_some() && !kept {
-            return Err(anyhow::anyhow!("--resume keeps one fit by --estimator live or full; leave it out").into());
+        if self.resume.is_some() && estimator.usual_budget().is_none() {
+            let advice = "--resume is for fits by --estimator pixelcnn, live, full or bracket; leave it out";
+            return Err(anyhow::anyhow!(advice).into());
         }
-        if let Some(file) = &self.resume {
+        if (self.weights.is_some() || self.save_weights.is_some()) && estimator != Estimator::PixelCnn {
+            let advice = "--weights and --save-weights are for --estimator pixelcnn; leave them out";
+            return Err(anyhow::anyhow!(advice).into());
+        }
+        for file in [&self.resume, &self.save_weights].into_iter().flatten() {
             check_writable(file)?;
         }
         if self.fresh && !ours {
@@ -163,23 +176,29 @@ impl Arguments {
             fresh: self.fresh,
             trials: self.trials,
             keep: self.resume.clone(),
+            weights: WeightsFiles { from: self.weights.clone(), to: self.save_weights.clone() },
         };
         let meter = Meter::new();
         let mut watch = |progress: &EstimateProgress| {
             meter.show(progress.done, progress.total, &progress.step);
             ControlFlow::Continue(())
         };
-        let result = match &self.measured.measurements {
-            Some(source) => {
-                let MeasuredArgs { gain, offset, bin, .. } = self.measured;
-                MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut watch)?.estimate(
-                    &request,
-                    design.noise,
-                    design.seed,
-                    &mut watch,
-                )?
+        let result = if let Some(source) = &self.measured.measurements {
+            let MeasuredArgs { gain, offset, bin, .. } = self.measured;
+            let images = MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut watch)?;
+            images.estimate(&request, design.noise, design.seed, &mut watch)?
+        } else {
+            let of_objects = |error| about_objects(&design, error);
+            let result = estimate(&design, &request, &mut watch).map_err(of_objects)?;
+            // A bracket has looked longer.
+            let below = match estimator {
+                Estimator::Bracket => None,
+                _ => lower_bound_at_once(&design, request.patch, &mut watch).map_err(of_objects)?,
+            };
+            match below {
+                Some(below) => result.bounded_below(below),
+                None => result,
             }
-            None => estimate(&design, &request, &mut watch).map_err(|error| about_objects(&design, error))?,
         };
         meter.finish();
         if self.json {
@@ -193,26 +212,29 @@ impl Arguments {
 fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     let others = bracket.upper_bounds.iter().skip(1);
     let others: Vec<String> = others.map(|bound| format!("{} {:.4}", bound.from, bound.bits_per_pixel)).collect();
-    let upper = format!("{} (others: {})", bracket.upper_from, others.join(", "));
+    let others = if others.is_empty() { String::new() } else { format!(" (others: {})", others.join(", ")) };
+    let ([low_upper, high_upper], from_above) = (bracket.upper_interval_95, &bracket.upper_from);
     if let (Some(lower), Some(from), Some([low, high])) =
         (bracket.lower, &bracket.lower_from, bracket.lower_interval_95)
     {
         let (least, most) = Bracket::in_order(lower, bracket.upper);
         return format!(
             "between {least:.4} and {most:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
-             the {upper}"
+             the {from_above} [{low_upper:.4}, {high_upper:.4}]{others}"
         );
     }
-    let [low, high] = bracket.upper_interval_95;
     let below = if knows_prior { "" } else { "; no lower bound is known" };
-    format!("at most {:.4} bits per pixel  [{low:.4}, {high:.4}], from the {upper}{below}", bracket.upper)
+    format!(
+        "at most {:.4} bits per pixel  [{low_upper:.4}, {high_upper:.4}], from the {from_above}{others}{below}",
+        bracket.upper
+    )
 }
 
 /// The same numbers for all pixels together: where the patch is the sensor, of a whole measurement.
 fn per_patch(result: &Estimate) -> String {
     let [rows, cols] = result.patch;
-    let pixels = (rows * cols) as f64;
-    let most = result.bits_per_pixel * pixels;
+    let pixels = result.pixels();
+    let most = result.bracket.as_ref().map_or(result.bits_per_patch, |bracket| bracket.upper * pixels);
     let patch = format!("bits in each {rows} x {cols} px patch");
     match result.lower() {
         Some(lower) => {
@@ -228,15 +250,17 @@ fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
     let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
-    let mut lines = vec![
-        format!("{} before {}, {} noise", result.encoder, result.objects, result.noise),
-        match &result.bracket {
-            Some(bracket) => bracket_line(bracket, result.ceiling.is_some()),
-            None => format!(
-                "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
-                result.bits_per_pixel, result.estimator, result.protocol
-            ),
-        },
+    let mut lines = vec![format!("{} before {}, {} noise", result.encoder, result.objects, result.noise)];
+    lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
+    // Those of several bounds are the smallest of them; others stand by themselves.
+    let of_several = matches!(result.estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
+    if result.bracket.is_none() || !of_several {
+        lines.push(format!(
+            "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
+            result.bits_per_pixel, result.estimator, result.protocol
+        ));
+    }
+    lines.extend([
         per_patch(result),
         format!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x),
         match result.ceiling {
@@ -247,7 +271,7 @@ fn lines_of(result: &Estimate) -> Vec<String> {
             "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}), seed {}, {:.1} s",
             result.patches_train, result.patches_test, result.trials, result.trial_spread, result.seed, result.seconds
         ),
-    ];
+    ]);
     lines.extend(result.notes.iter().map(|note| format!("note: {note}")));
     lines
 }

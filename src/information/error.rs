@@ -205,7 +205,7 @@ pub enum InformationError {
         reason: String,
     },
     /// An engine name is unknown.
-    #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:wgpu or burn:cuda")]
+    #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:flex, burn:wgpu or burn:cuda")]
     UnknownEngine {
         /// The text given.
         found: String,

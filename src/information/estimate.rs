@@ -42,6 +42,9 @@ pub struct Estimate {
     pub bits_per_pixel: f64,
     /// 95 % interval (low, high) of that trial, bits per pixel; it covers the choice of test patches only.
     pub interval_95: [f64; 2],
+    /// The same for all pixels of the patch together, bits: where the patch is the sensor, of a whole measurement.
+    #[serde(default)]
+    pub bits_per_patch: f64,
     /// The bound on the entropy of the measurements that the estimate rests on, bits per pixel: a model's cross-entropy, or
     /// what another bound on the information leaves.
     pub entropy_y: f64,
@@ -124,6 +127,7 @@ impl Estimate {
             format: FORMAT.to_owned(),
             format_version: FORMAT_VERSION,
             bits_per_pixel: best.bits_per_pixel(),
+            bits_per_patch: best.bits_per_pixel() * (settings.patch.0 * settings.patch.1) as f64,
             interval_95: best.interval_95(),
             entropy_y: best.entropy_y(),
             entropy_y_given_x: best.entropy_y_given_x(),
@@ -238,10 +242,37 @@ impl Estimate {
                 .push("the bounds have met and cross by chance: the information is about that of both".to_owned());
         }
         estimate.bits_per_pixel = bracket.upper;
+        estimate.bits_per_patch = bracket.upper * estimate.pixels();
         estimate.interval_95 = bracket.upper_interval_95;
         estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
         estimate.bracket = Some(bracket);
         Ok(estimate)
+    }
+
+    /// The same estimate with one more bound from below, and with all bounds beside it where it had its own alone; the number
+    /// itself stays what it is. Published numbers are no bounds, and stay without.
+    #[must_use]
+    pub fn bounded_below(mut self, below: NamedBound) -> Self {
+        if self.protocol == Protocol::Paper {
+            return self;
+        }
+        let bound =
+            |from: &str, bits_per_pixel, interval_95| NamedBound { from: from.to_owned(), bits_per_pixel, interval_95 };
+        let (above, mut lower) = if let Some(bracket) = self.bracket.take() {
+            (bracket.upper_bounds, bracket.lower_bounds)
+        } else {
+            let own = bound(&self.estimator.to_string(), self.bits_per_pixel, self.interval_95);
+            let ceiling = self.ceiling.map(|ceiling| bound("ceiling", ceiling, [ceiling; 2]));
+            (std::iter::once(own).chain(ceiling).collect(), Vec::new())
+        };
+        lower.push(below);
+        self.bracket = Bracket::new(above, lower);
+        self
+    }
+
+    /// Pixels of the patch.
+    pub fn pixels(&self) -> f64 {
+        (self.patch[0] * self.patch[1]) as f64
     }
 
     /// The lower bound of a bracket that has one, bits per pixel.
@@ -329,6 +360,26 @@ fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
 mod tests {
     use super::super::TrialSettings;
     use super::*;
+
+    #[test]
+    fn a_bound_from_below_leaves_the_number_as_it_is() {
+        let below = NamedBound { from: "decoder".into(), bits_per_pixel: 0.2, interval_95: [0.1, 0.3] };
+        let provenance = || Provenance { ceiling: Some(0.5), ..Provenance::default() };
+        let estimate = Estimate::new(&[trial(0.75, 1, Protocol::Default)], provenance()).unwrap();
+        assert!((estimate.bits_per_patch - 0.75 * 16.0 * 24.0).abs() < 1e-9);
+        let bounded = estimate.clone().bounded_below(below.clone());
+        let bracket = bounded.bracket.clone().unwrap();
+        assert_eq!((bounded.bits_per_pixel, bounded.lower()), (estimate.bits_per_pixel, Some(0.2)));
+        assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.5, "ceiling"));
+        let own = &bracket.upper_bounds[1];
+        assert_eq!((own.from.as_str(), own.bits_per_pixel), ("gaussian-full", estimate.bits_per_pixel));
+        let higher = NamedBound { bits_per_pixel: 0.4, ..below.clone() };
+        let both = bounded.bounded_below(higher);
+        assert_eq!((both.lower(), both.bracket.unwrap().lower_bounds.len()), (Some(0.4), 2));
+        // Published numbers can lie below the truth, and are no bounds.
+        let paper = Estimate::new(&[trial(0.75, 1, Protocol::Paper)], provenance()).unwrap();
+        assert_eq!(paper.clone().bounded_below(below), paper);
+    }
 
     fn trial(bits: f64, seed: u64, protocol: Protocol) -> Trial {
         let settings = TrialSettings {

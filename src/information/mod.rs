@@ -13,6 +13,7 @@ mod decoder;
 mod dense;
 mod error;
 mod estimate;
+mod fit_keeper;
 mod fourier;
 mod gaussian;
 mod gaussian_estimate;
@@ -34,7 +35,7 @@ mod trial;
 
 /// Version of the numbers: that of the program, and how often the same settings have come to give other numbers. It stands in all
 /// records; numbers of different versions do not belong into one table, nor does a fit go on from that of another.
-pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+11");
+pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+12");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
@@ -42,8 +43,8 @@ pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
     Beginning, CausalFit, CausalModel, CausalRefit, CausalRequest, CausalShape, CausalStart, FirstFitProgress,
-    FirstScene, FirstWeights, FitKeeper, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate,
-    causal_model, information_map, information_over, score,
+    FirstScene, FirstWeights, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate, causal_model,
+    information_map, information_over, score,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
@@ -55,6 +56,7 @@ pub use decoder::{
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;
 pub use estimate::{Estimate, Provenance};
+pub use fit_keeper::FitKeeper;
 pub use gaussian::FullGaussian;
 pub(crate) use gaussian_estimate::dequantised;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
@@ -62,7 +64,7 @@ pub use held_density::HeldDensity;
 pub use likelihood::log_likelihood;
 pub use pixelcnn::{
     BurnDevice, DataScale, Engine, EngineChoice, FitReport, HeldPixelCnn, Mixtures, PixelCnn, PixelCnnFit,
-    PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate,
+    PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate, pixelcnn_score,
 };
 pub use poisson::poisson_entropy;
 pub use power_spectrum::{PowerSpectrum, power_spectrum};

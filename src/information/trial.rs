@@ -58,7 +58,7 @@ impl fmt::Display for Estimator {
 }
 
 /// What a trial was made with.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialSettings {
     /// The density model.
     pub estimator: Estimator,
@@ -75,7 +75,7 @@ pub struct TrialSettings {
 }
 
 /// The result of one trial; made by an estimator, combined with others into an [`super::Estimate`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     settings: TrialSettings,
     patches_test: usize,

@@ -221,6 +221,7 @@ fn bounds(snapshot: &Snapshot) -> String {
     if let Some([lower, upper]) = snapshot.bracket {
         lines.push(format!("{}, {}", line("Bracket from", lower), line("to", upper)));
     }
+    lines.extend(snapshot.fitted.map(|bound| line("By an estimate at most", bound)));
     if let Some((live, settled)) = snapshot.live {
         let state = if settled { "" } else { ", not settled" };
         lines.push(line("Density model", live) + state);

@@ -12,7 +12,8 @@ use super::messages::Severity;
 use super::state::State;
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
-    Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command,
+    Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,
+    estimate_command,
 };
 
 /// What a copied command is good for.
@@ -67,6 +68,7 @@ impl EstimateForm {
             fresh: false,
             trials: 1,
             keep: None,
+            weights: WeightsFiles::default(),
         }
     }
 }

@@ -4,19 +4,18 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::bead_bounds::{DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, share_of};
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_fit::{forget_kept, kept_estimate};
-use super::live_bounds::{ABOVE, BELOW};
+use super::kept_fit::KeptEstimate;
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, tell};
 use super::simulation::{imaging, open_set_with};
 use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::information::{
-    BeadBounds, BeadChannel, Beginning, CausalRequest, Covariance, Decoder, DecoderFit, DecoderKind, EngineChoice,
-    Estimate, Estimator, FitLength, GaussianRequest, InformationError, Moments, NoiseEntropy, PatchBatch,
-    PixelCnnRequest, PosteriorFit, Protocol, Provenance, Trial, TrialSettings, decoder_lower_bound, gaussian_estimate,
-    pixelcnn_estimate, posterior_lower_bound, posterior_upper_bound,
+    Beginning, CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
+    InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, Trial,
+    TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
@@ -126,12 +125,29 @@ pub struct EstimateRequest {
     pub fresh: bool,
     /// Repetitions; trial t uses seed + t.
     pub trials: usize,
-    /// A file for the state of the fit of a causal model, so that the same request goes on where it was stopped; it is
-    /// removed in the end.
+    /// A file for what the estimate has come to, so that the same request goes on where it was stopped; it is removed in the
+    /// end, as is the state of the fit that goes on, which lies beside it.
     pub keep: Option<PathBuf>,
+    /// Files of the weights of a `PixelCNN`.
+    pub weights: WeightsFiles,
+}
+
+/// Files of the weights of a `PixelCNN`, safetensors.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct WeightsFiles {
+    /// Weights that are scored as they are: nothing is fitted.
+    pub from: Option<PathBuf>,
+    /// Where the weights of the smallest trial go.
+    pub to: Option<PathBuf>,
 }
 
 impl EstimateRequest {
+    /// All that decides the parts of an estimate; how many trials are taken decides none of them.
+    pub(super) fn determined_by(&self) -> impl std::fmt::Debug {
+        let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
+        format!("{model:?} {protocol:?} {patch:?} {patches_train} {patches_test} {fresh} {:?}", weights.from)
+    }
+
     /// What a causal density model begins with.
     pub(super) fn beginning(&self) -> Beginning<'static> {
         if self.fresh { Beginning::Drawn } else { Beginning::Shipped }
@@ -152,6 +168,9 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     NoiseEntropy::new(design.noise, request.protocol)?;
     if let DensityModel::PixelCnn { engine, .. } = request.model {
         engine.open()?;
+    }
+    if let Some(file) = &request.weights.from {
+        PixelCnn::open(file)?;
     }
     let set = read(design, watch)?;
     let analytic_alone = matches!(request.model, DensityModel::Analytic);
@@ -175,33 +194,25 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     {
         return Err(refusal.into());
     }
-    let density_share = |others: f64| if channel.is_some() { 1.0 - others } else { 1.0 };
+    let density_share = match (request.model, &channel) {
+        (DensityModel::Causal { .. }, Some(_)) => DENSITY_ABOVE,
+        (DensityModel::Bracket { .. }, Some(_)) => DENSITY_BETWEEN,
+        _ => 1.0,
+    };
     let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
     if matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch) && request.patches_train < 2 {
         // The Gaussian of the bracket is fitted; better told before the density model is.
         let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
         return Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 }.into());
     }
-    let trials = (0..repetitions as u64)
-        .map(|trial| {
-            let seed = design.seed.wrapping_add(trial);
-            let trial = match request.model {
-                DensityModel::Stationary => fitted(&source, request, Covariance::Stationary, seed, watch),
-                DensityModel::Full => fitted(&source, request, Covariance::Full, seed, watch),
-                DensityModel::Analytic => analytic(&source, request, seed, watch),
-                DensityModel::PixelCnn { budget, engine } => network(&source, request, (budget, engine), seed, watch),
-                DensityModel::Causal { estimator, length } => {
-                    causal(&source, request, estimator, share_of(length, density_share(FOLLOWING_ABOVE)), seed, watch)
-                }
-                DensityModel::Bracket { length } => {
-                    let length = share_of(length, density_share(DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE));
-                    causal(&source, request, Estimator::Bracket, length, seed, watch)
-                }
-            };
-            // The analytic Gaussian is that of all images, of which its patches are a fair draw.
-            if analytic_alone { trial } else { source.sharing(trial?, request.patches_test, seed) }
-        })
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut kept = KeptEstimate::open(request.keep.as_deref(), &(design, set.fingerprint(), request.determined_by()))?;
+    let mut trials = Vec::with_capacity(repetitions);
+    for index in 0..repetitions {
+        let seed = design.seed.wrapping_add(index as u64);
+        let smallest = kept.smallest();
+        trials
+            .push(kept.trial(index, |keeper| trial(&source, request, density_share, (seed, keeper, smallest), watch))?);
+    }
     let mut notes = set.notices().to_vec();
     if analytic_alone && !set.is_stationary(patch) {
         // Fitted Gaussians see such patches as they are.
@@ -233,13 +244,15 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
                 let fitted = fitted(&source, request, Covariance::Stationary, design.seed, watch)?;
                 source.sharing(fitted, request.patches_test, design.seed)?
             };
-            let beads = channel.as_ref().map(|channel| bead_bounds(channel, design.seed, length, request.fresh, watch));
+            let ask = (design.seed, length, request.fresh);
+            let beads = channel.as_ref().map(|channel| bead_bounds(channel, ask, &mut kept, watch));
             Estimate::bracketed(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
-        (DensityModel::Causal { length, .. }, Some(channel)) if let Some(decoder) = Decoder::shipped() => {
-            let fit = posterior_fit(design.seed, share_of(length, FOLLOWING_ABOVE), ABOVE);
-            let above = posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))?;
-            Estimate::at_most(&trials, Some(&above), provenance)?
+        (DensityModel::Causal { length, .. }, Some(channel)) => {
+            match bound_above(channel, (design.seed, length), &mut kept, watch)? {
+                Some(above) => Estimate::at_most(&trials, Some(&above), provenance)?,
+                None => Estimate::new(&trials, provenance)?,
+            }
         }
         (DensityModel::Causal { .. }, None) if refusal.is_some() => Estimate::at_most(&trials, None, provenance)?,
         _ => Estimate::new(&trials, provenance)?,
@@ -247,28 +260,38 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64();
-    forget_kept(request.keep.as_deref());
+    kept.end();
     Ok(estimate)
 }
 
-/// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
-fn bead_channel(
-    design: &Design,
-    imaging: &Imaging<'_>,
-    patch: (usize, usize),
-) -> Result<(Option<BeadChannel>, Option<InformationError>), EvaluationError> {
-    let Some(channel) = imaging.bead_channel(seen_psf(design, imaging.set)?.view(), patch) else {
-        return Ok((None, None));
+/// One trial, with the share of the time that a density model gets beside bounds that know the prior; the `smallest` of the trials
+/// before it is known.
+fn trial(
+    source: &PatchSource<'_>,
+    request: &EstimateRequest,
+    density_share: f64,
+    (seed, keeper, smallest): (u64, Option<&dyn FitKeeper>, Option<f64>),
+    watch: Watch<'_>,
+) -> Result<Trial, EvaluationError> {
+    let causal = |estimator, length, watch: Watch<'_>| {
+        causal(source, request, (estimator, share_of(length, density_share)), (seed, keeper), watch)
     };
-    let channel = BeadChannel { noise: design.noise, ..channel };
-    Ok(match channel.checked_spot() {
-        Ok(_) => (Some(channel), None),
-        Err(refusal) => (None, Some(refusal)),
-    })
+    let trial = match request.model {
+        DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, watch)?,
+        DensityModel::Full => fitted(source, request, Covariance::Full, seed, watch)?,
+        // It is that of all images, of which its patches are a fair draw.
+        DensityModel::Analytic => return analytic(source, request, seed, watch),
+        DensityModel::PixelCnn { budget, engine } => {
+            network(source, request, (budget, engine, smallest), (seed, keeper), watch)?
+        }
+        DensityModel::Causal { estimator, length } => causal(estimator, length, watch)?,
+        DensityModel::Bracket { length } => causal(Estimator::Bracket, length, watch)?,
+    };
+    source.sharing(trial, request.patches_test, seed)
 }
 
 /// The objects of a design.
-fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
+pub(super) fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
     tell(watch, "Reading objects", 0, 1)?;
     let watch = RefCell::new(watch);
     let reading = |Progress { done, total }: Progress| {
@@ -303,47 +326,69 @@ fn fitted(
 fn network(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
-    (budget, engine): (Option<Duration>, EngineChoice),
-    seed: u64,
+    (budget, engine, smallest): (Option<Duration>, EngineChoice, Option<f64>),
+    (seed, keeper): (u64, Option<&dyn FitKeeper>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
-    let (train_clean, train) =
-        source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", watch)?;
+    // Where nothing is fitted nothing is drawn to be.
+    let training = match request.weights.from {
+        Some(_) => None,
+        None => Some(source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", watch)?),
+    };
     let (test_clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
-    let request = PixelCnnRequest {
-        train: train.view(),
-        train_clean: Some(train_clean.view()),
+    let network = PixelCnnRequest {
+        train: training.as_ref().map_or(test.view(), |(_, noisy)| noisy.view()),
+        train_clean: training.as_ref().map(|(clean, _)| clean.view()),
         test: test.view(),
         test_clean: Some(test_clean.view()),
         noise: source.design.noise,
         protocol: request.protocol,
         budget,
         start: None,
+        keeper,
         engine,
         seed,
     };
-    let (trial, _) = pixelcnn_estimate(&request, &mut |fit| watch(&fit.into()))?;
+    Ok(network_trial(&network, &request.weights, smallest, watch)?)
+}
+
+/// The trial of a `PixelCNN` that is fitted, or of weights that are there; those of a fit are kept where it is smaller than the
+/// `smallest` trial before.
+pub(super) fn network_trial(
+    request: &PixelCnnRequest<'_>,
+    files: &WeightsFiles,
+    smallest: Option<f64>,
+    watch: Watch<'_>,
+) -> Result<Trial, InformationError> {
+    if let Some(file) = &files.from {
+        return pixelcnn_score(request, &PixelCnn::open(file)?, &mut |fit| watch(&fit.into()));
+    }
+    let (trial, fitted) = pixelcnn_estimate(request, &mut |fit| watch(&fit.into()))?;
+    if let Some(file) = &files.to
+        && smallest.is_none_or(|smallest| trial.bits_per_pixel() < smallest)
+    {
+        fitted.save(file)?;
+    }
     Ok(trial)
 }
 
 fn causal(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
-    estimator: Estimator,
-    length: FitLength,
-    seed: u64,
+    (estimator, length): (Estimator, FitLength),
+    (seed, keeper): (u64, Option<&dyn FitKeeper>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
     let stream = source.stream(train);
     let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
-    let (design, set, patch) = (source.design, source.imaging.set, source.patch);
+    let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: None,
-        keeper: None,
+        keeper,
         moments: Some(&moments(design, source.imaging, (train, patch))?),
         noise: design.noise,
         length,
@@ -351,61 +396,8 @@ fn causal(
         estimator,
         seed,
     };
-    let what = || (design, set.fingerprint(), patch, estimator, length, request.patches_test, request.fresh, seed);
-    Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?)
-}
-
-/// Levels over which the posterior is followed beside fits of so many steps: as many steps for each, and the fewest and the
-/// most of them.
-const STEPS_PER_LEVEL: usize = 4;
-const LEVELS: (usize, usize) = (64, 400);
-
-/// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
-/// above, which is soon as good as it gets; the rest is that of the density model.
-const DECODING: f64 = 0.25;
-const FOLLOWING_BELOW: f64 = 5.0 / 16.0;
-const FOLLOWING_ABOVE: f64 = 3.0 / 16.0;
-
-/// Stream of random numbers for the decoder, beside those of the posterior.
-const DECODER: u64 = 4;
-
-/// A share of a time; steps are not shared.
-fn share_of(length: FitLength, share: f64) -> FitLength {
-    match length {
-        FitLength::Time(time) => FitLength::Time(time.mul_f64(share)),
-        steps @ FitLength::Steps(_) => steps,
-    }
-}
-
-/// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
-fn bead_bounds(
-    channel: &BeadChannel,
-    seed: u64,
-    length: FitLength,
-    fresh: bool,
-    watch: Watch<'_>,
-) -> Result<BeadBounds, EvaluationError> {
-    let start = if fresh { None } else { Decoder::shipped() };
-    let (kind, decoder_seed) = (DecoderKind::Autoregressive, derived_seed(seed, DECODER));
-    let fit = match share_of(length, DECODING) {
-        FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
-        FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
-    };
-    let (bound, decoder) = decoder_lower_bound(channel, &fit, start, &mut |fit| watch(&fit.into()))?;
-    let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);
-    let (below, above) = (follow(FOLLOWING_BELOW, BELOW), follow(FOLLOWING_ABOVE, ABOVE));
-    let below = posterior_lower_bound(channel, &below, &decoder, &mut |fit| watch(&fit.into()))?;
-    let above = posterior_upper_bound(channel, &above, &decoder, &mut |fit| watch(&fit.into()))?;
-    Ok(BeadBounds { decoder: bound, below, above })
-}
-
-/// How the posterior is followed on one side for this length.
-fn posterior_fit(seed: u64, length: FitLength, stream: u64) -> PosteriorFit {
-    let seed = derived_seed(seed, stream);
-    match length {
-        FitLength::Time(budget) => PosteriorFit::within(budget, seed),
-        FitLength::Steps(steps) => PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),
-    }
+    let (trial, _) = causal_estimate(&fit, &mut |fit| watch(&fit.into()))?;
+    Ok(trial)
 }
 
 /// Mean and autocovariance of the measurements, from those of the objects of a split and the PSF.

@@ -1,33 +1,164 @@
-//! The state of a fit in a file, so that an estimate goes on where it was stopped.
+//! What an estimate has come to, in files, so that it goes on where it was stopped.
 
+use std::ffi::OsString;
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
-use super::progress::Watch;
-use crate::formats::{read_if_there, write_safely};
-use crate::information::{CausalRequest, FitKeeper, InformationError, NUMBERS_VERSION, Trial, causal_estimate};
+use serde::{Deserialize, Serialize};
 
-/// The estimate of a causal model, with the state of its fit in the file `keep` where one is named; the file stays until
-/// [`forget_kept`]. `what` describes the fit completely.
-///
-/// # Errors
-/// As [`causal_estimate`].
-pub(super) fn kept_estimate<W: Debug>(
-    request: &CausalRequest<'_>,
-    keep: Option<&PathBuf>,
-    what: impl FnOnce() -> W,
-    watch: Watch<'_>,
-) -> Result<Trial, InformationError> {
-    let kept = keep.map(|path| KeptFit::new(path, &what()));
-    let request = CausalRequest { keeper: kept.as_ref().map(|kept| kept as _), ..*request };
-    let (trial, _) = causal_estimate(&request, &mut |fit| watch(&fit.into()))?;
-    Ok(trial)
+use crate::formats::{read_if_there, write_safely};
+use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
+
+/// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
+/// on. Without a file everything is computed as it comes.
+pub(super) struct KeptEstimate {
+    path: Option<PathBuf>,
+    parts: Parts,
 }
 
-/// Removes the file of a fit, once all that follows the fit has come to its end too.
-pub(super) fn forget_kept(keep: Option<&Path>) {
-    if let Some(path) = keep {
-        // A file that stays behind is replaced by the next fit, or refused as that of another one.
+/// What stands in the file.
+#[derive(Default, Serialize, Deserialize)]
+struct Parts {
+    /// Says which estimate it is.
+    key: String,
+    trials: Vec<Trial>,
+    /// What a decoder told, and its weights as a safetensors file.
+    decoder: Option<(LowerBound, Vec<u8>)>,
+    below: Option<PosteriorBound>,
+    above: Option<PosteriorBound>,
+}
+
+impl KeptEstimate {
+    /// What `path` holds of the estimate that `what` describes completely.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, or is that of another estimate.
+    pub fn open(path: Option<&Path>, what: &dyn Debug) -> Result<Self, InformationError> {
+        let key = key_of(what);
+        let new = || Parts { key: key.clone(), ..Parts::default() };
+        let Some(path) = path else { return Ok(Self { path: None, parts: new() }) };
+        let refused = |reason: String| failed(path, &reason);
+        let bytes = read_if_there(path).map_err(|error| refused(error.to_string()))?;
+        let parts = match bytes {
+            Some(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
+                refused(format!("expected the state of an estimate, found another file ({error}); choose another name"))
+            })?,
+            None => new(),
+        };
+        if parts.key != key {
+            return Err(refused(InformationError::OtherFit.to_string()));
+        }
+        let kept = Self { path: Some(path.to_owned()), parts };
+        kept.store()?;
+        Ok(kept)
+    }
+
+    /// Trial `index`, counted from 0 and asked for one after the other: that which is there, or the one that `compute` makes with
+    /// what keeps the state of its fit.
+    ///
+    /// # Errors
+    /// As `compute`; where it cannot be written.
+    pub fn trial<E: From<InformationError>>(
+        &mut self,
+        index: usize,
+        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<Trial, E>,
+    ) -> Result<Trial, E> {
+        if let Some(trial) = self.parts.trials.get(index) {
+            return Ok(trial.clone());
+        }
+        let fit = self.fit(index);
+        let trial = compute(fit.as_ref().map(|fit| fit as _))?;
+        self.parts.trials.push(trial.clone());
+        self.store()?;
+        forget(fit.map(|fit| fit.path));
+        Ok(trial)
+    }
+
+    /// What the trials that are there came to, the smallest of them.
+    pub fn smallest(&self) -> Option<f64> {
+        self.parts.trials.iter().map(Trial::bits_per_pixel).min_by(f64::total_cmp)
+    }
+
+    /// What a decoder tells, and the decoder.
+    ///
+    /// # Errors
+    /// As [`KeptEstimate::trial`].
+    pub fn decoder(
+        &mut self,
+        compute: impl FnOnce() -> Result<(LowerBound, Decoder), InformationError>,
+    ) -> Result<(LowerBound, Decoder), InformationError> {
+        if let Some((bound, bytes)) = &self.parts.decoder {
+            return Ok((bound.clone(), Decoder::from_bytes(bytes)?));
+        }
+        let (bound, decoder) = compute()?;
+        if self.path.is_some() {
+            self.parts.decoder = Some((bound.clone(), decoder.to_bytes()?));
+            self.store()?;
+        }
+        Ok((bound, decoder))
+    }
+
+    /// What following the posterior told from below.
+    ///
+    /// # Errors
+    /// As [`KeptEstimate::trial`].
+    pub fn below(
+        &mut self,
+        compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
+    ) -> Result<PosteriorBound, InformationError> {
+        if self.parts.below.is_none() {
+            self.parts.below = Some(compute()?);
+            self.store()?;
+        }
+        self.parts.below.clone().ok_or(InformationError::Empty)
+    }
+
+    /// What it told from above.
+    ///
+    /// # Errors
+    /// As [`KeptEstimate::trial`].
+    pub fn above(
+        &mut self,
+        compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
+    ) -> Result<PosteriorBound, InformationError> {
+        if self.parts.above.is_none() {
+            self.parts.above = Some(compute()?);
+            self.store()?;
+        }
+        self.parts.above.clone().ok_or(InformationError::Empty)
+    }
+
+    /// Removes the files, once the estimate has come to its end.
+    pub fn end(self) {
+        forget(self.path);
+    }
+
+    fn store(&self) -> Result<(), InformationError> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let text = serde_json::to_vec(&self.parts).map_err(|error| failed(path, &error.to_string()))?;
+        write_safely(path, |out| out.write_all(&text)).map_err(|error| failed(path, &error.to_string()))
+    }
+
+    /// The state of the fit of a trial, in a file of its own.
+    fn fit(&self, index: usize) -> Option<KeptFit> {
+        let mut name = OsString::from(self.path.as_ref()?);
+        name.push(format!(".fit-{}", index + 1));
+        Some(KeptFit { path: name.into(), key: key_of(&(&self.parts.key, index)) })
+    }
+}
+
+/// The alternate form writes out arrays of any length.
+fn key_of(what: &dyn Debug) -> String {
+    blake3::hash(format!("{NUMBERS_VERSION} {what:#?}").as_bytes()).to_hex().to_string()
+}
+
+fn failed(path: &Path, reason: &str) -> InformationError {
+    InformationError::WeightsFile { path: path.display().to_string(), reason: reason.to_owned() }
+}
+
+fn forget(path: Option<PathBuf>) {
+    if let Some(path) = path {
+        // A file that stays behind is replaced by the next estimate, or refused as that of another one.
         let _ = std::fs::remove_file(path);
     }
 }
@@ -36,19 +167,6 @@ pub(super) fn forget_kept(keep: Option<&Path>) {
 struct KeptFit {
     path: PathBuf,
     key: String,
-}
-
-impl KeptFit {
-    /// The file at `path`, for the fit that `what` describes completely.
-    fn new(path: &Path, what: &dyn Debug) -> Self {
-        // The alternate form writes out arrays of any length.
-        let key = blake3::hash(format!("{NUMBERS_VERSION} {what:#?}").as_bytes()).to_hex().to_string();
-        Self { path: path.to_owned(), key }
-    }
-
-    fn failed(&self, error: &dyn std::fmt::Display) -> InformationError {
-        InformationError::WeightsFile { path: self.place(), reason: error.to_string() }
-    }
 }
 
 impl FitKeeper for KeptFit {
@@ -61,11 +179,12 @@ impl FitKeeper for KeptFit {
     }
 
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        read_if_there(&self.path).map_err(|error| self.failed(&error))
+        read_if_there(&self.path).map_err(|error| failed(&self.path, &error.to_string()))
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        write_safely(&self.path, |out| out.write_all(state)).map_err(|error| self.failed(&error))
+        let written = write_safely(&self.path, |out| out.write_all(state));
+        written.map_err(|error| failed(&self.path, &error.to_string()))
     }
 }
 
@@ -73,14 +192,70 @@ impl FitKeeper for KeptFit {
 mod tests {
     use ndarray::Array2;
 
-    use super::KeptFit;
+    use super::*;
 
     #[test]
     fn what_differs_in_the_middle_of_a_picture_is_another_fit() {
         let mut picture = Array2::<f32>::zeros((64, 64));
-        let key = |picture: &Array2<f32>| KeptFit::new("fit".as_ref(), picture).key;
-        let dark = key(&picture);
+        let dark = key_of(&picture);
         picture[[32, 32]] = 1.0;
-        assert_ne!(dark, key(&picture));
+        assert_ne!(dark, key_of(&picture));
+    }
+
+    #[test]
+    fn parts_that_are_there_are_not_computed_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("kept");
+        let open = |what: &str| KeptEstimate::open(Some(&path), &what);
+        let bound = |bits_per_pixel| PosteriorBound {
+            bits_per_pixel,
+            interval_95: [0.1, 1.0 / 3.0],
+            patch: [4, 4],
+            groups: 4,
+            walkers: 1,
+            levels: 9,
+            samples: 5,
+            seconds: 0.25,
+            seed: 1,
+        };
+        let mut first = open("one").unwrap();
+        assert_eq!(first.above(|| Ok(bound(0.2))), Ok(bound(0.2)));
+        let stopped = first.below(|| Err(InformationError::Cancelled));
+        assert_eq!(stopped, Err(InformationError::Cancelled));
+        let decoder = Decoder::new(2, 1).unwrap();
+        let told = LowerBound {
+            bits_per_pixel: 0.1,
+            interval_95: [0.1; 2],
+            bits_per_measurement: 1.6,
+            decoder: crate::information::DecoderKind::Factorised,
+            patch: [4, 4],
+            sites: 9,
+            probability: 0.1,
+            bias: 1.0,
+            noise: crate::sensor::Noise::Shot,
+            test_patches: 4,
+            steps: 3,
+            batch: 2,
+            unrolled: 2,
+            seconds: 1.0,
+            seed: 1,
+            notes: Vec::new(),
+        };
+        first.decoder(|| Ok((told.clone(), decoder.clone()))).unwrap();
+        drop(first);
+
+        let refusal = open("other").err().unwrap().to_string();
+        assert!(refusal.contains("kept"), "{refusal}");
+        let mut again = open("one").unwrap();
+        assert_eq!(again.above(|| Err(InformationError::Empty)), Ok(bound(0.2)));
+        assert_eq!(again.below(|| Ok(bound(0.1))), Ok(bound(0.1)));
+        let (found, weights) = again.decoder(|| Err(InformationError::Empty)).unwrap();
+        assert_eq!((found, weights.weights()), (told, decoder.weights()));
+        again.end();
+        assert!(!path.exists());
+        // Another file is not written over.
+        std::fs::write(&path, "a letter").unwrap();
+        assert!(open("one").err().unwrap().to_string().contains("another file"));
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "a letter");
     }
 }

@@ -10,15 +10,16 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use thiserror::Error;
 
+use super::estimation::network_trial;
 use super::estimation::{DensityModel, EstimateRequest};
-use super::kept_fit::{forget_kept, kept_estimate};
+use super::kept_fit::KeptEstimate;
 use super::patch_source::LARGEST_PATCHES_BYTES;
 use super::progress::{Watch, tell};
 use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
-    CausalRequest, Covariance, Estimate, Estimator, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
-    PatchStream, PixelCnnRequest, Provenance, SharedPictures, Trial, gaussian_estimate, pixelcnn_estimate,
+    CausalRequest, Covariance, Estimate, Estimator, FitKeeper, GaussianRequest, InformationError, NoiseEntropy,
+    PatchBatch, PatchStream, PixelCnnRequest, Provenance, SharedPictures, Trial, causal_estimate, gaussian_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -280,9 +281,16 @@ impl MeasuredImages {
         let mut order: Vec<usize> = (0..images).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
         let parts = order.split_at(test_images);
-        let trials = (0..request.trials.max(1) as u64)
-            .map(|trial| self.trial(request, noise, patch, parts, (test_seed, seed.wrapping_add(trial)), watch))
-            .collect::<Result<Vec<_>, _>>()?;
+        let what = (self.fingerprint(), noise, seed, request.determined_by());
+        let mut kept = KeptEstimate::open(request.keep.as_deref(), &what)?;
+        let mut trials = Vec::new();
+        for index in 0..request.trials.max(1) {
+            let seeds = (test_seed, seed.wrapping_add(index as u64));
+            let smallest = kept.smallest();
+            trials.push(
+                kept.trial(index, |keeper| self.trial(request, noise, patch, parts, (seeds, keeper, smallest), watch))?,
+            );
+        }
         let mut notes = self.notes.clone();
         notes.push(format!(
             "test patches were cut from {test_images} images and training patches from {} others",
@@ -305,7 +313,7 @@ impl MeasuredImages {
             );
         }
         estimate.seconds = start.elapsed().as_secs_f64();
-        forget_kept(request.keep.as_deref());
+        kept.end();
         Ok(estimate)
     }
 
@@ -315,7 +323,7 @@ impl MeasuredImages {
         noise: Noise,
         patch: (usize, usize),
         (test, train): (&[usize], &[usize]),
-        (test_seed, seed): (u64, u64),
+        ((test_seed, seed), keeper, smallest): ((u64, u64), Option<&dyn FitKeeper>, Option<f64>),
         watch: Watch<'_>,
     ) -> Result<Trial, MeasuredError> {
         let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
@@ -335,7 +343,7 @@ impl MeasuredImages {
                 stream: &stream,
                 test: &PatchBatch { noisy: test, clean: None },
                 validation: validation.as_ref(),
-                keeper: None,
+                keeper,
                 moments: None,
                 noise,
                 length,
@@ -343,13 +351,16 @@ impl MeasuredImages {
                 estimator,
                 seed,
             };
-            let what =
-                || (self.fingerprint(), patch, noise, estimator, length, request.patches_test, request.fresh, seed);
-            return Ok(kept_estimate(&fit, request.keep.as_ref(), what, watch)?.sharing(&shown));
+            let (trial, _) = causal_estimate(&fit, &mut |fit| watch(&fit.into()))?;
+            return Ok(trial.sharing(&shown));
         }
-        let (train, _) = self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?;
+        let train = match request.weights.from {
+            Some(_) => None,
+            None => Some(self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?.0),
+        };
         tell(watch, "Fitting", 0, 1)?;
-        let (train, test, protocol) = (train.view(), test.view(), request.protocol);
+        let (test, protocol) = (test.view(), request.protocol);
+        let train = train.as_ref().map_or(test, |train| train.view());
         let gaussian =
             |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
         Ok(match request.model {
@@ -357,7 +368,7 @@ impl MeasuredImages {
             DensityModel::Full => gaussian_estimate(&gaussian(Covariance::Full))?,
             DensityModel::PixelCnn { budget, engine } => {
                 let (train_clean, test_clean, start) = (None, None, None);
-                let request = PixelCnnRequest {
+                let network = PixelCnnRequest {
                     train,
                     train_clean,
                     test,
@@ -366,10 +377,11 @@ impl MeasuredImages {
                     protocol,
                     budget,
                     start,
+                    keeper,
                     engine,
                     seed,
                 };
-                pixelcnn_estimate(&request, &mut |fit| watch(&fit.into()))?.0
+                network_trial(&network, &request.weights, smallest, watch)?
             }
             DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
                 return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });

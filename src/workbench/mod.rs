@@ -2,6 +2,7 @@
 //! It knows no window.
 
 mod activity;
+mod bead_bounds;
 mod bench;
 mod closer;
 mod colormap;
@@ -35,12 +36,13 @@ mod watched;
 mod worker;
 
 pub use activity::{Activity, ActivityKind, ActivityState};
+pub use bead_bounds::lower_bound_at_once;
 pub use bench::Workbench;
 pub use closer::{Closer, CloserKey, CloserOrder};
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
-pub use estimation::{DensityModel, EstimateRequest, estimate};
+pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 pub use estimator::{EstimateOrder, Estimates, FinishedEstimate, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,

@@ -135,6 +135,7 @@ mod tests {
     use crate::design::{Objective, Preset};
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
+    use crate::workbench::WeightsFiles;
     use crate::optics::random_layout;
 
     fn request(model: DensityModel) -> EstimateRequest {
@@ -147,6 +148,7 @@ mod tests {
             fresh: false,
             trials: 1,
             keep: None,
+            weights: WeightsFiles::default(),
         }
     }
 

@@ -14,7 +14,7 @@ use super::export::Curve;
 use super::worker::Live;
 use crate::design::merged;
 use crate::formats::{FormatError, create_folder, read_json};
-use crate::information::{Bracket, NamedBound};
+use crate::information::{Bracket, NamedBound, Protocol};
 use crate::objects::ObjectSource;
 
 /// Least time between two writings of changed numbers.
@@ -62,6 +62,8 @@ pub struct Snapshot {
     pub lower: Option<Bits>,
     /// Lower and upper bound of its last bracket of 32 x 32 px patches.
     pub bracket: Option<[Bits; 2]>,
+    /// Smallest upper bound by finished estimates of 32 x 32 px patches.
+    pub fitted: Option<Bits>,
 }
 
 /// Bits per pixel with their 95 % interval.
@@ -98,7 +100,7 @@ impl Snapshot {
         // Nothing is sampled for the ceiling.
         let ceiling = self.ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
         let gaussian = self.gaussian.filter(|_| self.gaussian_is_bound());
-        let known = [self.live.map(|live| live.0), gaussian, ceiling, self.sampled, bracket];
+        let known = [self.live.map(|live| live.0), gaussian, ceiling, self.sampled, bracket, self.fitted];
         known.into_iter().flatten().min_by(|one, other| one.bits.total_cmp(&other.bits))
     }
 
@@ -158,6 +160,7 @@ impl Snapshot {
             sampled: self.sampled,
             lower: self.lower,
             bracket: self.bracket,
+            fitted: self.fitted,
         }
     }
 
@@ -169,7 +172,8 @@ impl Snapshot {
             let found = Some(scene.value.set.fingerprint());
             if self.objects.is_some() && self.objects != found {
                 // What was in the files before says nothing of what is there now.
-                (self.live, self.sampled, self.lower, self.bracket) = (None, None, None, None);
+                (self.live, self.sampled, self.lower) = (None, None, None);
+                (self.bracket, self.fitted) = (None, None);
                 self.measurement = None;
             }
             self.objects = found;
@@ -194,15 +198,22 @@ impl Snapshot {
             let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
             self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
         }
-        let finished = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design, live));
-        let brackets = finished.filter_map(|done| {
-            let estimate = &done.value.estimate;
+        let finished = || {
+            let of_design = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design, live));
+            of_design.map(|done| &done.value.estimate)
+        };
+        let smallest = finished()
+            .filter(|estimate| estimate.patch == [32, 32] && estimate.protocol == Protocol::Default)
+            .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 })
+            .min_by(|one, other| one.bits.total_cmp(&other.bits));
+        let brackets = finished().filter_map(|estimate| {
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
             let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
             let above = Bits { bits: *upper, interval_95: *upper_interval_95 };
             Some([below, above]).filter(|_| estimate.patch == [32, 32])
         });
         self.bracket = brackets.into_iter().next().or(self.bracket);
+        self.fitted = smallest.or(self.fitted);
         let bits = |bound: &NamedBound| Bits { bits: bound.bits_per_pixel, interval_95: bound.interval_95 };
         let live = newest.and_then(|live| live.value.lower.as_ref().map(bits));
         let above = newest.and_then(|live| live.value.upper.as_ref().map(bits));
@@ -228,6 +239,8 @@ struct Numbers {
     sampled: Option<Bits>,
     lower: Option<Bits>,
     bracket: Option<[Bits; 2]>,
+    #[serde(default)]
+    fitted: Option<Bits>,
 }
 
 /// A snapshot as it stands in its file.
@@ -301,6 +314,7 @@ impl Snapshots {
             sampled: None,
             lower: None,
             bracket: None,
+            fitted: None,
         };
         snapshot.take_up(live, estimates);
         self.entries.push(snapshot);
@@ -328,8 +342,18 @@ impl Snapshots {
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
             let numbers = serde_json::from_value(numbers).unwrap_or_default();
-            let Numbers { objects, tamura, gaussian, gaussian_is_bound, ceiling, live, sampled, lower, bracket } =
-                numbers;
+            let Numbers {
+                objects,
+                tamura,
+                gaussian,
+                gaussian_is_bound,
+                ceiling,
+                live,
+                sampled,
+                lower,
+                bracket,
+                fitted,
+            } = numbers;
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
@@ -351,6 +375,7 @@ impl Snapshots {
                 sampled,
                 lower,
                 bracket,
+                fitted,
             });
         }
         let read = all.entries.len();

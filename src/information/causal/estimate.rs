@@ -7,14 +7,13 @@ use ndarray::{Array3, Axis, Zip, s};
 use super::conditioning::Moments;
 use super::first::FirstWeights;
 use super::fit::{CausalFit, FitAids, FitLength};
-use super::keep::FitKeeper;
 use super::model::CausalModel;
 use super::shape::CausalShape;
 use super::start::Beginning;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::likelihood::log_likelihood;
 use crate::information::{
-    Estimator, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
+    Estimator, FitKeeper, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
 };
 use crate::sensor::Noise;
 

@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use super::best::Best;
 use super::conditioning::Inputs;
-use super::keep::{Course, FitKeeper, restore, to_bytes};
+use super::keep::{Course, keep, restore};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::{PatchBatch, PatchStream};
-use crate::information::{FitProgress, InformationError, OnProgress};
+use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress};
 use crate::network::{Averaging, Optimizer, rate_schedule};
 
 /// Patches of one step.
@@ -113,13 +113,8 @@ impl CausalFit {
     ) -> Result<(usize, Option<usize>), InformationError> {
         let started = Instant::now();
         let (mut mover, mut found) = (Mover::new(model, Averaging::LastTenth), None);
-        if let Some(keeper) = keeper
-            && let Some(state) = keeper.load()?
-        {
-            (mover.course, found) = restore(&state, keeper.key(), model, &mut mover.optimizer).map_err(|error| {
-                let (path, reason) = (keeper.place(), error.to_string());
-                InformationError::WeightsFile { path, reason }
-            })?;
+        if let Some(keeper) = keeper {
+            (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
         }
         let before = mover.course.before;
         let mut best = Best::new(validation, self.done(mover.course.steps, before), found);
@@ -129,7 +124,7 @@ impl CausalFit {
                 && kept.elapsed() >= keeper.every()
             {
                 let so_far = (&mover.course, before + started.elapsed());
-                keeper.store(&to_bytes(keeper.key(), so_far, model, &mover.optimizer, best.found.as_ref())?)?;
+                keep(keeper, so_far, model, &mover.optimizer, best.found.as_ref())?;
                 kept = Instant::now();
             }
             let inputs = mover.draw(self, model, stream)?;

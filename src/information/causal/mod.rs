@@ -26,7 +26,6 @@ pub use conditioning::Moments;
 pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score};
 pub use first::{FirstFitProgress, FirstScene, FirstWeights, OnFirstFit};
 pub use fit::{CausalFit, FitLength};
-pub use keep::FitKeeper;
 pub use model::CausalModel;
 pub use over::information_over;
 pub use refit::CausalRefit;

@@ -45,6 +45,14 @@ impl<'a> Batches<'a> {
         Self { patches, dequantise, seed, next: order.len(), order, passes: 0, step: 0 }
     }
 
+    /// Goes to where it is after so many draws of `count` patches.
+    pub fn skip(&mut self, draws: usize, count: usize) {
+        for _ in 0..draws * count {
+            self.next_index();
+        }
+        self.step += draws;
+    }
+
     /// The next `count` patches with the noise they get this time.
     pub fn draw(&mut self, count: usize) -> Array3<f32> {
         let indices: Vec<usize> = (0..count).map(|_| self.next_index()).collect();
@@ -90,6 +98,18 @@ mod tests {
             seen.sort_by(f32::total_cmp);
             assert_eq!(seen, [2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]);
         }
+    }
+
+    #[test]
+    fn draws_can_be_left_out() {
+        let noisy = Array3::from_shape_fn((10, 1, 1), |(n, ..)| n as f32);
+        let batches = || Batches::new(TrainingPatches { noisy: noisy.view(), clean: None }, 2, true, 1);
+        let (mut all, mut later) = (batches(), batches());
+        for _ in 0..7 {
+            all.draw(3);
+        }
+        later.skip(7, 3);
+        assert_eq!((all.draw(3), all.draw(3)), (later.draw(3), later.draw(3)));
     }
 
     #[test]

@@ -59,6 +59,7 @@ impl EngineChoice {
     pub fn built() -> Vec<Self> {
         let burn = [
             Some(BurnDevice::Ndarray),
+            cfg!(feature = "flex").then_some(BurnDevice::Flex),
             cfg!(feature = "gpu").then_some(BurnDevice::Wgpu),
             cfg!(feature = "cuda").then_some(BurnDevice::Cuda),
         ];
@@ -71,6 +72,8 @@ impl EngineChoice {
 pub enum BurnDevice {
     /// `burn:ndarray`: the processor, through ndarray.
     Ndarray,
+    /// `burn:flex`: the processor, through burn's own kernels; needs the cargo feature `flex`.
+    Flex,
     /// `burn:wgpu`: a graphics card, through Vulkan, Metal or DirectX 12; needs the cargo feature `gpu`.
     Wgpu,
     /// `burn:cuda`: an NVIDIA card, through CUDA; needs the cargo feature `cuda`.
@@ -79,14 +82,20 @@ pub enum BurnDevice {
 
 impl EngineChoice {
     /// All of them, whether this program was built with them or not.
-    pub const ALL: [Self; 4] =
-        [Self::Cpu, Self::Burn(BurnDevice::Ndarray), Self::Burn(BurnDevice::Wgpu), Self::Burn(BurnDevice::Cuda)];
+    pub const ALL: [Self; 5] = [
+        Self::Cpu,
+        Self::Burn(BurnDevice::Ndarray),
+        Self::Burn(BurnDevice::Flex),
+        Self::Burn(BurnDevice::Wgpu),
+        Self::Burn(BurnDevice::Cuda),
+    ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
             Self::Burn(BurnDevice::Ndarray) => "burn:ndarray",
+            Self::Burn(BurnDevice::Flex) => "burn:flex",
             Self::Burn(BurnDevice::Wgpu) => "burn:wgpu",
             Self::Burn(BurnDevice::Cuda) => "burn:cuda",
         }

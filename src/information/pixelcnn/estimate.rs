@@ -6,21 +6,18 @@ use std::time::{Duration, Instant};
 use ndarray::{ArrayView3, Axis};
 
 use super::engine::EngineChoice;
-use super::fit::{FitReport, PixelCnnFit, TrainingPatches};
+use super::fit::{FitReport, PixelCnnFit, SCORED_AT_ONCE, TrainingPatches};
 use super::model::PixelCnn;
 use super::shape::PixelCnnShape;
 pub(super) use crate::information::gaussian_estimate::check_clean;
 use crate::information::gaussian_estimate::{TEST_STREAM, dequantised, whole};
 use crate::information::{
-    Estimator, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
+    Estimator, FitKeeper, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
 };
 use crate::sensor::Noise;
 
-/// Held-out patches scored between two progress reports.
-const GROUP: usize = 64;
-
 /// Patches and settings of one `PixelCNN` trial.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy)]
 pub struct PixelCnnRequest<'a> {
     /// Noisy patches to fit, photons per pixel, shape (n, rows, cols).
     pub train: ArrayView3<'a, f32>,
@@ -40,6 +37,8 @@ pub struct PixelCnnRequest<'a> {
     pub budget: Option<Duration>,
     /// A network to start from, such as that of a similar design.
     pub start: Option<&'a PixelCnn>,
+    /// Keeps the state of the fit, where it is to survive the program.
+    pub keeper: Option<&'a dyn FitKeeper>,
     /// What computes the network.
     pub engine: EngineChoice,
     /// Seed of first weights, order, noise, dequantisation and bootstraps.
@@ -60,39 +59,84 @@ pub fn pixelcnn_estimate(
     on_progress: OnProgress<'_>,
 ) -> Result<(Trial, PixelCnn), InformationError> {
     let started = Instant::now();
-    let PixelCnnRequest { train, train_clean, test, test_clean, noise, protocol, budget, start, engine, seed } =
+    let PixelCnnRequest { train, train_clean, test, noise, protocol, budget, start, keeper, engine, seed, .. } =
         *request;
-    let entropy = NoiseEntropy::new(noise, protocol)?;
-    let (patches_train, rows, cols) = train.dim();
     check_test(train, test)?;
-    let mut notes = Vec::new();
-    let entropy_y_given_x = if let Some(clean) = test_clean {
-        check_clean(clean, test)?;
-        entropy.patch_bits(clean)?
-    } else {
-        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
-        entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
-    };
-    let dequantise = protocol == Protocol::Paper || noise == Noise::Shot;
-    if dequantise && !(whole(train) && whole(test)) {
-        notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
-    }
+    let dequantise = request.dequantises();
+    // Better told before anything is fitted.
+    let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
     let (fit, fresh, min_width) = match protocol {
         Protocol::Paper => (PixelCnnFit::paper(seed), None, 1.0),
         Protocol::Default => (PixelCnnFit::standard(seed), train_clean, narrowest(noise)),
     };
     let fit = PixelCnnFit { dequantise, budget, engine, ..fit };
     let patches = TrainingPatches { noisy: train, clean: fresh.map(|clean| (clean, noise)) };
-    let (model, report) = fit.fit(PixelCnnShape::default(), min_width, patches, start, on_progress)?;
+    let (model, report) = fit.fit_kept(PixelCnnShape::default(), min_width, patches, (start, keeper), on_progress)?;
     notes.extend(explained(&report, &fit, fresh.is_some()));
 
-    let test = if dequantise { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
-    let cross_entropy = scored(&model, engine, test.view(), &report, started, on_progress)?;
-    let estimator = Estimator::PixelCnn;
-    let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
-    let seconds = started.elapsed().as_secs_f64();
-    let trial = Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?;
-    Ok((trial.on_engine(engine), model))
+    let fitted = (train.len_of(Axis(0)), &report, started);
+    let trial = request.score(&model, fitted, (&entropy_y_given_x, notes), on_progress)?;
+    Ok((trial, model))
+}
+
+/// Bounds the information from above by the cross-entropy of a network as it is on held-out patches; the training patches of the
+/// request are not looked at. A network that was fitted to other measurements gives a looser bound, not a wrong one.
+///
+/// # Errors
+/// As [`pixelcnn_estimate`], but for those of a fit.
+pub fn pixelcnn_score(
+    request: &PixelCnnRequest<'_>,
+    model: &PixelCnn,
+    on_progress: OnProgress<'_>,
+) -> Result<Trial, InformationError> {
+    let started = Instant::now();
+    check_test(request.test, request.test)?;
+    let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
+    notes.push("the network was scored as it is: nothing was fitted".to_owned());
+    let report = FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false };
+    request.score(model, (0, &report, started), (&entropy_y_given_x, notes), on_progress)
+}
+
+impl PixelCnnRequest<'_> {
+    /// Whether measurements get a uniform number from 0 to 1.
+    fn dequantises(&self) -> bool {
+        self.protocol == Protocol::Paper || self.noise == Noise::Shot
+    }
+
+    /// Entropy of the noise of each test patch, bits per pixel, and what a reader must know of the measurements.
+    fn noise_entropies(&self) -> Result<(Vec<f64>, Vec<String>), InformationError> {
+        let entropy = NoiseEntropy::new(self.noise, self.protocol)?;
+        let mut notes = Vec::new();
+        let entropies = if let Some(clean) = self.test_clean {
+            check_clean(clean, self.test)?;
+            entropy.patch_bits(clean)?
+        } else {
+            notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+            entropy.patch_bits(self.test.mapv(|y| y.max(0.0)).view())?
+        };
+        if self.dequantises() && !(whole(self.train) && whole(self.test)) {
+            notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
+        }
+        Ok((entropies, notes))
+    }
+
+    /// The trial of a network that was fitted to so many patches.
+    fn score(
+        &self,
+        model: &PixelCnn,
+        (patches_train, report, started): (usize, &FitReport, Instant),
+        (entropy_y_given_x, notes): (&[f64], Vec<String>),
+        on_progress: OnProgress<'_>,
+    ) -> Result<Trial, InformationError> {
+        let &Self { test, noise, protocol, engine, seed, .. } = self;
+        let (_, rows, cols) = test.dim();
+        let test = if self.dequantises() { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
+        let cross_entropy = scored(model, engine, test.view(), report, started, on_progress)?;
+        let estimator = Estimator::PixelCnn;
+        let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
+        let seconds = started.elapsed().as_secs_f64();
+        Ok(Trial::from_patches(settings, &cross_entropy, entropy_y_given_x, seconds, notes)?.on_engine(engine))
+    }
 }
 
 /// The narrowest width a Gaussian of the mixture needs: no noisy measurement is sharper than its read noise, and no
@@ -127,7 +171,7 @@ fn scored(
     let mut engine = engine.open()?;
     let best = report.best_epoch.checked_sub(1).and_then(|epoch| report.epochs.get(epoch)).map(|&(_, bits)| bits);
     let mut bits = Vec::with_capacity(total);
-    for group in test.axis_chunks_iter(Axis(0), GROUP) {
+    for group in test.axis_chunks_iter(Axis(0), SCORED_AT_ONCE) {
         bits.extend(engine.cross_entropy_bits(model, group)?);
         let progress = FitProgress {
             epoch: report.epochs.len(),

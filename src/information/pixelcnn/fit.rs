@@ -10,7 +10,8 @@ use super::first_mixture::spread_over;
 use super::model::{PixelCnn, check};
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
-use crate::information::{FitProgress, InformationError, OnProgress};
+use crate::information::fit_keeper::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
+use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress};
 use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
 use crate::sensor::Noise;
 
@@ -18,6 +19,8 @@ use crate::sensor::Noise;
 const VALIDATION_SHARE: f64 = 0.1;
 /// Steps without finite numbers after which a fit is given up.
 const MAX_REFUSED: usize = 30;
+/// Held-out patches that are scored before one may cancel.
+pub(super) const SCORED_AT_ONCE: usize = 16;
 /// A gradient of this norm is as good as an infinite one.
 const LARGEST_NORM: f64 = 1e15;
 
@@ -144,7 +147,22 @@ impl PixelCnnFit {
         start: Option<&PixelCnn>,
         on_progress: OnProgress<'_>,
     ) -> Result<(PixelCnn, FitReport), InformationError> {
-        let started = Instant::now();
+        self.fit_kept(shape, min_width, patches, (start, None), on_progress)
+    }
+
+    /// As [`PixelCnnFit::fit`]; a keeper keeps the state as often as it asks for, and a fit whose state is there goes on from it.
+    /// Without a budget the outcome is then the same bit for bit.
+    ///
+    /// # Errors
+    /// As there; where the state cannot be read or written, or is that of another fit.
+    pub(super) fn fit_kept(
+        &self,
+        shape: PixelCnnShape,
+        min_width: f32,
+        patches: TrainingPatches<'_>,
+        (start, keeper): (Option<&PixelCnn>, Option<&dyn FitKeeper>),
+        on_progress: OnProgress<'_>,
+    ) -> Result<(PixelCnn, FitReport), InformationError> {
         let validation = self.check(patches)?;
         let scale = DataScale::of(patches.noisy.slice(s![validation.., .., ..]), min_width)?;
         let mut model = PixelCnn::new(shape, scale, seed_for(self.seed, Purpose::Weights, 0));
@@ -155,8 +173,10 @@ impl PixelCnnFit {
         }
         let held_out = patches.noisy.slice(s![..validation, .., ..]);
         let held_out = prepared(held_out, self.dequantise, seed_for(self.seed, Purpose::Validation, 0));
-        let batches = Batches::new(patches, validation, self.dequantise, self.seed);
-        let mut run = Run::new(self, &model, started)?;
+        let mut batches = Batches::new(patches, validation, self.dequantise, self.seed);
+        let mut run = Run::new(self, &model, keeper)?;
+        run.restore(&mut model)?;
+        batches.skip(run.report.steps, self.batch.max(1));
         let cut_short = run.epochs(&mut model, batches, held_out.view(), on_progress)?;
         let Run { best, report, .. } = run;
         if let Some((weights, _)) = best {
@@ -203,7 +223,11 @@ impl PixelCnnFit {
 /// The state of one fit.
 struct Run<'a> {
     fit: &'a PixelCnnFit,
+    /// When it would have begun if it had never been stopped.
     started: Instant,
+    keeper: Option<&'a dyn FitKeeper>,
+    /// When it was kept last.
+    kept: Instant,
     optimizer: Optimizer,
     engine: Box<dyn Engine>,
     /// Gradient of the loss of the last batch by all weights.
@@ -217,10 +241,16 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(fit: &'a PixelCnnFit, model: &PixelCnn, started: Instant) -> Result<Self, InformationError> {
+    fn new(
+        fit: &'a PixelCnnFit,
+        model: &PixelCnn,
+        keeper: Option<&'a dyn FitKeeper>,
+    ) -> Result<Self, InformationError> {
         Ok(Self {
             fit,
-            started,
+            started: Instant::now(),
+            keeper,
+            kept: Instant::now(),
             optimizer: fit.optimizer(model),
             engine: fit.engine.open()?,
             gradient: vec![0.0; model.layout.count()],
@@ -229,6 +259,48 @@ impl<'a> Run<'a> {
             report: FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false },
             validation: Duration::ZERO,
         })
+    }
+
+    /// Goes on from what was kept, if anything was.
+    fn restore(&mut self, model: &mut PixelCnn) -> Result<(), InformationError> {
+        let Some(keeper) = self.keeper else { return Ok(()) };
+        let Some(kept) = restore_fit(keeper, &mut model.weights, &mut self.optimizer)? else { return Ok(()) };
+        let KeptFit { details, steps, refused, best } = kept;
+        let nanoseconds = |name: &str| details.number(name).map(Duration::from_nanos);
+        self.caution = details.number("caution")?;
+        self.validation = nanoseconds("validation")?;
+        if let Some(weights) = best {
+            self.best = Some((weights, details.number("best_bits")?));
+        }
+        let epochs = serde_json::from_str(details.text("epochs"));
+        let epochs = epochs.map_err(|error| InformationError::Format { reason: error.to_string() })?;
+        let best_epoch = details.number("best_epoch")?;
+        self.report = FitReport { steps, epochs, best_epoch, refused, cut_short: false };
+        let before = nanoseconds("nanoseconds")?;
+        self.started = self.started.checked_sub(before).unwrap_or(self.started);
+        Ok(())
+    }
+
+    /// Keeps where it is, if it is time for that.
+    fn keep(&mut self, model: &PixelCnn) -> Result<(), InformationError> {
+        let Some(keeper) = self.keeper.filter(|keeper| self.kept.elapsed() >= keeper.every()) else { return Ok(()) };
+        let report = &self.report;
+        let epochs = serde_json::to_string(&report.epochs);
+        let mut details = vec![
+            ("caution", self.caution.to_string()),
+            ("validation", self.validation.as_nanos().to_string()),
+            ("epochs", epochs.map_err(|error| InformationError::Format { reason: error.to_string() })?),
+            ("best_epoch", report.best_epoch.to_string()),
+            ("nanoseconds", self.started.elapsed().as_nanos().to_string()),
+        ];
+        let best = self.best.as_ref().map(|(weights, bits)| {
+            details.push(("best_bits", bits.to_string()));
+            weights.as_slice()
+        });
+        let numbers = FitNumbers { weights: &model.weights, optimizer: &self.optimizer, best };
+        keeper.store(&fit_to_bytes(keeper.key(), &numbers, (report.steps, report.refused), details)?)?;
+        self.kept = Instant::now();
+        Ok(())
     }
 
     /// All epochs; whether the budget cut them short.
@@ -243,6 +315,7 @@ impl<'a> Run<'a> {
         loop {
             let epoch = self.report.epochs.len() + 1;
             loop {
+                self.keep(model)?;
                 let done = self.done();
                 let rate = fit.rate * self.caution * if fit.schedule { rate_schedule(done) } else { 1.0 };
                 self.step(model, &mut batches, rate)?;
@@ -253,7 +326,7 @@ impl<'a> Run<'a> {
                     break;
                 }
             }
-            self.validate(model, held_out)?;
+            self.validate(model, held_out, on_progress)?;
             if self.finished() {
                 return Ok(false);
             }
@@ -318,10 +391,21 @@ impl<'a> Run<'a> {
     }
 
     /// Scores the validation patches and keeps the weights if they are the best so far.
-    fn validate(&mut self, model: &mut PixelCnn, held_out: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+    fn validate(
+        &mut self,
+        model: &mut PixelCnn,
+        held_out: ArrayView3<'_, f32>,
+        on_progress: OnProgress<'_>,
+    ) -> Result<(), InformationError> {
         let began = Instant::now();
         let candidate = PixelCnn { weights: self.optimizer.result(&model.weights).to_vec(), ..model.clone() };
-        let bits = self.engine.cross_entropy_bits(&candidate, held_out)?;
+        let mut bits = Vec::with_capacity(held_out.len_of(Axis(0)));
+        for part in held_out.axis_chunks_iter(Axis(0), SCORED_AT_ONCE) {
+            bits.extend(self.engine.cross_entropy_bits(&candidate, part)?);
+            if on_progress(&self.progress(self.report.epochs.len() + 1)).is_break() {
+                return Err(InformationError::Cancelled);
+            }
+        }
         let mean = bits.iter().sum::<f64>() / held_out.len_of(Axis(0)) as f64;
         self.report.epochs.push((self.started.elapsed().as_secs_f64(), mean));
         if mean.is_finite() && self.best.as_ref().is_none_or(|(_, best)| mean < *best) {
@@ -351,5 +435,71 @@ impl<'a> Run<'a> {
             },
             scored: None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use ndarray::Array3;
+
+    use super::*;
+    use crate::information::fit_keeper::InMemory;
+
+    fn patches() -> Array3<f32> {
+        Array3::from_shape_fn((60, 6, 6), |(n, r, c)| (20 + (n * 31 + r * 17 + c * 7) % 23) as f32)
+    }
+
+    fn shape() -> PixelCnnShape {
+        PixelCnnShape::new(8, 4, vec![1, 2]).unwrap()
+    }
+
+    #[test]
+    fn a_stopped_fit_goes_on_bit_for_bit() {
+        let clean = patches();
+        let noisy = Noise::Shot.draw(clean.view(), 5);
+        let patches = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
+        let paper = PixelCnnFit { batch: 5, steps_per_epoch: 12, max_epochs: 4, ..PixelCnnFit::paper(3) };
+        let standard = PixelCnnFit { steps_per_epoch: 12, max_epochs: 4, ..PixelCnnFit::standard(3) };
+        for fit in [paper, standard] {
+            let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+                let mut asked = 0;
+                let told = fit.fit_kept(shape(), 1.0, patches, (None, keeper), &mut |_| {
+                    asked += 1;
+                    if asked == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                });
+                told.map(|(model, report)| (model.weights, report, asked))
+            };
+            let (weights, report, asked) = run(None, usize::MAX).unwrap();
+            assert_eq!(report.steps, 48);
+            let kept = InMemory::default();
+            // In the midst of the third epoch, and in that of a validation.
+            for stop_at in [31, 8] {
+                assert_eq!(run(Some(&kept), stop_at).unwrap_err(), InformationError::Cancelled);
+            }
+            let (resumed, again, rest) = run(Some(&kept), usize::MAX).unwrap();
+            assert!(rest < asked - 30, "{rest} {asked}");
+            assert_eq!(resumed, weights);
+            let bits = |report: &FitReport| report.epochs.iter().map(|epoch| epoch.1.to_bits()).collect::<Vec<_>>();
+            assert_eq!((again.steps, again.best_epoch, bits(&again)), (report.steps, report.best_epoch, bits(&report)));
+            *kept.0.lock().unwrap() = Some(b"something else".to_vec());
+            assert!(run(Some(&kept), usize::MAX).unwrap_err().to_string().contains("memory"));
+        }
+    }
+
+    #[test]
+    fn a_validation_can_be_left() {
+        let noisy = patches();
+        let noisy = ndarray::concatenate![Axis(0), noisy, noisy, noisy, noisy, noisy, noisy];
+        let patches = TrainingPatches { noisy: noisy.view(), clean: None };
+        let fit = PixelCnnFit { batch: 2, steps_per_epoch: 3, max_epochs: 1, ..PixelCnnFit::paper(3) };
+        let mut asked = 0;
+        let told = fit.fit(shape(), 1.0, patches, None, &mut |_| {
+            asked += 1;
+            // Three steps, and one part of 36 patches.
+            if asked == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        assert_eq!((told.unwrap_err(), asked), (InformationError::Cancelled, 4));
     }
 }

@@ -17,7 +17,7 @@ mod scale;
 mod shape;
 
 pub use engine::{BurnDevice, Engine, EngineChoice};
-pub use estimate::{PixelCnnRequest, pixelcnn_estimate};
+pub use estimate::{PixelCnnRequest, pixelcnn_estimate, pixelcnn_score};
 pub use fit::{FitReport, PixelCnnFit, TrainingPatches};
 pub use gradient::HeldPixelCnn;
 pub use model::{Mixtures, PixelCnn};

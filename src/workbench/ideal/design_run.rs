@@ -11,7 +11,7 @@ use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
 use crate::information::{EngineChoice, Estimate, Estimator, NamedBound, Protocol};
 use crate::optics::LensletArray;
 use crate::workbench::evaluation::Scene;
-use crate::workbench::{DensityModel, Design, EstimateRequest};
+use crate::workbench::{DensityModel, Design, EstimateRequest, WeightsFiles};
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -102,6 +102,7 @@ pub(super) fn score_request(design: &Design, patch: (usize, usize)) -> EstimateR
         fresh: false,
         trials: 1,
         keep: None,
+        weights: WeightsFiles::default(),
     }
 }
 

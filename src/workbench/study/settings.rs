@@ -12,7 +12,7 @@ use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
-use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError};
+use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, WeightsFiles};
 
 /// Bead densities of the published grid.
 const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];
@@ -236,6 +236,7 @@ impl StudySettings {
             fresh: self.fresh,
             trials: 1,
             keep: None,
+            weights: WeightsFiles::default(),
         })
     }
 

@@ -11,9 +11,21 @@ pub(super) fn open_device(device: BurnDevice) -> Result<Device, InformationError
         // burn advises its flex device instead, whose kernels take minutes more to compile.
         #[allow(deprecated, reason = "the device that is compiled within a bearable time")]
         BurnDevice::Ndarray => Ok(Device::ndarray()),
+        BurnDevice::Flex => flex(),
         BurnDevice::Wgpu => wgpu(),
         BurnDevice::Cuda => cuda(),
     }
+}
+
+#[cfg(not(feature = "flex"))]
+fn flex() -> Result<Device, InformationError> {
+    Err(InformationError::EngineNotBuilt { engine: EngineChoice::Burn(BurnDevice::Flex), feature: "flex" })
+}
+
+#[cfg(feature = "flex")]
+#[allow(clippy::unnecessary_wraps, reason = "as those of devices that may be missing")]
+fn flex() -> Result<Device, InformationError> {
+    Ok(Device::flex())
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -26,21 +38,23 @@ fn wgpu() -> Result<Device, InformationError> {
 fn wgpu() -> Result<Device, InformationError> {
     use burn::tensor::{DeviceKind, DeviceType};
     let found = Device::enumerate(DeviceType::Wgpu).into_vec();
-    let missing = |reason: &str| {
-        Err(InformationError::Engine { engine: EngineChoice::Burn(BurnDevice::Wgpu), reason: reason.into() })
-    };
-    if found.is_empty() {
-        return missing("no graphics driver was found; install one, or choose the engine cpu");
-    }
-    let software = Device::wgpu(DeviceKind::Cpu);
-    if found.iter().all(|device| *device == software) {
-        return missing(
-            "only a software driver was found and no graphics card; choose the engine cpu, which is faster",
-        );
-    }
+    check_cards(&found, &Device::wgpu(DeviceKind::Cpu))?;
     let kinds = [DeviceKind::DiscreteGpu(0), DeviceKind::IntegratedGpu(0), DeviceKind::VirtualGpu(0)];
     let best = kinds.into_iter().map(Device::wgpu).find(|device| found.contains(device));
     Ok(best.unwrap_or_else(|| Device::wgpu(DeviceKind::DefaultDevice)))
+}
+
+/// Whether there is a card among what was found: more than nothing, and more than the `software` driver.
+#[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "tested in every build"))]
+fn check_cards<D: PartialEq>(found: &[D], software: &D) -> Result<(), InformationError> {
+    let reason = if found.is_empty() {
+        "no graphics driver was found; install one, or choose the engine cpu"
+    } else if found.iter().all(|device| device == software) {
+        "only a software driver was found and no graphics card; choose the engine cpu, which is faster"
+    } else {
+        return Ok(());
+    };
+    Err(InformationError::Engine { engine: EngineChoice::Burn(BurnDevice::Wgpu), reason: reason.into() })
 }
 
 #[cfg(not(feature = "cuda"))]
@@ -52,4 +66,19 @@ fn cuda() -> Result<Device, InformationError> {
 #[cfg(feature = "cuda")]
 fn cuda() -> Result<Device, InformationError> {
     Ok(Device::cuda(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn software_drivers_are_no_cards() {
+        let told = |found: &[&str]| check_cards(found, &"software").map_err(|error| error.to_string());
+        assert_eq!(told(&["card"]), Ok(()));
+        assert_eq!(told(&["software", "card"]), Ok(()));
+        let refused = told(&["software", "software"]).unwrap_err();
+        assert!(refused.contains("only a software driver") && refused.contains("engine cpu"), "{refused}");
+        assert!(told(&[]).unwrap_err().contains("no graphics driver"));
+    }
 }

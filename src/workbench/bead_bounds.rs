@@ -1,0 +1,129 @@
+//! Bounds that know the prior of beads: what a decoder tells, and what following the posterior does.
+
+use std::cell::RefCell;
+
+use super::design::Design;
+use super::estimation::read;
+use super::evaluation::EvaluationError;
+use super::kept_fit::KeptEstimate;
+use super::live_bounds::{ABOVE, BELOW};
+use super::patch_source::seen_psf;
+use super::progress::{Watch, tell};
+use super::simulation::imaging;
+use crate::design::{Imaging, derived_seed};
+use crate::information::{
+    BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, FitLength, InformationError, NamedBound, PosteriorBound,
+    PosteriorFit, QuickLowerBound, decoder_lower_bound, posterior_lower_bound, posterior_upper_bound,
+};
+
+/// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
+/// above, which is soon as good as it gets; the rest is that of the density model.
+const DECODING: f64 = 0.25;
+const FOLLOWING_BELOW: f64 = 5.0 / 16.0;
+const FOLLOWING_ABOVE: f64 = 3.0 / 16.0;
+/// What they leave to a density model where the estimate bounds from above alone, and from both sides.
+pub(super) const DENSITY_ABOVE: f64 = 1.0 - FOLLOWING_ABOVE;
+pub(super) const DENSITY_BETWEEN: f64 = 1.0 - (DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE);
+
+/// Levels over which the posterior is followed beside fits of so many steps: as many steps for each, and the fewest and the
+/// most of them.
+const STEPS_PER_LEVEL: usize = 4;
+const LEVELS: (usize, usize) = (64, 400);
+
+/// Stream of random numbers for the decoder, beside those of the posterior.
+const DECODER: u64 = 4;
+
+/// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
+pub(super) fn bead_channel(
+    design: &Design,
+    imaging: &Imaging<'_>,
+    patch: (usize, usize),
+) -> Result<(Option<BeadChannel>, Option<InformationError>), EvaluationError> {
+    let Some(channel) = imaging.bead_channel(seen_psf(design, imaging.set)?.view(), patch) else {
+        return Ok((None, None));
+    };
+    let channel = BeadChannel { noise: design.noise, ..channel };
+    Ok(match channel.checked_spot() {
+        Ok(_) => (Some(channel), None),
+        Err(refusal) => (None, Some(refusal)),
+    })
+}
+
+/// Fresh scenes behind a bound at once, or fewer where half its interval is this narrow, bits per pixel.
+const AT_ONCE: (usize, f64) = (1024, 0.002);
+
+/// What the decoder that comes with the program tells of the beads of a design, without any fit; none for other objects, and where
+/// there is nothing to be told of them. A patch of `None` is the whole measurement.
+///
+/// # Errors
+/// As [`estimate`].
+pub fn lower_bound_at_once(
+    design: &Design,
+    patch: Option<(usize, usize)>,
+    watch: Watch<'_>,
+) -> Result<Option<NamedBound>, EvaluationError> {
+    if !design.objects.is_beads() {
+        return Ok(None);
+    }
+    let set = read(design, watch)?;
+    let imaging = imaging(design, &set)?;
+    let (Some(channel), _) = bead_channel(design, &imaging, imaging.patch(patch))? else { return Ok(None) };
+    let watch = RefCell::new(watch);
+    let go_on = || tell(*watch.borrow_mut(), "Bounding from below", 0, 1).is_ok();
+    let bound = QuickLowerBound::new(&channel, AT_ONCE, derived_seed(design.seed, DECODER), &go_on)?;
+    Ok(bound.map(|QuickLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
+        from: "decoder that comes with the program".into(),
+        bits_per_pixel,
+        interval_95,
+    }))
+}
+
+/// A share of a time; steps are not shared.
+pub(super) fn share_of(length: FitLength, share: f64) -> FitLength {
+    match length {
+        FitLength::Time(time) => FitLength::Time(time.mul_f64(share)),
+        steps @ FitLength::Steps(_) => steps,
+    }
+}
+
+/// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
+pub(super) fn bead_bounds(
+    channel: &BeadChannel,
+    (seed, length, fresh): (u64, FitLength, bool),
+    kept: &mut KeptEstimate,
+    watch: Watch<'_>,
+) -> Result<BeadBounds, EvaluationError> {
+    let start = if fresh { None } else { Decoder::shipped() };
+    let (kind, decoder_seed) = (DecoderKind::Autoregressive, derived_seed(seed, DECODER));
+    let fit = match share_of(length, DECODING) {
+        FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
+        FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
+    };
+    let (bound, decoder) = kept.decoder(|| decoder_lower_bound(channel, &fit, start, &mut |fit| watch(&fit.into())))?;
+    let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);
+    let (below, above) = (follow(FOLLOWING_BELOW, BELOW), follow(FOLLOWING_ABOVE, ABOVE));
+    let below = kept.below(|| posterior_lower_bound(channel, &below, &decoder, &mut |fit| watch(&fit.into())))?;
+    let above = kept.above(|| posterior_upper_bound(channel, &above, &decoder, &mut |fit| watch(&fit.into())))?;
+    Ok(BeadBounds { decoder: bound, below, above })
+}
+
+/// What following the posterior tells from above beside a density model, where the program has a decoder to begin with.
+pub(super) fn bound_above(
+    channel: &BeadChannel,
+    (seed, length): (u64, FitLength),
+    kept: &mut KeptEstimate,
+    watch: Watch<'_>,
+) -> Result<Option<PosteriorBound>, InformationError> {
+    let Some(decoder) = Decoder::shipped() else { return Ok(None) };
+    let fit = posterior_fit(seed, share_of(length, FOLLOWING_ABOVE), ABOVE);
+    kept.above(|| posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))).map(Some)
+}
+
+/// How the posterior is followed on one side for this length.
+fn posterior_fit(seed: u64, length: FitLength, stream: u64) -> PosteriorFit {
+    let seed = derived_seed(seed, stream);
+    match length {
+        FitLength::Time(budget) => PosteriorFit::within(budget, seed),
+        FitLength::Steps(steps) => PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),
+    }
+}
