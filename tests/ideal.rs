@@ -6,9 +6,12 @@ use lenslet_studio::design::{
     Free, Ideal, IdealError, IdealEvent, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
 };
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
-use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
+use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
 use lenslet_studio::sensor::{Noise, Patches};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
 
 /// Small scenes of beads before a small sensor.
 fn beads(density: f64) -> ObjectSet {
@@ -94,6 +97,44 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
 }
 
 #[test]
+fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
+    // Of white Gaussian objects every measurement is nearly a Gaussian, whose information only falls as the lenslet widens.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("objects.npy");
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let normal = Normal::new(100.0_f32, 30.0).unwrap();
+    let objects = ndarray::Array3::from_shape_simple_fn((400, 27, 27), || normal.sample(&mut random).max(0.0));
+    lenslet_studio::formats::write_array(&path, objects.view()).unwrap();
+    let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+    let set = ObjectSet::open(&ObjectSource::Stack(path), &options).unwrap();
+    let imaging = imaging(&set);
+    let settings = IdealSettings {
+        steps: 200,
+        refit_every: 5,
+        first_fit: 150,
+        rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.05, weight: 1e-3, relative_weight: 0.0 },
+        ..settings()
+    };
+    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
+    assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
+    // What a Gaussian of the same covariance tells, in closed form.
+    let known = imaging.known_moments(Split::All, (12, 12), (8, 8)).unwrap();
+    let truth = |array: &LensletArray| {
+        let psf = render_psf(array, 1).unwrap();
+        let (signal, noise) = (900.0 * psf.iter().map(|p| p * p).sum::<f64>(), 110.0);
+        let moments = known.of(psf.view()).unwrap();
+        assert!((moments.mean - 110.0).abs() < 0.5, "{}", moments.mean);
+        0.5 * (1.0 + signal / noise).log2()
+    };
+    assert!(last.bits_per_pixel > first.bits_per_pixel + 0.1, "{first:?} {last:?}");
+    // Independent pixels would tell this much; neighbours share light.
+    for frame in [first, last] {
+        assert!(frame.interval_95[0] < truth(&frame.array) + 0.02, "{frame:?}");
+    }
+}
+
+#[test]
 fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
     let imaging = imaging(&set);
@@ -129,7 +170,8 @@ fn the_published_procedure_sharpens_a_lenslet_too() {
 
 #[test]
 fn equal_runs_are_equal_and_interrupted_ones_go_on_bit_for_bit() {
-    for settings in [settings(), up_the_posterior(), up_a_pixelcnn()] {
+    let anew = IdealSettings { warm: false, ..settings() };
+    for settings in [settings(), anew, up_the_posterior(), up_a_pixelcnn()] {
         goes_on_bit_for_bit(&settings);
     }
 }
@@ -144,29 +186,43 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     assert_ne!(whole.state().array, two());
 
     let new = || Ideal::new(&imaging, &two(), Limits::default(), settings()).unwrap();
+    let to_its_end = |ideal: &mut Ideal<'_>| {
+        while !ideal.is_finished() {
+            ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        }
+    };
     let mut first = new();
     first.advance(&mut |_| ControlFlow::Continue(())).unwrap();
     let bytes = first.to_bytes().unwrap();
-    // What comes after the state is lost with the process.
-    let stopped = first.advance(&mut |progress| {
-        if progress.state.step == 4 + 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    });
-    assert!(matches!(stopped, Err(IdealError::Information(InformationError::Cancelled))));
+    // What comes after the last state is lost with the process.
+    let mut last = bytes.clone();
+    let stopped = loop {
+        let told = first.advance(&mut |progress| {
+            if progress.state.step == 4 + 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        match told {
+            Ok(()) => last = first.to_bytes().unwrap(),
+            Err(stopped) => break stopped,
+        }
+    };
+    assert!(matches!(stopped, IdealError::Information(InformationError::Cancelled)));
     assert_eq!(first.state().step, 4 + 2, "a run stops within a step");
-    let mut resumed = new().resumed(&bytes).unwrap();
-    while !resumed.is_finished() {
-        resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-    }
-    assert_eq!(resumed.state().array, whole.state().array);
+    let kept = Ideal::state_in(&last).unwrap().step;
+    assert_eq!(kept, if settings().warm { 4 } else { 4 + 1 }, "where models begin anew every step is kept");
     let bits = |ideal: &Ideal<'_>| -> Vec<u64> {
         ideal.state().frames.iter().map(|frame| frame.bits_per_pixel.to_bits()).collect()
     };
-    assert_eq!(bits(&resumed), bits(&whole));
+    let mut resumed = new().resumed(&last).unwrap();
+    to_its_end(&mut resumed);
+    assert_eq!((&resumed.state().array, bits(&resumed)), (&whole.state().array, bits(&whole)));
+    let mut resumed = new().resumed(&bytes).unwrap();
+    to_its_end(&mut resumed);
+    assert_eq!((&resumed.state().array, bits(&resumed)), (&whole.state().array, bits(&whole)));
 
     // A run may be made longer, but a state of another one is refused.
     resumed.extend_to(16);
     assert!(matches!(resumed.state().events.last(), Some(IdealEvent::Extended { .. })));
-    resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+    to_its_end(&mut resumed);
     assert_eq!(resumed.state().step, 16);
     let other = Ideal::new(&imaging, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();
     assert!(other.resumed(&bytes).err().unwrap().to_string().contains("another mask, scene or setting"));

@@ -77,7 +77,7 @@ impl<'a> Ideal<'a> {
             Objective::PixelCnn => Box::new(PixelCnnGuide::new(imaging, &array, as_seen)?),
             Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
         };
-        let (start, state) = (array.clone(), IdealState::new(array));
+        let (start, state) = (array.clone(), IdealState::new(array, settings.steps));
         let held_out = imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(settings.seed, 1))?;
         Ok(Self { imaging, start, limits, settings, patch, held_out, guide, state })
     }
@@ -162,20 +162,29 @@ impl<'a> Ideal<'a> {
     pub fn extend_to(&mut self, steps: usize) {
         let step = self.state.step;
         self.settings.steps = steps.clamp(step, IdealSettings::MOST.max(step));
+        let before = std::mem::replace(&mut self.state.planned, self.settings.steps);
         if steps > step && std::mem::take(&mut self.state.finished) {
             self.state.events.push(IdealEvent::Extended { step });
+        } else if self.settings.steps != before && !self.state.finished {
+            self.state.events.push(IdealEvent::Replanned { step, before });
         }
     }
 
     /// One round: makes the guide ready for the mask as it is, values the mask on held-out objects, and takes the steps
     /// up to the next round. A guide that can is fitted beside these steps for the next round; bounds from below are then taken
-    /// beside them, too. States for [`Ideal::to_bytes`] lie between two rounds.
+    /// beside them, too. Where models begin anew, whose fits and steps take long, a call does a part of that: fit and value, or one
+    /// step. States for [`Ideal::to_bytes`] lie between two calls.
     ///
     /// # Errors
     /// Where objects or model fail, steps are refused again and again, or `watch` breaks off; the mask then stays where
     /// the steps so far have brought it.
     pub fn advance(&mut self, watch: OnIdeal<'_>) -> Result<(), IdealError> {
         let watch = Watched::new(watch, self.state.seconds);
+        if self.steps_due() > 0 {
+            self.climb(None, &watch)?;
+            self.state.seconds = watch.seconds();
+            return Ok(());
+        }
         self.prune();
         self.relight(&watch)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
@@ -192,7 +201,11 @@ impl<'a> Ideal<'a> {
                 self.guide.follow(&self.state.array, self.settings.warm)?;
                 self.fit((steps, 0), &watch)?;
                 self.value(is_last, &watch)?;
-                self.climb(None, &watch)?;
+                if self.settings.warm {
+                    self.climb(None, &watch)?;
+                } else {
+                    self.state.due = self.settings.refit_every;
+                }
             }
             // What can be too high is looked into before the mask climbs on, and before the model turns to other far places,
             // which it does not know at once.
@@ -208,6 +221,11 @@ impl<'a> Ideal<'a> {
         }
         self.state.seconds = watch.seconds();
         Ok(())
+    }
+
+    /// Steps that are left of the round, where its model stays as it is.
+    fn steps_due(&self) -> usize {
+        self.state.due.min(self.settings.steps.saturating_sub(self.state.step))
     }
 
     /// Adds what the mask is worth now, by the guide as it is.
@@ -374,10 +392,13 @@ mod tests {
         };
         let mut ideal = small(&imaging, &settings);
         let mut asked_in_step = 0;
-        let left = ideal.advance(&mut |progress| {
+        let mut watch = |progress: &IdealProgress<'_>| {
             asked_in_step += usize::from(progress.doing.is_none());
             if asked_in_step < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-        });
+        };
+        // The fit, which begins anew, and the value come before.
+        ideal.advance(&mut watch).unwrap();
+        let left = ideal.advance(&mut watch);
         assert!(matches!(left, Err(IdealError::Information(InformationError::Cancelled))));
         assert_eq!(ideal.state.step, 0);
     }

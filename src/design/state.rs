@@ -39,8 +39,8 @@ pub struct Frame {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum IdealEvent {
-    /// A gradient without finite numbers: nothing was learned from it, the last move of its step was left out, and the rates
-    /// were halved.
+    /// A gradient without finite numbers: nothing was learned from it, the mask went back to where its step began, and the
+    /// rates were halved.
     Refused {
         /// Steps of the mask so far.
         step: usize,
@@ -49,6 +49,13 @@ pub enum IdealEvent {
     Extended {
         /// Steps of the mask so far.
         step: usize,
+    },
+    /// It was told on its way to take another number of steps, so that rates fall at another time.
+    Replanned {
+        /// Steps of the mask so far.
+        step: usize,
+        /// Steps that it was to take before.
+        before: usize,
     },
     /// A lenslet without light of its own was given the mean light of the others at another place, where that tells more.
     Relit {
@@ -107,6 +114,12 @@ pub struct IdealState {
     pub events: Vec<IdealEvent>,
     /// Whether the last fit is done.
     pub finished: bool,
+    /// Steps that it is to take.
+    #[serde(default)]
+    pub(super) planned: usize,
+    /// Steps that are left of a round whose model stays as it is.
+    #[serde(default)]
+    pub(super) due: usize,
     pub(super) momentum: Momentum,
     /// Lenslets that were taken out; they stay dark.
     pub(super) pruned: Vec<usize>,
@@ -119,14 +132,16 @@ pub struct IdealState {
 }
 
 impl IdealState {
-    /// A run that begins with a mask.
-    pub(super) fn new(array: LensletArray) -> Self {
+    /// A run that begins with a mask and is to take so many steps.
+    pub(super) fn new(array: LensletArray, planned: usize) -> Self {
         Self {
             step: 0,
             array,
             frames: Vec::new(),
             events: Vec::new(),
             finished: false,
+            planned,
+            due: 0,
             momentum: Momentum::default(),
             pruned: Vec::new(),
             followed: false,

@@ -52,7 +52,7 @@ mod tests {
             std::thread::sleep(pause);
             if told.len() < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
-        let state = IdealState::new(heuristic_layout(1));
+        let state = IdealState::new(heuristic_layout(1), 10);
         let began = Instant::now();
         let watch = Watched::new(&mut wait, 5.0);
         assert!(watch.tell(&state, Some((Doing::Fitting, 0.5))).is_continue());

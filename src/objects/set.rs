@@ -141,6 +141,17 @@ impl ObjectSet {
         Ok(Self { source: source.clone(), content, field, mean, notices, fingerprint })
     }
 
+    /// The training part as a set of its own, with the same light, of which a tenth of the base images is for testing: for what
+    /// is judged by the test part of the whole in the end and must not have seen it. Beads are as before. The fingerprint stays
+    /// that of the whole.
+    #[must_use]
+    pub fn of_training(mut self) -> Self {
+        if let Content::Mosaic(_, parts) | Content::Whole(_, parts) = &mut self.content {
+            *parts = parts.of_training();
+        }
+        self
+    }
+
     /// What the set was opened from.
     pub fn source(&self) -> &ObjectSource {
         &self.source

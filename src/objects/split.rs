@@ -68,6 +68,13 @@ impl Parts {
         Self { order, train: images - test }
     }
 
+    /// The training part alone, of which every tenth image, at least one where there are two, is for testing.
+    pub(super) fn of_training(&self) -> Self {
+        let order = self.members(Split::Train).to_vec();
+        let test = if order.len() < 2 { 0 } else { order.len().div_ceil(10) };
+        Self { train: order.len() - test, order }
+    }
+
     /// Indices of the base images of a part.
     pub(super) fn members(&self, split: Split) -> &[u32] {
         match split {
@@ -90,6 +97,12 @@ mod tests {
             let mut all = [parts.members(Split::Train), parts.members(Split::Test)].concat();
             all.sort_unstable();
             assert!(all.into_iter().eq(0..images as u32));
+        }
+        for (images, train, test) in [(0, 0, 0), (2, 1, 0), (3, 1, 1), (10_000, 7_200, 800)] {
+            let parts = Parts::new(images);
+            let inner = parts.of_training();
+            assert_eq!((inner.members(Split::Train).len(), inner.members(Split::Test).len()), (train, test));
+            assert_eq!(inner.members(Split::All), parts.members(Split::Train), "none of the test images");
         }
         let parts = Parts::new(1000);
         assert!(!parts.members(Split::Test).is_sorted(), "the images are not shuffled");

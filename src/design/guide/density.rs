@@ -1,13 +1,14 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
-use ndarray::{Array3, ArrayView3, Axis, concatenate};
+use ndarray::{Array3, ArrayView3, Axis, Slice, concatenate};
 
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use crate::information::{
-    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, NoiseEntropy, PatchBatch, PatchStream, Protocol, score,
+    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, HeldDensity, InformationError, NoiseEntropy,
+    PatchBatch, PatchStream, Protocol, score,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
@@ -77,6 +78,40 @@ impl<'a> DensityGuide<'a> {
     }
 }
 
+/// Patches whose gradients are taken from one question whether to go on to the next.
+const ASKED_EVERY: usize = 64;
+
+/// A model whose gradient of thousands of patches can be given up on the way.
+struct HeldWhile<'a> {
+    model: &'a dyn HeldDensity,
+    go_on: &'a dyn Fn() -> bool,
+}
+
+impl HeldDensity for HeldWhile<'_> {
+    fn information_gradient(
+        &self,
+        clean: ArrayView3<'_, f32>,
+        normals: ArrayView3<'_, f32>,
+    ) -> Result<(f64, Array3<f64>), InformationError> {
+        let patches = clean.len_of(Axis(0));
+        let mut gradient = Array3::zeros(clean.dim());
+        let mut bits = 0.0;
+        for first in (0..patches).step_by(ASKED_EVERY) {
+            if !(self.go_on)() {
+                return Err(InformationError::Cancelled);
+            }
+            let part = Slice::from(first..(first + ASKED_EVERY).min(patches));
+            let (clean, normals) = (clean.slice_axis(Axis(0), part), normals.slice_axis(Axis(0), part));
+            let (part_bits, mut by_part) = self.model.information_gradient(clean, normals)?;
+            let share = by_part.len_of(Axis(0)) as f64 / patches as f64;
+            by_part *= share;
+            bits += share * part_bits;
+            gradient.slice_axis_mut(Axis(0), part).assign(&by_part);
+        }
+        Ok((bits, gradient))
+    }
+}
+
 impl Guide for DensityGuide<'_> {
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
@@ -119,8 +154,9 @@ impl Guide for DensityGuide<'_> {
         self.held_out.value(&information)
     }
 
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {
-        Ok(self.imaging.gradient(array, draw, self.patch, &self.model)?.lenslets)
+    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
+        let held = HeldWhile { model: &self.model, go_on };
+        Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -138,5 +174,50 @@ impl Guide for DensityGuide<'_> {
 
     fn density_model(&self) -> Option<&CausalModel> {
         Some(&self.model)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// Knows the mean of what it is given.
+    struct Mean;
+
+    impl HeldDensity for Mean {
+        fn information_gradient(
+            &self,
+            clean: ArrayView3<'_, f32>,
+            normals: ArrayView3<'_, f32>,
+        ) -> Result<(f64, Array3<f64>), InformationError> {
+            let share = 1.0 / clean.len() as f64;
+            let values = (&clean * &normals).mapv(f64::from);
+            Ok((values.sum() * share, values * share))
+        }
+    }
+
+    #[test]
+    fn parts_make_the_whole_and_can_be_left() {
+        let clean = Array3::from_shape_fn((150, 2, 3), |(n, r, c)| (n * 7 % 11 + r + 2 * c) as f32);
+        let normals = clean.mapv(|x| 0.1 * x - 0.4);
+        let asked = Cell::new(0);
+        let go_on = |most: usize| {
+            let asked = &asked;
+            move || {
+                asked.set(asked.get() + 1);
+                asked.get() <= most
+            }
+        };
+        let held = HeldWhile { model: &Mean, go_on: &go_on(3) };
+        let (bits, gradient) = held.information_gradient(clean.view(), normals.view()).unwrap();
+        let (whole, by_whole) = Mean.information_gradient(clean.view(), normals.view()).unwrap();
+        assert!((bits - whole).abs() < 1e-12 * whole.abs());
+        assert!(gradient.iter().zip(&by_whole).all(|(one, other)| (one - other).abs() < 1e-15));
+        assert_eq!(asked.get(), 3);
+        let held = HeldWhile { model: &Mean, go_on: &go_on(5) };
+        let left = held.information_gradient(clean.view(), normals.view());
+        assert!(matches!(left, Err(InformationError::Cancelled)) && asked.get() == 6);
     }
 }

@@ -33,10 +33,14 @@ impl Ideal<'_> {
         self.take_back()
     }
 
-    /// Takes the steps of a round. A density model keeps up with the mask meanwhile; a decoder is fitted for the next round, and
+    /// Takes the steps of a round, or one step where the model stays as it is. A density model keeps up with the mask meanwhile; a decoder is fitted for the next round, and
     /// tells of the scenes of a value through a mask that is `valued`. What it told comes back.
     pub(super) fn climb(&mut self, valued: Option<&LensletArray>, watch: &Watched<'_>) -> Result<Vec<f64>, IdealError> {
-        let steps = self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step));
+        let steps = if self.settings.warm {
+            self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step))
+        } else {
+            self.steps_due().min(1)
+        };
         let moves = self.settings.moves.min(self.settings.patches);
         let turns = steps * moves;
         let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
@@ -45,7 +49,7 @@ impl Ideal<'_> {
         if let Some(posterior) = self.guide.posterior().filter(|_| self.settings.warm && steps > 0) {
             refit = Some(posterior.refit(&fit)?);
         }
-        let mut gradient = vec![[0.0; PARAMETERS]; self.state.array.lenslets.len()];
+        let mut done = Step::new(&self.state.array);
         for turn in 1..=turns {
             let (part, due) = ((turn - 1) % moves, fit.steps * turn / turns);
             if self.settings.warm {
@@ -65,12 +69,13 @@ impl Ideal<'_> {
                 slopes
             })?;
             fitted?;
-            self.go((part, moves), &slopes, &mut gradient)?;
+            self.go((part, moves), &slopes, &mut done)?;
             self.state.seconds = watch.seconds();
             if watch.tell(&self.state, None).is_break() {
                 return Err(InformationError::Cancelled.into());
             }
         }
+        self.state.due = self.state.due.saturating_sub(steps);
         if let Some(refit) = refit {
             self.guide.take(refit);
             self.state.followed = true;
@@ -117,34 +122,50 @@ impl Ideal<'_> {
         Ok(slopes)
     }
 
-    /// One move of a step of several. `gradient` gathers what their slopes have told; the last of them learns from it.
+    /// One move of a step of several. `done` gathers what their slopes have told; the last of them learns from it, or takes all of
+    /// them back where the slopes are no numbers.
     fn go(
         &mut self,
         (part, moves): (usize, usize),
         slopes: &[[f64; PARAMETERS]],
-        gradient: &mut [[f64; PARAMETERS]],
+        done: &mut Step,
     ) -> Result<(), IdealError> {
         if part == 0 {
-            gradient.as_flattened_mut().fill(0.0);
+            *done = Step::new(&self.state.array);
         }
-        for (sum, slope) in gradient.iter_mut().flatten().zip(slopes.iter().flatten()) {
+        for (sum, slope) in done.gradient.iter_mut().flatten().zip(slopes.iter().flatten()) {
             *sum += slope;
         }
         let state = &mut self.state;
         let rate = state.caution * self.settings.rate(state.step + 1) / moves as f64;
         if part + 1 == moves {
             state.step += 1;
-            if gradient.iter().flatten().any(|slope| !slope.is_finite()) {
+            if done.gradient.iter().flatten().any(|slope| !slope.is_finite()) {
+                state.array.clone_from(&done.before);
                 state.events.push(IdealEvent::Refused { step: state.step });
                 state.caution *= 0.5;
                 let refused = state.events.iter().filter(|event| matches!(event, IdealEvent::Refused { .. })).count();
                 return if refused < MAX_REFUSED { Ok(()) } else { Err(IdealError::Diverged { refused }) };
             }
             let free = self.settings.free_lenslets(state.array.lenslets.len(), &state.pruned);
-            state.momentum.learn(gradient, &free);
+            state.momentum.learn(&done.gradient, &free);
         }
         state.momentum.climb(&mut state.array, (&self.settings, &self.limits), &state.pruned, rate);
         Ok(())
+    }
+}
+
+/// What there is of a step of several moves.
+struct Step {
+    /// The mask before its first move.
+    before: LensletArray,
+    /// The sum of the slopes so far.
+    gradient: Vec<[f64; PARAMETERS]>,
+}
+
+impl Step {
+    fn new(before: &LensletArray) -> Self {
+        Self { before: before.clone(), gradient: vec![[0.0; PARAMETERS]; before.lenslets.len()] }
     }
 }
 
@@ -188,6 +209,28 @@ mod tests {
             let (one, other) = (frame.array.lenslets[0], next.array.lenslets[0]);
             assert!((one.x - other.x).abs() <= ideal.settings.rates.position * 1.0001, "a step is no longer than one");
         }
+    }
+
+    #[test]
+    fn a_step_without_numbers_leaves_the_mask_where_it_was() {
+        let set = few_beads();
+        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 1.2, 0.5));
+        let mut ideal = short(&imaging, &lenslets, 4);
+        let step = |ideal: &mut Ideal<'_>, slopes: [f64; 3]| {
+            let mut done = Step::new(&ideal.state.array);
+            for (part, slope) in slopes.into_iter().enumerate() {
+                ideal.go((part, slopes.len()), &[[slope; PARAMETERS]; 2], &mut done).unwrap();
+            }
+        };
+        step(&mut ideal, [0.1, 0.2, 0.1]);
+        let (array, momentum) = (ideal.state.array.clone(), ideal.state.momentum.clone());
+        step(&mut ideal, [0.1, f64::NAN, 0.1]);
+        assert_eq!((&ideal.state.array, &ideal.state.momentum), (&array, &momentum));
+        assert_eq!((ideal.state.step, ideal.state.caution), (2, 0.5));
+        assert_eq!(ideal.state.events, [IdealEvent::Refused { step: 2 }]);
+        step(&mut ideal, [0.1, 0.2, 0.1]);
+        assert!(ideal.state.array != array);
     }
 
     #[test]

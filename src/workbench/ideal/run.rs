@@ -31,7 +31,8 @@ pub fn run_ideal(
     keep: Keep<'_>,
     watch: OnIdeal<'_>,
 ) -> Result<IdealRecord, EvaluationError> {
-    let set = open_set_with(design, reading)?;
+    // The result is judged by the test part, of which a run sees nothing.
+    let set = open_set_with(design, reading)?.of_training();
     let imaging = imaging(design, &set)?;
     let mut ideal = Ideal::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
     if let Some(bytes) = from {
