@@ -3,21 +3,24 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_folder};
+use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_count, check_folder};
 use super::design_args::{SceneArgs, check_input_stays, open_design};
 use super::output::Meter;
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealProgress, IdealSettings, Objective, Preset, Rates, time_left};
 use crate::optics::Encoder;
-use crate::workbench::study::{PublishedSet, Study, StudyError, StudySettings};
+use crate::workbench::study::{PublishedSet, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::{
-    Design, IdealRecord, KeptRun, curve_of, export_design, patches_of, run_ideal, score_settings, spoken, verdict,
+    Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, patches_of,
+    run_ideal, score_in_patches, score_settings, spoken, verdict,
 };
 
 /// Arguments of `design`.
@@ -86,10 +89,16 @@ pub struct Arguments {
     #[arg(long)]
     anisotropic: bool,
 
+    /// Make so many runs, from random starts with the seed and those after it, in DIR/start-1 and so on; the one whose
+    /// result is worth most by an estimate of its own leaves it in DIR.
+    #[arg(long, value_name = "COUNT", default_value_t = 1)]
+    starts: usize,
+
     /// Compare the result with the start and the heuristic layouts when the run is done, in patches of 32 x 32 px and for
-    /// the whole sensor, with this time for each, such as 60s: a study in DIR/score.
-    #[arg(long, value_name = "TIME")]
-    score: Option<BudgetChoice>,
+    /// the whole sensor, with this time for each, such as 60s: a study in DIR/score; none leaves it out [default: 15s, for
+    /// result and start alone].
+    #[arg(long, value_name = "TIME|none")]
+    score: Option<ScoreChoice>,
 
     /// Heuristic layouts to compare with, by their number of lenslets [default: 1 to 9].
     #[arg(long, value_name = "COUNTS", value_delimiter = ',', requires = "score", value_parser = super::study::layout)]
@@ -98,6 +107,18 @@ pub struct Arguments {
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// Time for each estimate of a comparison, where there is to be one.
+#[derive(Clone, Copy, Debug)]
+struct ScoreChoice(Option<BudgetChoice>);
+
+impl FromStr for ScoreChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" { Ok(Self(None)) } else { text.parse().map(|budget| Self(Some(budget))) }
+    }
 }
 
 /// Parameters that may change, by the names of the command line.
@@ -121,6 +142,64 @@ impl FromStr for FreeChoice {
     }
 }
 
+/// Lenslets of a random start, where none was chosen.
+const USUAL_LENSLETS: usize = 25;
+/// Most runs of an order.
+const MOST_STARTS: usize = 1000;
+/// Time for each estimate of result and start, where no comparison was asked for.
+const BRIEF_SCORE: Duration = Duration::from_secs(15);
+
+/// A run in its folder, from where it was stopped there.
+fn climb(design: &Design, settings: &IdealSettings, (kept, folder): (&KeptRun, &Path)) -> anyhow::Result<IdealRecord> {
+    let from = kept.load()?;
+    let meter = Meter::new();
+    let mut going_on = from.is_some();
+    let folder = folder.display();
+    let mut watch = |progress: &IdealProgress<'_>| {
+        if std::mem::take(&mut going_on) {
+            let step = progress.state.step;
+            meter.tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
+        }
+        meter.show(progress.state.step, settings.steps, &message(progress, settings));
+        ControlFlow::Continue(())
+    };
+    let reading = |_| ControlFlow::Continue(());
+    let record = run_ideal(design, settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
+        .map_err(|error| about_objects(design, error))
+        .with_context(|| format!("{folder}: the run ended"))?;
+    meter.finish();
+    if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
+        let taken = end.step;
+        output::tell(format_args!(
+            "{folder}: the run that is there has taken {taken} steps already, and stays as it is"
+        ));
+    }
+    Ok(record)
+}
+
+/// Writes design, PSF, curve and record.
+fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = export_design(&record.design(), folder)?;
+    let curve = folder.join("curve.csv");
+    curve_of(record.settings.objective, &record.frames).write(&curve)?;
+    let path = folder.join("run.json");
+    record.save(&path)?;
+    files.extend([curve, path]);
+    Ok(files)
+}
+
+/// What the result of a start is worth.
+fn ranked_start(name: &str, design: Arc<Design>, budget: Option<Duration>) -> anyhow::Result<RankedStart> {
+    let meter = Meter::new();
+    let estimate = score_in_patches(&design, budget, &mut |progress: &EstimateProgress| {
+        meter.show(progress.done, progress.total, &progress.step);
+        ControlFlow::Continue(())
+    })
+    .map_err(|error| about_objects(&design, error))?;
+    meter.finish();
+    Ok(RankedStart { name: name.into(), design, estimate, sensor: None, record: None })
+}
+
 /// What is told at the end.
 #[derive(Debug, Serialize)]
 struct Outcome<'a> {
@@ -129,6 +208,10 @@ struct Outcome<'a> {
     start: &'a Frame,
     end: &'a Frame,
     record: &'a IdealRecord,
+    /// Results of several starts, the best first.
+    ranked: &'a [RankedStart],
+    /// The result beside others, by one estimator for all.
+    score: Option<&'a StudyRecord>,
     /// What the comparison says, sentence by sentence.
     verdict: Vec<String>,
 }
@@ -138,36 +221,63 @@ impl Arguments {
     pub fn run(self) -> Result<(), Failure> {
         let design = self.start()?;
         let settings = self.settings(&design)?;
+        check_count("--starts", self.starts, 1..=MOST_STARTS)?;
         check_folder(&self.out)?;
         for file in [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::design_file)] {
             check_input_stays(file, &self.out, None)?;
         }
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
-        let from = kept.load()?;
-        let meter = Meter::new();
-        let mut going_on = from.is_some();
-        let mut watch = |progress: &IdealProgress<'_>| {
-            if std::mem::take(&mut going_on) {
-                let (folder, step) = (self.out.display(), progress.state.step);
-                meter.tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
-            }
-            meter.show(progress.state.step, settings.steps, &message(progress, &settings));
-            ControlFlow::Continue(())
-        };
-        let reading = |_| ControlFlow::Continue(());
-        let record =
-            run_ideal(&design, &settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
-                .map_err(|error| about_objects(&design, error))
-                .with_context(|| format!("{}: the run ended", self.out.display()))?;
-        meter.finish();
-        if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
-            let (folder, taken) = (self.out.display(), end.step);
-            output::tell(format_args!(
-                "{folder}: the run that is there has taken {taken} steps already, and stays as it is"
-            ));
+        if self.starts == 1 {
+            let record = climb(&design, &settings, (&kept, &self.out))?;
+            return self.finish(&record, &[]);
         }
-        self.finish(&record)
+        let (record, ranked) = self.rank(&design, &settings, &kept)?;
+        self.finish(&record, &ranked)
+    }
+
+    /// Runs from several random starts, and the one that led to the best result.
+    fn rank(
+        &self,
+        design: &Design,
+        settings: &IdealSettings,
+        order: &KeptRun,
+    ) -> anyhow::Result<(IdealRecord, Vec<RankedStart>)> {
+        let count = match &self.start {
+            Some(EncoderChoice::Random(count)) => *count,
+            None if self.design.is_none() => USUAL_LENSLETS,
+            _ => bail!("--starts repeats runs from random lenslets; give --start random:25"),
+        };
+        let starts: Vec<Start> = (0..self.starts as u64)
+            .map(|number| Start::random(design, count, design.seed.wrapping_add(number)))
+            .collect();
+        // Results that were ranked before a power cut need not be estimated again.
+        let known = order.last().map_or_else(Vec::new, |(order, _)| order.ranked);
+        let budget = self.score.and_then(|ScoreChoice(budget)| Some(budget?.0));
+        let (mut ranked, mut records) = (Vec::<RankedStart>::new(), Vec::new());
+        for (at, start) in starts.iter().enumerate() {
+            let folder = self.out.join(format!("start-{}", at + 1));
+            output::tell(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
+            let kept = KeptRun::in_folder(&folder)?;
+            let _lock = kept.lock()?;
+            let record = climb(&start.design, settings, (&kept, &folder))?;
+            write(&record, &folder)?;
+            let found = Arc::new(record.design());
+            let earlier = known.iter().find(|result| result.name == start.name && result.design == found);
+            let result = match earlier {
+                Some(result) => result.clone(),
+                None => ranked_start(&start.name, found, budget)?,
+            };
+            output::tell(format_args!("{}: {}", folder.display(), result.estimate.in_words()));
+            ranked.push(result);
+            records.push((start.name.clone(), record));
+            ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
+            let (starts, settings, ranked) = (starts.clone(), settings.clone(), ranked.clone());
+            order.note(&KeptOrder { starts, settings, at, ranked })?;
+        }
+        let best = ranked.first().and_then(|best| records.into_iter().find(|(name, _)| *name == best.name));
+        let (_, record) = best.context("--starts: there is no run")?;
+        Ok((record, ranked))
     }
 
     /// The design that the run starts from.
@@ -178,7 +288,7 @@ impl Arguments {
         };
         design.seed = self.seed.unwrap_or(design.seed);
         self.scene.replace_in(&mut design);
-        let usual = EncoderChoice::Random(25);
+        let usual = EncoderChoice::Random(USUAL_LENSLETS);
         match (&self.start, &self.design) {
             (Some(choice), _) => design.encoder = choice.encoder(design.seed)?,
             (None, None) => design.encoder = usual.encoder(design.seed)?,
@@ -221,13 +331,8 @@ impl Arguments {
     }
 
     /// Writes design, PSF, curve and record, and tells what came of it.
-    fn finish(&self, record: &IdealRecord) -> Result<(), Failure> {
-        let mut files = export_design(&record.design(), &self.out)?;
-        let curve = self.out.join("curve.csv");
-        curve_of(record.settings.objective, &record.frames).write(&curve)?;
-        let path = self.out.join("run.json");
-        record.save(&path)?;
-        files.extend([curve, path]);
+    fn finish(&self, record: &IdealRecord, ranked: &[RankedStart]) -> Result<(), Failure> {
+        let files = write(record, &self.out)?;
         let (Some(start), Some(end)) = (record.frames.first(), record.frames.last()) else {
             return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
         };
@@ -236,9 +341,16 @@ impl Arguments {
         let printed = if self.json {
             let files = files.iter().map(|file| file.display().to_string()).collect();
             let folder = self.out.display().to_string();
-            output::print_json(&Outcome { folder, files, start, end, record, verdict })
+            let score = score.as_ref().map(Study::record);
+            output::print_json(&Outcome { folder, files, start, end, record, ranked, score, verdict })
         } else {
             let mut lines = lines_of(record, start, end);
+            lines.extend(
+                ranked
+                    .iter()
+                    .enumerate()
+                    .map(|(place, result)| format!("{}. {}: {}", place + 1, result.name, result.estimate.in_words())),
+            );
             lines.extend(verdict);
             lines.push(format!("Written to {}", self.out.display()));
             output::print(&lines.join("\n"))
@@ -249,12 +361,15 @@ impl Arguments {
         printed
     }
 
-    /// Compares the result with others, where that was asked for.
+    /// Compares the result with its start, and with others where that was asked for.
     fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<Study>> {
-        let Some(budget) = self.score else { return Ok(None) };
         let all: Vec<usize> = (1..=9).collect();
         let against = if self.against.is_empty() { &all } else { &self.against };
-        let settings = score_settings(record, against, budget.0)?;
+        let settings = match self.score {
+            Some(ScoreChoice(None)) => return Ok(None),
+            Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
+            None => score_settings(record, &[], BRIEF_SCORE)?,
+        };
         let mut study = open_score(settings, &self.out)?;
         run_with_bar(&mut study)?;
         Ok(Some(study))
@@ -307,11 +422,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
         ),
     ];
-    lines.push(if record.start.objects.is_beads() {
-        "`estimate --estimator bracket` bounds the design from both sides".into()
-    } else {
-        "Numbers of a run steer it and can mislead: `estimate` or `--score` judges the design".into()
-    });
+    lines.push("Numbers of a run steer it and can mislead; what judges the design is an estimate of its own".into());
     let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
     if least < asked - ROUNDING_PX {
         lines.push(format!("some lenslets are {least:.2} px apart, although {asked} px were asked for"));

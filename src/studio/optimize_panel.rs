@@ -8,10 +8,9 @@ use super::image_view::name_widget;
 use super::messages::Severity;
 use super::run_view;
 use super::state::{Leave, State};
-use crate::design::{Free, IdealSettings, Objective, Preset};
+use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
 use crate::objects::ObjectSource;
-use crate::optics::{Encoder, random_layout};
-use crate::workbench::{Design, DesignRun, RunStatus, Start, spoken};
+use crate::workbench::{DesignRun, RunStatus, Start, spoken};
 
 /// Random starts of one order.
 const STARTS: u64 = 8;
@@ -46,6 +45,8 @@ pub struct OptimizeForm {
     objective: Option<Objective>,
     /// The frame that is looked at; the newest one where none was chosen.
     pub frame: Option<usize>,
+    /// The run that led to the result which was chosen; where none was, the last run is looked at.
+    pub chosen: Option<Arc<DesignRun>>,
     /// Whether the mask shows the ways of the lenslets.
     pub trails: bool,
 }
@@ -53,7 +54,7 @@ pub struct OptimizeForm {
 impl Default for OptimizeForm {
     fn default() -> Self {
         let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-        Self { from: From::Design, count: 25, settings, objective: None, frame: None, trails: true }
+        Self { from: From::Design, count: 25, settings, objective: None, frame: None, chosen: None, trails: true }
     }
 }
 
@@ -118,7 +119,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                     (Preset::Default, "Small warm refits of what the mask climbs, patches of 32 x 32 px"),
                     (
                         Preset::Paper,
-                        "Steps, batches, rates (those for beads) and refits as published, patches of 16 x 16 px; takes hours",
+                        "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",
                     ),
                 ] {
                     let chosen = form.settings.preset == preset;
@@ -144,7 +145,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             // Steps for another objective say nothing of this run.
             let of_run = last.map(|run| &run.settings).filter(|settings| settings.objective != form.objective);
             let steps = of_run.unwrap_or(form).steps;
-            state.optimize_form.frame = None;
+            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
             if let Err(refusal) = state.bench.extend_run(steps) {
                 state.messages.push(Severity::Failure, refusal);
             }
@@ -178,6 +179,14 @@ fn details(ui: &mut Ui, state: &mut State) {
                 }
             }
         });
+        if settings.preset == Preset::Paper {
+            ui.horizontal_wrapped(|ui| {
+                ui.label("Rates for");
+                for (name, rates) in PUBLISHED_RATES {
+                    ui.selectable_value(&mut settings.rates, rates, name);
+                }
+            });
+        }
         ui.horizontal_wrapped(|ui| {
             ui.label("Patch");
             for (text, patch) in [("16 px", Some((16, 16))), ("32 px", Some((32, 32))), ("sensor", None)] {
@@ -228,6 +237,10 @@ const OBJECTIVES: [(Objective, &str); 3] = [
     (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
 ];
 
+/// The rates by which lenslets moved before the published objects.
+const PUBLISHED_RATES: [(&str, Rates); 3] =
+    [("beads, Fashion-MNIST", Rates::PAPER), ("MNIST", Rates::PAPER_MNIST), ("CIFAR-10", Rates::PAPER_CIFAR)];
+
 /// Whether a run can be started as the form asks.
 pub fn can_start(state: &State) -> bool {
     let has_lenslets = state.bench.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
@@ -239,14 +252,10 @@ pub fn can_start(state: &State) -> bool {
 pub fn start(state: &mut State) {
     let design = Arc::clone(state.bench.open_design());
     let form = &mut state.optimize_form;
-    form.frame = None;
+    (form.frame, form.chosen) = (None, None);
     form.turn_to(form.settings.preset, &design.objects);
     let mut settings = IdealSettings { seed: design.seed, ..form.settings.clone() };
-    let random = |seed: u64| {
-        let encoder = Encoder::Lenslets(random_layout(form.count, seed));
-        let name = format!("{} random, seed {seed}", form.count);
-        Start { name, design: Arc::new(Design { encoder, ..Design::clone(&design) }) }
-    };
+    let random = |seed: u64| Start::random(&design, form.count, seed);
     let starts = match form.from {
         From::Design => {
             settings.locked = state.locks.indices().iter().copied().collect();
@@ -289,7 +298,7 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         let mut follow = state.bench.is_following();
         let hint = "Shows the masks of the run as they come, in place of your design";
         if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
-            state.optimize_form.frame = None;
+            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
             state.bench.follow_run(follow);
         }
         ui.checkbox(&mut state.optimize_form.trails, "Trails");

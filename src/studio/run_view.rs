@@ -9,10 +9,12 @@ use super::dialogs::Purpose;
 use super::image_view::name_widget;
 use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
 use super::lenslet_table::COUNTS;
+use super::messages::Severity;
 use super::state::State;
 use super::trails::TRAIL;
 use crate::design::{Frame, IdealEvent, Objective};
-use crate::workbench::{DesignRun, curve_of, estimate_command, patches_of, run_command};
+use crate::information::Estimate;
+use crate::workbench::{DesignRun, curve_of, estimate_command, patches_of, run_command, verdict};
 
 /// Height of what stands above the curve of a run, its numbers and the slider, in points.
 const ABOVE_PLOT: f32 = 84.0;
@@ -23,11 +25,14 @@ const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
 /// Colour of the number of lenslets in plots.
 const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
 
-/// Shows the run.
-pub fn show(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+/// Shows the run, or the one that led to the result that was chosen.
+pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun) {
     let room = ui.available_height();
+    let chosen = state.optimize_form.chosen.clone();
+    let run = chosen.as_deref().unwrap_or(last);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        ranking(ui, state, run);
+        ranking(ui, state, last);
+        comparison(ui, state, last);
         if run.frames.is_empty() {
             if run.is_active() {
                 ui.weak("The first fit takes some seconds.");
@@ -132,7 +137,8 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
         let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
         name_widget(&newest, "Show newest");
         if newest.clicked() {
-            state.optimize_form.frame = None;
+            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
+            let run = state.run.as_ref().unwrap_or(run);
             state.bench.look_at(&run.array, &run.start);
             state.bench.follow_run(run.is_active());
         }
@@ -227,15 +233,19 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 Some(lower) => between(lower, estimate.bits_per_pixel),
                 None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
             };
-            let text = format!("{}. {}: {bits}", place + 1, result.name);
+            let whole = result.sensor.as_ref().map_or(String::new(), |sensor| format!(", sensor {}", short(sensor)));
+            let text = format!("{}. {}: {bits}{whole}", place + 1, result.name);
             let open = ui.button(text).on_hover_text(
-                "Shows this design. Its numbers, bits per pixel on held-out objects, come from models of their own: \
-                 a bracket, ranked by its lower bound, or the live estimate where no lower bound is known.",
+                "Shows this design and the run that led to it. Its numbers, bits per pixel on objects that the run never saw, \
+                 in patches and for the whole sensor, come from models of their own: a bracket, ranked by its lower bound, or \
+                 the live estimate where no lower bound is known.",
             );
             name_widget(&open, &format!("Result {}", place + 1));
             if open.clicked()
                 && let Some(array) = result.design.encoder.lenslets()
             {
+                state.optimize_form.frame = None;
+                state.optimize_form.chosen = run.that_led_to(place).map(Arc::new);
                 state.bench.follow_run(false);
                 state.bench.look_at(array, &result.design);
             }
@@ -246,5 +256,58 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request()));
             }
         });
+    }
+}
+
+/// The best result beside its start and the heuristic layouts.
+fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let has_result = run.ranked.first().is_some_and(|best| best.record.is_some());
+    if has_result && !run.is_active() {
+        let compare = ui.button("Compare with heuristic layouts");
+        let hint = "Estimates the best result, its start and the nine published layouts alike, in patches and for the whole \
+                    sensor: some eight minutes. Stop it when you like; it goes on from there";
+        if compare.on_hover_text(hint).clicked()
+            && let Err(refusal) = state.bench.compare_result()
+        {
+            state.messages.push(Severity::Failure, refusal);
+        }
+    }
+    if let Some(sentence) = &run.comparison_failure {
+        ui.colored_label(ui.visuals().error_fg_color, sentence);
+    }
+    let Some(study) = run.comparison.as_ref().filter(|study| !study.cells.is_empty()) else { return };
+    egui::CollapsingHeader::new("Comparison").default_open(true).show(ui, |ui| {
+        for sentence in verdict(study) {
+            ui.label(sentence);
+        }
+        egui::Grid::new("comparison").num_columns(1 + study.settings.patches.len()).striped(true).show(ui, |ui| {
+            ui.weak("bits per pixel");
+            for &patch in &study.settings.patches {
+                ui.weak(patches_of(patch));
+            }
+            ui.end_row();
+            for design in &study.settings.designs {
+                ui.label(&design.name);
+                for &patch in &study.settings.patches {
+                    let cell = study.cells.iter().find(|cell| cell.design == design.name && cell.patch == patch);
+                    let told = cell.and_then(|cell| cell.estimate.as_ref().map(short));
+                    let failure = cell.and_then(|cell| cell.failure.clone());
+                    match (told, failure) {
+                        (Some(bits), _) => ui.label(bits),
+                        (None, Some(sentence)) => ui.weak("failed").on_hover_text(sentence),
+                        (None, None) => ui.weak("\u{2026}"),
+                    };
+                }
+                ui.end_row();
+            }
+        });
+    });
+}
+
+/// An estimate in little room.
+fn short(estimate: &Estimate) -> String {
+    match estimate.lower() {
+        Some(lower) => between(lower, estimate.bits_per_pixel),
+        None => format!("\u{2264} {}", rounded(estimate.bits_per_pixel)),
     }
 }

@@ -12,7 +12,8 @@ pub const TRAIL: Color32 = Color32::from_rgb(120, 230, 255);
 
 /// Draws the ways of all lenslets where the mask is one of the last run, the bright ones more clearly.
 pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let Some(run) = state.run.as_ref().filter(|_| state.optimize_form.trails) else { return };
+    let form = &state.optimize_form;
+    let Some(run) = form.chosen.as_deref().or(state.run.as_ref()).filter(|_| form.trails) else { return };
     let shown = run.frames.iter().position(|frame| frame.array == *array);
     let is_newest = *run.array == *array;
     let is_other = |frame: &Frame| frame.array.lenslets.len() != array.lenslets.len();

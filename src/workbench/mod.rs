@@ -50,8 +50,8 @@ pub use evaluation::{
 pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
-    DesignRun, IdealRecord, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of, run_ideal,
-    score_settings, verdict,
+    DesignRun, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
+    run_ideal, score_in_patches, score_settings, verdict,
 };
 pub use jobs::{Job, Outcome};
 pub use live_bounds::Draws;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
-use crate::design::{Free, IdealEvent, IdealSettings};
+use crate::design::{Free, IdealEvent, IdealSettings, Rates};
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
 
@@ -52,8 +52,18 @@ pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<St
 /// takes as many commands, each of which goes on where the one before has ended.
 ///
 /// # Errors
-/// As [`look_command`].
+/// As [`look_command`]; where the run was told on its way to take another number of steps, which no command does.
 pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
+    let replanned = events.iter().find_map(|event| match event {
+        IdealEvent::Replanned { step, before } => Some((step, before)),
+        _ => None,
+    });
+    if let Some((step, before)) = replanned {
+        return Err(format!(
+            "at step {step} of {before} this run was told to take another number of steps, which no command repeats; its record \
+             tells what it did"
+        ));
+    }
     let ends = events.iter().filter_map(|event| match event {
         IdealEvent::Extended { step } => Some(*step),
         _ => None,
@@ -84,7 +94,10 @@ fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, Stri
     if settings.anisotropic {
         flags.push("--anisotropic".into());
     }
-    flags.push("--out run".into());
+    let published = [(Rates::PAPER_MNIST, "mnist"), (Rates::PAPER_CIFAR, "cifar10")];
+    let published = published.into_iter().find(|(rates, _)| *rates == settings.rates);
+    flags.extend(published.map(|(_, name)| format!("--published-as {name}")));
+    flags.push("--score none --out run".into());
     // A run takes its seed from the design.
     let start = Design { seed: settings.seed, ..start.clone() };
     with_design("design", "--start", &start, &flags.join(" "))
@@ -135,8 +148,8 @@ mod tests {
     use crate::design::{Objective, Preset};
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
-    use crate::workbench::WeightsFiles;
     use crate::optics::random_layout;
+    use crate::workbench::WeightsFiles;
 
     fn request(model: DensityModel) -> EstimateRequest {
         EstimateRequest {
@@ -185,5 +198,7 @@ mod tests {
         let text = run_command(&published, &settings, &[IdealEvent::Extended { step: 40 }]).unwrap();
         let steps: Vec<&str> = text.lines().map(|line| line.split("--steps ").nth(1).unwrap()).collect();
         assert!(steps.len() == 2 && steps[0].starts_with("40 ") && steps[1].starts_with("90 "), "{text}");
+        let refusal = run_command(&published, &settings, &[IdealEvent::Replanned { step: 5, before: 40 }]).unwrap_err();
+        assert!(refusal.contains("step 5 of 40"), "{refusal}");
     }
 }

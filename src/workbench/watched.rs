@@ -57,6 +57,14 @@ impl Workbench {
         Ok(())
     }
 
+    /// Compares the best result of the run with its start and the nine heuristic layouts, in patches and for the whole sensor.
+    ///
+    /// # Errors
+    /// One sentence where there is no result yet, or a run goes on.
+    pub fn compare_result(&self) -> Result<(), String> {
+        self.designer.compare()
+    }
+
     /// Lets the run wait, or go on.
     pub fn pause_run(&self, pause: bool) {
         self.designer.pause(pause);

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::{Bench, text};
 
 /// A run of a few seconds.
-const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density";
+const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density --score none";
 
 fn read(bench: &Bench, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
@@ -44,6 +44,41 @@ fn a_run_leaves_design_pictures_curve_and_record() {
     // Another run has no place in this folder.
     let sentence = bench.refused(&format!("{TINY} --steps 12 --free positions --out a"));
     assert!(sentence.contains("not the state of this run"), "{sentence}");
+}
+
+#[test]
+fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
+    let bench = Bench::new();
+    let line = TINY.replace(" --score none", " --score 0.2s --against 2 --starts 2 --steps 2 --out a");
+    let told = bench.json(&line);
+    let ranked = told["ranked"].as_array().unwrap();
+    let worth = |place: usize| ranked[place]["estimate"]["lower"].as_f64().unwrap();
+    assert_eq!(ranked.len(), 2);
+    assert!(worth(0) >= worth(1), "{} {}", worth(0), worth(1));
+    // The best one left its result, whose own folder holds the whole run.
+    let name = ranked[0]["name"].as_str().unwrap();
+    let number = if name.ends_with("seed 5") { 1 } else { 2 };
+    let own = read(&bench, &format!("a/start-{number}/run.json"));
+    assert_eq!((&own, &read(&bench, "a/run.json")), (&told["record"], &told["record"]));
+    assert_ne!(read(&bench, "a/start-1/design.json"), read(&bench, "a/start-2/design.json"));
+    assert_eq!(ranked[0]["design"]["encoder"], read(&bench, "a/design.json")["encoder"]);
+
+    // Result, start and two heuristic lenslets, in patches and for the whole sensor.
+    let cells = told["score"]["cells"].as_array().unwrap();
+    let names: Vec<&str> = cells.iter().map(|cell| cell["design"].as_str().unwrap()).collect();
+    assert_eq!(
+        (cells.len(), &names[..]),
+        (6, &["design", "design", "start", "start", "heuristic:2", "heuristic:2"][..])
+    );
+    let verdict = told["verdict"].as_array().unwrap();
+    assert!(verdict.iter().any(|line| line.as_str().unwrap().contains("whole sensor, lower bound")), "{verdict:?}");
+
+    // Nothing is done twice: neither runs nor estimates.
+    let output = bench.run(line.split_whitespace());
+    let told = text(&output.stdout);
+    assert!(told.contains(&format!("1. {name}: ")) && told.contains("its start"), "{told}");
+    let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
+    assert!(sentence.contains("--start random:25"), "{sentence}");
 }
 
 #[test]
@@ -103,6 +138,7 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --lock 26", "locked is 26"),
         ("design --out a --lock 0", "--lock"),
         ("design --out a --score 5", "expected a time"),
+        ("design --out a --starts 0", "--starts"),
         ("design --out a --against 3", "--score"),
         ("design --out a --score 1s --against 10", "from 1 to 9"),
         ("design --out a --free speed", "expected positions"),

@@ -6,7 +6,10 @@ use super::*;
 use egui::accesskit::Toggled;
 use egui_kittest::kittest::NodeT;
 use lenslet_studio::design::{IdealSettings, Objective, Preset};
-use lenslet_studio::workbench::RunStatus;
+use lenslet_studio::information::Protocol;
+use lenslet_studio::workbench::{
+    DensityModel, EstimateRequest, KeptOrder, KeptRun, RankedStart, RunStatus, Start, WeightsFiles, estimate, run_ideal,
+};
 
 #[test]
 fn a_run_is_started_watched_rewound_and_undone() {
@@ -177,6 +180,76 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     click(&mut window, "Accept this mask");
     assert!(studio(&window).bench().is_dirty() && studio(&window).bench().undoes().is_none());
     assert_eq!(open_lenslets(&window).len(), newest.len());
+}
+
+#[test]
+fn results_keep_the_runs_that_led_to_them_and_are_compared() {
+    // Two starts that came to their end when the program was here last.
+    let folder = tempfile::tempdir().unwrap();
+    let settings = IdealSettings {
+        patch: Some((6, 6)),
+        steps: 4,
+        refit_every: 2,
+        first_fit: 20,
+        last_fit: 20,
+        ..density_for(&Design::default())
+    };
+    let starts: Vec<Start> = [1, 2].map(|seed| Start::random(&Design::default(), 3, seed)).into();
+    let request = EstimateRequest {
+        model: DensityModel::Stationary,
+        protocol: Protocol::Default,
+        patch: Some((6, 6)),
+        patches_train: 80,
+        patches_test: 20,
+        fresh: false,
+        trials: 1,
+        keep: None,
+        weights: WeightsFiles::default(),
+    };
+    let go_on = || std::ops::ControlFlow::Continue(());
+    let found = |start: &Start| {
+        let record =
+            run_ideal(&start.design, &settings, None, &|_| go_on(), &mut |_| Ok(()), &mut |_| go_on()).unwrap();
+        let design = std::sync::Arc::new(record.design());
+        let estimate = estimate(&design, &request, &mut |_| go_on()).unwrap();
+        let (name, record) = (start.name.clone(), Some(std::sync::Arc::new(record)));
+        RankedStart { name, design, sensor: Some(estimate.clone()), estimate, record }
+    };
+    let ranked: Vec<RankedStart> = starts.iter().map(found).collect();
+    let (starts, settings, ranked) = (starts, settings.clone(), ranked.clone());
+    let order = KeptOrder { starts, settings, at: 1, ranked: ranked.clone() };
+    KeptRun::in_folder(&folder.path().join("run")).unwrap().note(&order).unwrap();
+
+    let mut window = at_home(folder.path());
+    click(&mut window, "Optimize");
+    // The run of each is there, from its start to its end.
+    for (place, result) in ranked.iter().enumerate() {
+        click(&mut window, &format!("Result {}", place + 1));
+        assert_eq!(lenslets(&window), result.design.encoder.lenslets().unwrap().lenslets);
+        click(&mut window, "Back to start");
+        let record = result.record.as_ref().unwrap();
+        assert_eq!(lenslets(&window), record.start.encoder.lenslets().unwrap().lenslets);
+        window.get_by_label_contains("bits per pixel at step 0");
+    }
+
+    click(&mut window, "Compare with heuristic layouts");
+    let cells = |window: &Window| {
+        let run = studio(window).bench().run().unwrap();
+        run.comparison.as_ref().map_or(0, |study| study.cells.len())
+    };
+    wait_for(&mut window, "the first numbers", |window| cells(window) >= 1);
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    let run = studio(&window).bench().run().unwrap();
+    assert_eq!((run.status, run.ranked.len()), (RunStatus::Stopped, 2), "as it was");
+    window.get_by_label("heuristic:9");
+    assert!(window.query_all_by_label_contains("32 x 32 px patches: ").next().is_some());
+    let compared = cells(&window);
+    drop(window);
+
+    // It is there the other day, and goes on from there.
+    let window = at_home(folder.path());
+    assert_eq!(cells(&window), compared);
 }
 
 /// Lenslets of the open design, whatever is shown.

@@ -9,8 +9,9 @@ use super::record::IdealRecord;
 use super::score::judge_of;
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
 use crate::information::{EngineChoice, Estimate, Estimator, NamedBound, Protocol};
-use crate::optics::LensletArray;
+use crate::optics::{Encoder, LensletArray, random_layout};
 use crate::workbench::evaluation::Scene;
+use crate::workbench::study::StudyRecord;
 use crate::workbench::{DensityModel, Design, EstimateRequest, WeightsFiles};
 
 /// What a run is doing.
@@ -55,6 +56,10 @@ pub struct DesignRun {
     pub start_number: (usize, usize),
     /// Results of the starts that came to their end, the best first.
     pub ranked: Vec<RankedStart>,
+    /// The best of them beside its start and the heuristic layouts, as far as that was computed.
+    pub comparison: Option<Arc<StudyRecord>>,
+    /// Why that ended early, where it was not stopped.
+    pub comparison_failure: Option<String>,
     /// All that is needed to repeat the run, as of its last refit.
     pub record: Option<Arc<IdealRecord>>,
 }
@@ -79,23 +84,29 @@ pub struct RankedStart {
     pub design: Arc<Design>,
     /// What it is worth, by an estimate with a model of its own on held-out objects.
     pub estimate: Estimate,
+    /// The same for whole measurements, where these are larger than the patches of that estimate.
+    #[serde(default)]
+    pub sensor: Option<Estimate>,
+    /// The run that led there.
+    #[serde(default)]
+    pub record: Option<Arc<IdealRecord>>,
 }
 
 /// Steps of the fits by which a result is scored, which can be repeated: about as many as a minute has on two cores.
 pub(super) const BRACKET_STEPS: usize = 400;
 pub(super) const LIVE_STEPS: usize = 2_000;
+/// Share of them in the fits for whole measurements, of which each step takes longer.
+const SENSOR_SHARE: usize = 4;
 
-/// Rows and columns of the patches that results are scored by, px, where a measurement has as many.
-pub(super) const SCORED_PATCH: (usize, usize) = (32, 32);
-
-/// What the result of a run is scored by: a bracket where the prior of the objects is known.
-pub(super) fn score_request(design: &Design, patch: (usize, usize)) -> EstimateRequest {
+/// What the result of a run is scored by, in patches or for whole measurements: a bracket where the prior of the objects is known.
+pub(super) fn score_request(design: &Design, patch: Option<(usize, usize)>) -> EstimateRequest {
     let judge = judge_of(design);
     let steps = if judge == Estimator::Bracket { BRACKET_STEPS } else { LIVE_STEPS };
+    let steps = if patch.is_some() { steps } else { steps / SENSOR_SHARE };
     EstimateRequest {
         model: DensityModel::new(judge, None, EngineChoice::default()).of_steps(steps),
         protocol: Protocol::Default,
-        patch: Some(patch),
+        patch,
         // Fits draw fresh patches at every step.
         patches_train: 10_000,
         patches_test: 1_000,
@@ -109,7 +120,7 @@ pub(super) fn score_request(design: &Design, patch: (usize, usize)) -> EstimateR
 impl RankedStart {
     /// What was asked of the estimate.
     pub fn request(&self) -> EstimateRequest {
-        score_request(&self.design, self.estimate.patch.into())
+        score_request(&self.design, Some(self.estimate.patch.into()))
     }
 
     /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being
@@ -136,8 +147,26 @@ impl DesignRun {
             left: None,
             start_number: (1, starts),
             ranked: Vec::new(),
+            comparison: None,
+            comparison_failure: None,
             record: None,
         }
+    }
+
+    /// The run that led to one of the results, where it is still known, with all masks on its way.
+    pub fn that_led_to(&self, result: usize) -> Option<Self> {
+        let record = self.ranked.get(result)?.record.as_ref()?;
+        let last = record.frames.last()?;
+        Some(Self {
+            start: Arc::new(record.start.clone()),
+            settings: record.settings.clone(),
+            array: Arc::new(last.array.clone()),
+            step: last.step,
+            frames: Arc::new(record.frames.clone()),
+            events: record.events.clone(),
+            record: Some(Arc::clone(record)),
+            ..self.clone()
+        })
     }
 
     /// Takes over where the run has come to.
@@ -200,7 +229,7 @@ impl DesignRun {
 }
 
 /// A mask to start from.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Start {
     /// What it is called.
     pub name: String,
@@ -208,11 +237,18 @@ pub struct Start {
     pub design: Arc<Design>,
 }
 
+impl Start {
+    /// Random lenslets in place of those of a design.
+    pub fn random(design: &Design, count: usize, seed: u64) -> Self {
+        let encoder = Encoder::Lenslets(random_layout(count, seed));
+        Self { name: format!("{count} random, seed {seed}"), design: Arc::new(Design { encoder, ..design.clone() }) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::design::Preset;
-    use crate::optics::Encoder;
 
     fn frame(step: usize, array: &LensletArray) -> Frame {
         Frame {

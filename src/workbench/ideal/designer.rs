@@ -1,25 +1,20 @@
 //! Runs for the window: on a thread of their own, where they can be watched, paused and stopped.
 
 use std::fs::File;
-use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Condvar, Mutex};
 
-use super::design_run::{DesignRun, RankedStart, RunStatus, SCORED_PATCH, Start, score_request};
-use super::record::IdealRecord;
-use super::run::{KeptOrder, KeptRun, run_ideal, start_of};
-use crate::design::{Ideal, IdealProgress, IdealSettings, merged_result, time_left};
-use crate::information::Estimate;
+use super::design_run::{DesignRun, RunStatus, Start};
+use super::run::{KeptOrder, KeptRun, start_of};
+use super::runner::Shared;
+use crate::design::{IdealSettings, merged_result};
 use crate::optics::Encoder;
-use crate::workbench::activity::{Activities, ActivityKind, Entry};
-use crate::workbench::simulation::{imaging, open_set_with};
-use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
-use crate::workbench::{Design, EvaluationError, estimate};
+use crate::workbench::EvaluationError;
+use crate::workbench::activity::{Activities, ActivityKind};
+use crate::workbench::threads::{Threads, Wake, lock};
 
-/// Time between two tellings of a fit's progress; moves of the mask are all told.
-const TELL_EVERY: Duration = Duration::from_millis(100);
-
+/// Why nothing is compared.
+const NO_RESULT: &str = "there is no result to compare yet";
 /// Why a run is not started.
 const BUSY: &str = "one run goes on at a time; stop it first";
 
@@ -28,26 +23,6 @@ pub(in crate::workbench) struct Designer {
     shared: Arc<Shared>,
     /// Held so that no other program keeps its runs in the same folder.
     lock: Mutex<Option<File>>,
-}
-
-struct Shared {
-    run: Mutex<Option<DesignRun>>,
-    /// The last state that a run can go on from.
-    kept: Mutex<Option<Vec<u8>>>,
-    /// All starts of the last order.
-    starts: Mutex<Vec<Start>>,
-    paused: Mutex<bool>,
-    resumed: Condvar,
-    stopped: AtomicBool,
-    /// Where states survive the program.
-    folder: Mutex<Option<KeptRun>>,
-    /// Why the last state or order was not written there.
-    keep_failure: Mutex<Option<String>>,
-    threads: Threads,
-    activities: Activities,
-    /// The run's place among them.
-    entry: Mutex<Option<Entry>>,
-    wake: Wake,
 }
 
 impl Designer {
@@ -81,6 +56,7 @@ impl Designer {
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
             (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
             run.status = RunStatus::Stopped;
+            run.comparison = run.ranked.first().and_then(|best| folder.compared(best)).map(Arc::new);
             if let Some((bytes, state)) = state {
                 // One that was to go on after its score has more steps before it, or another mask by now.
                 let found = Encoder::Lenslets(merged_result(&state.array, &run.settings));
@@ -136,7 +112,7 @@ impl Designer {
         self.forget();
         *lock(&self.shared.kept) = None;
         *lock(&self.shared.starts) = starts;
-        self.spawn(run)
+        self.run_on(run)
     }
 
     /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
@@ -150,7 +126,21 @@ impl Designer {
             run.settings.steps += steps;
         }
         run.status = RunStatus::Running;
-        self.spawn(run)
+        self.run_on(run)
+    }
+
+    /// Estimates the best result, its start and the nine heuristic layouts alike; what was computed of that before is taken up.
+    ///
+    /// # Errors
+    /// One sentence where there is no result yet, or a run goes on.
+    pub fn compare(&self) -> Result<(), String> {
+        let Some(mut run) = self.run() else { return Err(NO_RESULT.into()) };
+        let Some(record) = run.ranked.first().and_then(|best| best.record.clone()) else {
+            return Err(NO_RESULT.into());
+        };
+        let before = std::mem::replace(&mut run.status, RunStatus::Running);
+        run.comparison_failure = None;
+        self.spawn(run, "Compare the result".into(), move |shared| shared.compute_comparison(&record, before))
     }
 
     fn is_active(&self) -> bool {
@@ -158,22 +148,26 @@ impl Designer {
     }
 
     /// Computes the start that the run is at, and those after it.
-    fn spawn(&self, run: DesignRun) -> Result<(), String> {
-        if self.is_active() {
-            return Err(BUSY.into());
-        }
+    fn run_on(&self, run: DesignRun) -> Result<(), String> {
         let settings = run.settings.clone();
         let starts = run.start_number.1;
         let from = if starts > 1 { format!("{starts} starts") } else { run.start.encoder.describe() };
-        let entry = self.shared.activities.add(ActivityKind::Run, format!("Optimize {from}"));
+        self.spawn(run, format!("Optimize {from}"), move |shared| shared.compute(&settings))
+    }
+
+    /// Lets a thread of its own work on the run.
+    fn spawn(&self, run: DesignRun, name: String, work: impl FnOnce(&Shared) + Send + 'static) -> Result<(), String> {
+        if self.is_active() {
+            return Err(BUSY.into());
+        }
+        let entry = self.shared.activities.add(ActivityKind::Run, name);
         entry.begin();
         *lock(&self.shared.entry) = Some(entry);
         *lock(&self.shared.run) = Some(run);
         self.shared.stopped.store(false, Ordering::Relaxed);
         *lock(&self.shared.paused) = false;
         let shared = Arc::clone(&self.shared);
-        let spawned =
-            std::thread::Builder::new().name("lenslet-designer".into()).spawn(move || shared.compute(&settings));
+        let spawned = std::thread::Builder::new().name("lenslet-designer".into()).spawn(move || work(&shared));
         spawned.map(|_| ()).map_err(|error| {
             let sentence = format!("no thread for the run: {error}");
             self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
@@ -213,201 +207,26 @@ impl Drop for Designer {
     }
 }
 
-impl Shared {
-    fn change(&self, change: impl FnOnce(&mut DesignRun)) {
-        if let Some(run) = lock(&self.run).as_mut() {
-            change(run);
-        }
-        (self.wake)();
-    }
-
-    fn compute(&self, settings: &IdealSettings) {
-        let done = SpareCores::new(Work::Run, self.threads.clone()).run(|| self.run_all(settings));
-        let status = match done {
-            Ok(Ok(())) => RunStatus::Finished,
-            Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,
-            Ok(Err(error)) => RunStatus::Failed(error.to_string()),
-            Err(panic) => RunStatus::Failed(panic),
-        };
-        // Whoever sees the end may begin another run at once.
-        let (entry, words) = (lock(&self.entry).take(), self.result_in_words());
-        self.change(|run| {
-            run.status = status.clone();
-            run.doing = None;
-            run.left = None;
-        });
-        if let Some(entry) = entry {
-            match (status, words) {
-                (RunStatus::Finished, Some(text)) => entry.end(Ok(text)),
-                (RunStatus::Failed(sentence), _) => entry.end(Err(sentence)),
-                // Without an end, it was stopped.
-                _ => drop(entry),
-            }
-        }
-        (self.wake)();
-    }
-
-    /// The best result so far.
-    fn result_in_words(&self) -> Option<String> {
-        let run = lock(&self.run);
-        let best = run.as_ref()?.ranked.first()?;
-        Some(format!("{}: {}", best.design.encoder.describe(), best.estimate.in_words()))
-    }
-
-    fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {
-        let starts = lock(&self.starts).clone();
-        let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
-        let mut failed = None;
-        for (index, start) in starts.iter().enumerate().skip(at) {
-            if index > at {
-                *lock(&self.kept) = None;
-                self.change(|run| {
-                    let (ranked, settings) = (std::mem::take(&mut run.ranked), run.settings.clone());
-                    // Between two starts it may just have been paused.
-                    let (start_number, status) = ((index + 1, starts.len()), run.status.clone());
-                    let fresh = DesignRun::new(&start.design, settings, starts.len());
-                    *run = DesignRun { status, start_number, ranked, ..fresh };
-                });
-            }
-            match self.run_one(start, settings) {
-                Err(error) if !error.is_cancelled() => failed = Some((start.name.clone(), error)),
-                done => done?,
-            }
-        }
-        // What the others have found is worth showing.
-        let has_results = lock(&self.run).as_ref().is_some_and(|run| !run.ranked.is_empty());
-        match failed {
-            Some((name, error)) if has_results => {
-                self.tell(&format!("{name} failed: {error}"), 1.0, None);
-                Ok(())
-            }
-            Some((_, error)) => Err(error),
-            None => Ok(()),
-        }
-    }
-
-    fn run_one(&self, start: &Start, settings: &IdealSettings) -> Result<(), EvaluationError> {
-        let from = lock(&self.kept).clone();
-        let (mut told, mut shown) = (Instant::now(), None);
-        let mut watch = |progress: &IdealProgress<'_>| {
-            if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= TELL_EVERY {
-                shown = Some(progress.state.array.clone());
-                told = Instant::now();
-                self.publish(progress, settings);
-            }
-            self.go_on()
-        };
-        let folder = lock(&self.folder).clone();
-        if let Some(folder) = &folder
-            && from.is_none()
-        {
-            folder.forget_state();
-        }
-        self.keep_order();
-        let mut keep = |ideal: &Ideal<'_>| {
-            *lock(&self.kept) = Some(ideal.to_bytes()?);
-            let record = Arc::new(IdealRecord::new(&start.design, ideal));
-            self.change(|run| {
-                run.record = Some(record);
-                run.take_up(ideal.state());
-            });
-            if let Some(folder) = &folder {
-                self.note_kept(folder.store(ideal));
-            }
-            Ok(())
-        };
-        let record = run_ideal(&start.design, settings, from.as_deref(), &|_| self.go_on(), &mut keep, &mut watch)?;
-        let design = Arc::new(record.design());
-        self.change(|run| {
-            run.record = Some(Arc::new(record));
-            run.left = None;
-        });
-        let estimate = self.score(&design)?;
-        self.change(|run| {
-            let name = start.name.clone();
-            run.ranked.push(RankedStart { name, design, estimate });
-            run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
-        });
-        self.keep_order();
-        Ok(())
-    }
-
-    /// Writes what was ordered and what came of it so far, but for the state of the start that the run is at.
-    fn keep_order(&self) {
-        let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
-        if let (Some(folder), Some(DesignRun { settings, start_number, ranked, .. })) = (folder, run) {
-            let starts = lock(&self.starts).clone();
-            self.note_kept(folder.note(&KeptOrder { starts, settings, at: start_number.0 - 1, ranked }));
-        }
-    }
-
-    /// A run is worth more than its copy: it goes on where nothing can be written, and tells so.
-    fn note_kept(&self, written: Result<(), EvaluationError>) {
-        *lock(&self.keep_failure) = written.err().map(|error| error.to_string());
-    }
-
-    /// What a design is worth, by models of its own.
-    fn score(&self, design: &Design) -> Result<Estimate, EvaluationError> {
-        let set = open_set_with(design, &|_| self.go_on())?;
-        let patch = imaging(design, &set)?.patch(Some(SCORED_PATCH));
-        drop(set);
-        estimate(design, &score_request(design, patch), &mut |progress| {
-            let share = progress.done as f64 / progress.total.max(1) as f64;
-            let step = format!("Scoring the result: {}", progress.step);
-            self.tell(&step, share, None);
-            self.change(|run| run.doing = Some((step, share)));
-            self.go_on()
-        })
-    }
-
-    /// Waits while the run is paused; breaks off where it is to stop.
-    fn go_on(&self) -> ControlFlow<()> {
-        let mut paused = lock(&self.paused);
-        while *paused && !self.stopped.load(Ordering::Relaxed) {
-            paused = self.resumed.wait(paused).unwrap_or_else(PoisonError::into_inner);
-        }
-        if self.stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    fn tell(&self, step: &str, share: f64, left: Option<Duration>) {
-        if let Some(entry) = &*lock(&self.entry) {
-            entry.tell(step, Some(share), left);
-        }
-    }
-
-    fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
-        let state = progress.state;
-        let bits = state.frames.last().map_or(String::new(), |frame| {
-            format!(", at {} {:.3} bits per pixel", settings.objective.side(), frame.bits_per_pixel)
-        });
-        let step = format!("Step {} of {}{bits}", state.step, settings.steps);
-        let left = time_left(state, settings, progress.seconds);
-        self.tell(&step, state.step as f64 / settings.steps.max(1) as f64, left);
-        self.change(|run| {
-            run.take_up(state);
-            run.doing = progress.doing.map(|(doing, share)| (doing.to_string(), share));
-            run.seconds = progress.seconds;
-            run.left = left;
-        });
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::design_run::{BRACKET_STEPS, LIVE_STEPS};
+    use std::ops::ControlFlow;
+    use std::time::{Duration, Instant};
+
+    use super::super::design_run::{BRACKET_STEPS, LIVE_STEPS, RankedStart, score_request};
+    use super::super::run::run_ideal;
     use super::*;
-    use crate::design::{Objective, Preset};
+    use crate::design::{IdealProgress, Objective, Preset};
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
-    use crate::workbench::{DensityModel, EstimateRequest, estimate_command};
+    use crate::workbench::{DensityModel, Design, EstimateRequest, estimate, estimate_command};
 
     #[test]
     fn results_are_scored_by_what_a_command_can_repeat() {
         let beads = Design::default();
         let pictures = Design { objects: ObjectSource::Idx("digits".into()), ..Design::default() };
         for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (pictures, "live", LIVE_STEPS)] {
-            let request = score_request(&design, SCORED_PATCH);
+            let request = score_request(&design, Some((32, 32)));
             assert_eq!(request.model.length(), Some(FitLength::Steps(steps)));
             let command = estimate_command(&design, &request).unwrap();
             assert!(command.contains(&format!("--estimator {estimator} --patch 32x32 --steps {steps} ")), "{command}");
@@ -421,23 +240,64 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_waited_ends_as_one_that_did_not() {
+        let start = Start::random(&Design::default(), 3, 1);
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            steps: 8,
+            refit_every: 2,
+            first_fit: 30,
+            refit: 20,
+            last_fit: 30,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
+        let go = |_: &IdealProgress<'_>| ControlFlow::Continue(());
+        let reading = |_| ControlFlow::Continue(());
+        let whole = run_ideal(&start.design, &settings, None, &reading, &mut |_| Ok(()), &mut { go }).unwrap();
+
+        let designer = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
+        designer.start(vec![start], settings).unwrap();
+        let deadline = Instant::now() + Duration::from_mins(5);
+        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| {
+            while !designer.run().is_some_and(|run| done(&run)) && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            designer.run().unwrap()
+        };
+        for step in [1, 4] {
+            wait_for(&|run| run.step >= step);
+            designer.pause(true);
+            let before = wait_for(&|run| run.status == RunStatus::Paused).step;
+            std::thread::sleep(Duration::from_millis(100));
+            let after = designer.run().unwrap();
+            assert!(after.step <= before + 1 && after.status == RunStatus::Paused, "{} {before}", after.step);
+            designer.pause(false);
+        }
+        let run = wait_for(&|run| run.record.as_ref().is_some_and(|record| record.finished));
+        designer.stop();
+        let record = run.record.unwrap();
+        assert_eq!((&record.result, record.frames.len()), (&whole.result, whole.frames.len()));
+        for (one, other) in record.frames.iter().zip(&whole.frames) {
+            assert_eq!((one.step, &one.array, one.bits_per_pixel), (other.step, &other.array, other.bits_per_pixel));
+        }
+        wait_for(&|run| !run.is_active());
+    }
+
+    #[test]
     fn what_several_starts_have_found_outlives_the_program() {
         let folder = tempfile::tempdir().unwrap();
         let kept = KeptRun::in_folder(folder.path()).unwrap();
-        let start = |seed| {
-            let encoder = Encoder::Lenslets(random_layout(3, seed));
-            Start { name: format!("random {seed}"), design: Arc::new(Design { encoder, ..Design::default() }) }
-        };
-        let starts: Vec<Start> = (1..=3).map(start).collect();
+        let starts: Vec<Start> = (1..=3).map(|seed| Start::random(&Design::default(), 3, seed)).collect();
         let design = Arc::clone(&starts[0].design);
         let request = EstimateRequest {
             model: DensityModel::Stationary,
             patches_train: 80,
             patches_test: 20,
-            ..score_request(&design, SCORED_PATCH)
+            ..score_request(&design, Some((32, 32)))
         };
         let found = estimate(&design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
-        let ranked = vec![RankedStart { name: starts[0].name.clone(), design, estimate: found }];
+        let name = starts[0].name.clone();
+        let ranked = vec![RankedStart { name, design, estimate: found, sensor: None, record: None }];
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
 

@@ -4,10 +4,11 @@ mod design_run;
 mod designer;
 mod record;
 mod run;
+mod runner;
 mod score;
 
 pub use design_run::{DesignRun, RankedStart, RunBounds, RunStatus, Start};
 pub(super) use designer::Designer;
 pub use record::{IdealRecord, curve_of, patches_of};
-pub use run::{KeptRun, run_ideal};
-pub use score::{score_settings, verdict};
+pub use run::{KeptOrder, KeptRun, run_ideal};
+pub use score::{score_in_patches, score_settings, verdict};

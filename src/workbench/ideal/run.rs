@@ -8,11 +8,13 @@ use serde::{Deserialize, Serialize};
 
 use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
+use super::score::is_about;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
-use crate::formats::{create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
+use crate::formats::{FormatError, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
 use crate::objects::Progress;
 use crate::optics::LensletArray;
 use crate::workbench::simulation::{imaging, open_set_with};
+use crate::workbench::study::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::{Design, EvaluationError};
 
 /// Takes a state of a run, which lies between two of its rounds.
@@ -95,6 +97,28 @@ impl KeptRun {
         self.folder.join("run.safetensors")
     }
 
+    fn comparison_folder(&self) -> PathBuf {
+        self.folder.join("score")
+    }
+
+    /// The comparison of a result, as far as it was computed; one of another result makes room for it.
+    pub(super) fn comparison(&self, settings: StudySettings) -> Result<Study, StudyError> {
+        let folder = self.comparison_folder();
+        match Study::open(settings.clone(), &folder) {
+            Err(StudyError::Changed { .. } | StudyError::Refused { .. }) => {
+                std::fs::remove_dir_all(&folder).map_err(|error| FormatError::from_write(&folder, error))?;
+                Study::open(settings, &folder)
+            }
+            opened => opened,
+        }
+    }
+
+    /// What was computed of the comparison of a result.
+    pub(super) fn compared(&self, result: &RankedStart) -> Option<StudyRecord> {
+        let file = self.comparison_folder().join(STUDY_RECORD);
+        StudyRecord::open(&file).ok().filter(|study| is_about(study, result))
+    }
+
     fn order(&self) -> PathBuf {
         self.folder.join("order.json")
     }
@@ -134,6 +158,7 @@ impl KeptRun {
     pub fn end(&self) {
         self.forget_state();
         let _ = std::fs::remove_file(self.order());
+        let _ = std::fs::remove_dir_all(self.comparison_folder());
     }
 
     /// What was ordered here and neither accepted nor given up, and the state of the start that it is at; none where files

@@ -2,19 +2,51 @@
 
 use std::time::Duration;
 
+use super::design_run::{RankedStart, score_request};
 use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
-use crate::information::Estimator;
+use crate::information::{Bracket, EngineChoice, Estimate, Estimator};
 use crate::optics::Encoder;
+use crate::workbench::estimation::read;
+use crate::workbench::progress::Watch;
 use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
-use crate::workbench::{Design, EvaluationError};
+use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
 const START: &str = "start";
 /// Side of the published patch, px.
 const PATCH: usize = 32;
+
+/// What the result of a run is worth in patches of 32 x 32 px, or as large as the measurements allow, by models of its own: by
+/// fits of this time, or of so many steps that the estimate can be repeated.
+///
+/// # Errors
+/// As [`estimate`].
+pub fn score_in_patches(
+    design: &Design,
+    budget: Option<Duration>,
+    watch: Watch<'_>,
+) -> Result<Estimate, EvaluationError> {
+    let patch = imaging(design, &read(design, watch)?)?.patch(Some((PATCH, PATCH)));
+    let request = score_request(design, Some(patch));
+    let timed = budget.map(|_| DensityModel::new(judge_of(design), budget, EngineChoice::default()));
+    estimate(design, &EstimateRequest { model: timed.unwrap_or(request.model), ..request }, watch)
+}
+
+/// The same for whole measurements, where they are larger than `patches` was for.
+pub(super) fn score_whole(
+    design: &Design,
+    patches: &Estimate,
+    watch: Watch<'_>,
+) -> Result<Option<Estimate>, EvaluationError> {
+    let whole = imaging(design, &read(design, watch)?)?.patch(None);
+    if whole == patches.patch.into() {
+        return Ok(None);
+    }
+    estimate(design, &score_request(design, None), watch).map(Some)
+}
 
 /// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
 /// 32 x 32 px (as far as the measurements are as large) and for the whole sensor, with `budget` for each: brackets where the
@@ -55,6 +87,11 @@ pub fn score_settings(
     })
 }
 
+/// Whether a study of [`score_settings`] is about this result.
+pub(super) fn is_about(study: &StudyRecord, result: &RankedStart) -> bool {
+    study.settings.designs.first().is_some_and(|design| design.encoder == result.design.encoder)
+}
+
 /// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
 pub(super) fn judge_of(design: &Design) -> Estimator {
     if design.objects.is_beads() { Estimator::Bracket } else { Estimator::Live }
@@ -71,6 +108,11 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
         let place = patches_of(patch);
         let cells: Vec<&StudyCell> = study.cells.iter().filter(|cell| cell.patch == patch).collect();
         let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
+        sentences.extend(worth_of(result).map(|worth| {
+            let start = cells.iter().find(|cell| cell.design == START).and_then(|cell| worth_of(cell));
+            let start = start.map_or(String::new(), |worth| format!("; its start {worth}"));
+            format!("{place}: {worth} bits per pixel{start}")
+        }));
         let rivals = || cells.iter().filter(|cell| cell.design != RESULT && cell.design != START);
         if let Some(bits) = result.model_bits() {
             let best = rivals().filter_map(|cell| Some((cell.model_bits()?, cell)));
@@ -113,6 +155,19 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
         }
     }
     sentences
+}
+
+/// What a mask is worth, for people, in bits per pixel.
+fn worth_of(cell: &StudyCell) -> Option<String> {
+    let estimate = cell.estimate.as_ref()?;
+    let [low, high] = estimate.interval_95;
+    Some(match estimate.lower() {
+        Some(lower) => {
+            let (least, most) = Bracket::in_order(lower, estimate.bits_per_pixel);
+            format!("{least:.3} to {most:.3}")
+        }
+        None => format!("at most {:.3} ({low:.3} to {high:.3})", estimate.bits_per_pixel),
+    })
 }
 
 /// Whether the intervals of two estimates have numbers in common.

@@ -17,6 +17,7 @@ pub use machine::Machine;
 pub use published::{Published, PublishedSet};
 pub use rank::spearman;
 pub use record::{StudyCell, StudyRecord};
+pub(in crate::workbench) use run::RECORD as STUDY_RECORD;
 pub use run::{Study, StudyEvent, StudyStep};
 pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
 pub use summary::{OverSensor, RankCorrelation, StudySummary, WithinPublished};

@@ -205,7 +205,7 @@ impl StudyRecord {
     }
 
     /// Puts a cell in its place, instead of an earlier one of the same objects, design and patch.
-    pub(super) fn put(&mut self, cell: StudyCell) {
+    pub(in crate::workbench) fn put(&mut self, cell: StudyCell) {
         let mut cells = std::mem::take(&mut self.cells);
         cells.retain(|old| (&old.objects, &old.design, old.patch) != (&cell.objects, &cell.design, cell.patch));
         cells.push(cell);

@@ -18,16 +18,16 @@ use crate::workbench::simulation::open_set;
 use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError, estimate};
 
 /// The file that holds a study; the others are made from it.
-const RECORD: &str = "study.json";
+pub const RECORD: &str = "study.json";
 
 /// What computes a cell; tests put something quicker in its place.
 type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimate, EvaluationError>;
 
 /// A study in its folder: `study.json`, the tables `study.md` and `study.csv`, and the plot `study.svg` of a bracket
-/// study.
+/// study. One that was begun without a folder is in memory alone.
 #[derive(Debug)]
 pub struct Study {
-    folder: PathBuf,
+    folder: Option<PathBuf>,
     record: StudyRecord,
     /// Held while the study is open, so that no other run computes the same cells.
     _lock: Option<File>,
@@ -74,17 +74,12 @@ impl Study {
     /// # Errors
     /// [`StudyError`] where the settings cannot be computed, or the folder holds a study of other settings, by another
     /// version of the program, or a file that is none.
-    pub fn open(mut settings: StudySettings, folder: &Path) -> Result<Self, StudyError> {
-        settings.check()?;
-        let Some(first) = settings.designs.first().cloned() else { return Err(StudyError::Cancelled) };
-        for index in 0..settings.objects.len() {
-            let design = settings.design(&settings.objects[index], &first);
-            settings.objects[index].fingerprint = open_set(&design).map_err(EvaluationError::from)?.fingerprint();
-        }
+    pub fn open(settings: StudySettings, folder: &Path) -> Result<Self, StudyError> {
+        let Self { record, .. } = Self::begin(settings)?;
         create_folder(folder)?;
         let lock = lock_folder(folder)?;
         let path = folder.join(RECORD);
-        let mut record = StudyRecord::new(settings).as_read(&path)?;
+        let mut record = record.as_read(&path)?;
         if path.exists() {
             let earlier = StudyRecord::open(&path)?;
             record.check_same(&earlier, &path)?;
@@ -92,10 +87,24 @@ impl Study {
                 record.put(cell);
             }
         }
-        Ok(Self { folder: folder.to_path_buf(), record, _lock: lock })
+        Ok(Self { folder: Some(folder.to_path_buf()), record, _lock: lock })
     }
 
-    /// The study as it is in the file.
+    /// Begins a study that is kept nowhere.
+    ///
+    /// # Errors
+    /// [`StudyError`] where the settings cannot be computed.
+    pub fn begin(mut settings: StudySettings) -> Result<Self, StudyError> {
+        settings.check()?;
+        let Some(first) = settings.designs.first().cloned() else { return Err(StudyError::Cancelled) };
+        for index in 0..settings.objects.len() {
+            let design = settings.design(&settings.objects[index], &first);
+            settings.objects[index].fingerprint = open_set(&design).map_err(EvaluationError::from)?.fingerprint();
+        }
+        Ok(Self { folder: None, record: StudyRecord::new(settings), _lock: None })
+    }
+
+    /// The study as it is so far.
     pub fn record(&self) -> &StudyRecord {
         &self.record
     }
@@ -110,10 +119,11 @@ impl Study {
         self.time_of_cell().mul_f64(self.missing() as f64)
     }
 
-    /// The files of the study that are there once it ran.
+    /// The files of the study that are there once it ran; none of one without a folder.
     pub fn files(&self) -> Vec<PathBuf> {
+        let Some(folder) = &self.folder else { return Vec::new() };
         let plot = (self.record.settings.kind == StudyKind::Bracket).then_some("study.svg");
-        [RECORD, "study.md", "study.csv"].into_iter().chain(plot).map(|name| self.folder.join(name)).collect()
+        [RECORD, "study.md", "study.csv"].into_iter().chain(plot).map(|name| folder.join(name)).collect()
     }
 
     /// The study as a Markdown table with its settings and what follows from it.
@@ -194,14 +204,15 @@ impl Study {
     }
 
     fn write(&self) -> Result<(), FormatError> {
-        self.record.save(&self.folder.join(RECORD))?;
+        let Some(folder) = &self.folder else { return Ok(()) };
+        self.record.save(&folder.join(RECORD))?;
         let text = self.markdown();
-        write_safely(&self.folder.join("study.md"), |writer| writer.write_all(text.as_bytes()))?;
+        write_safely(&folder.join("study.md"), |writer| writer.write_all(text.as_bytes()))?;
         let rows = self.record.cells.iter().map(|cell| csv_row(&self.record.settings, cell));
-        write_csv_text(&self.folder.join("study.csv"), &CSV_HEADER, rows)?;
+        write_csv_text(&folder.join("study.csv"), &CSV_HEADER, rows)?;
         if self.record.settings.kind == StudyKind::Bracket {
             let plot = bracket_plot(&self.record);
-            write_safely(&self.folder.join("study.svg"), |writer| writer.write_all(plot.as_bytes()))?;
+            write_safely(&folder.join("study.svg"), |writer| writer.write_all(plot.as_bytes()))?;
         }
         Ok(())
     }

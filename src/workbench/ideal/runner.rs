@@ -1,0 +1,269 @@
+//! The thread of runs: what goes on there, and what others see of it.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::design_run::{DesignRun, RankedStart, RunStatus, Start};
+use super::record::IdealRecord;
+use super::run::{KeptOrder, KeptRun, run_ideal};
+use super::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
+use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::information::Estimate;
+use crate::workbench::activity::{Activities, Entry};
+use crate::workbench::study::{Study, StudyCell, StudyError, StudyEvent};
+use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
+use crate::workbench::{Design, EstimateProgress, EvaluationError};
+
+/// Time between two tellings of a fit's progress; moves of the mask are all told.
+const TELL_EVERY: Duration = Duration::from_millis(100);
+
+/// Time for each estimate of a comparison: of the two of eleven masks, some seven minutes in all.
+const COMPARED_FOR: Duration = Duration::from_secs(20);
+
+/// What the thread of runs and the window have in common.
+pub(super) struct Shared {
+    pub run: Mutex<Option<DesignRun>>,
+    /// The last state that a run can go on from.
+    pub kept: Mutex<Option<Vec<u8>>>,
+    /// All starts of the last order.
+    pub starts: Mutex<Vec<Start>>,
+    pub paused: Mutex<bool>,
+    pub resumed: Condvar,
+    pub stopped: AtomicBool,
+    /// Where states survive the program.
+    pub folder: Mutex<Option<KeptRun>>,
+    /// Why the last state or order was not written there.
+    pub keep_failure: Mutex<Option<String>>,
+    pub threads: Threads,
+    pub activities: Activities,
+    /// The run's place among them.
+    pub entry: Mutex<Option<Entry>>,
+    pub wake: Wake,
+}
+
+impl Shared {
+    pub fn change(&self, change: impl FnOnce(&mut DesignRun)) {
+        if let Some(run) = lock(&self.run).as_mut() {
+            change(run);
+        }
+        (self.wake)();
+    }
+
+    pub fn compute(&self, settings: &IdealSettings) {
+        let done = SpareCores::new(Work::Run, self.threads.clone()).run(|| self.run_all(settings));
+        let status = match done {
+            Ok(Ok(())) => RunStatus::Finished,
+            Ok(Err(error)) if error.is_cancelled() => RunStatus::Stopped,
+            Ok(Err(error)) => RunStatus::Failed(error.to_string()),
+            Err(panic) => RunStatus::Failed(panic),
+        };
+        let told = match &status {
+            RunStatus::Finished => self.result_in_words().map(Ok),
+            RunStatus::Failed(sentence) => Some(Err(sentence.clone())),
+            _ => None,
+        };
+        self.end(status, told);
+    }
+
+    pub fn compute_comparison(&self, record: &IdealRecord, before: RunStatus) {
+        let told = match SpareCores::new(Work::Run, self.threads.clone()).run(|| self.compare(record)) {
+            Ok(Ok(words)) => Some(Ok(words)),
+            Ok(Err(StudyError::Cancelled)) => None,
+            Ok(Err(error)) => Some(Err(error.to_string())),
+            Err(panic) => Some(Err(panic)),
+        };
+        if let Some(Err(sentence)) = &told {
+            self.change(|run| run.comparison_failure = Some(sentence.clone()));
+        }
+        self.end(before, told);
+    }
+
+    /// Compares the result of a run with others; what comes back says what came of it.
+    fn compare(&self, record: &IdealRecord) -> Result<String, StudyError> {
+        let layouts: Vec<usize> = (1..=9).collect();
+        let settings = score_settings(record, &layouts, COMPARED_FOR)?;
+        let folder = lock(&self.folder).clone();
+        let mut study =
+            folder.map_or_else(|| Study::begin(settings.clone()), |kept| kept.comparison(settings.clone()))?;
+        let mut compared = study.record().clone();
+        self.change(|run| run.comparison = Some(Arc::new(compared.clone())));
+        study.run(&mut |event| {
+            match event {
+                StudyEvent::Step(step) => {
+                    let share = (step.number - 1) as f64 / step.cells.max(1) as f64;
+                    let doing = format!("Comparing masks: {}", step.name);
+                    self.tell(&doing, share, Some(step.left));
+                    self.change(|run| (run.doing, run.left) = (Some((doing, share)), Some(step.left)));
+                }
+                StudyEvent::Done { cell, .. } => {
+                    compared.put(StudyCell::clone(cell));
+                    self.change(|run| run.comparison = Some(Arc::new(compared.clone())));
+                }
+            }
+            self.go_on()
+        })?;
+        Ok(verdict(study.record()).join("; "))
+    }
+
+    /// Notes how work on the run ended; without a word, it was stopped.
+    fn end(&self, status: RunStatus, told: Option<Result<String, String>>) {
+        // Whoever sees the end may begin another run at once.
+        let entry = lock(&self.entry).take();
+        self.change(|run| {
+            run.status = status;
+            run.doing = None;
+            run.left = None;
+        });
+        if let (Some(entry), Some(told)) = (entry, told) {
+            entry.end(told);
+        }
+        (self.wake)();
+    }
+
+    /// The best result so far.
+    fn result_in_words(&self) -> Option<String> {
+        let run = lock(&self.run);
+        let best = run.as_ref()?.ranked.first()?;
+        Some(format!("{}: {}", best.design.encoder.describe(), best.estimate.in_words()))
+    }
+
+    fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {
+        let starts = lock(&self.starts).clone();
+        let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
+        let mut failed = None;
+        for (index, start) in starts.iter().enumerate().skip(at) {
+            if index > at {
+                *lock(&self.kept) = None;
+                self.change(|run| {
+                    let (ranked, settings) = (std::mem::take(&mut run.ranked), run.settings.clone());
+                    // Between two starts it may just have been paused.
+                    let (start_number, status) = ((index + 1, starts.len()), run.status.clone());
+                    let fresh = DesignRun::new(&start.design, settings, starts.len());
+                    *run = DesignRun { status, start_number, ranked, ..fresh };
+                });
+            }
+            match self.run_one(start, settings) {
+                Err(error) if !error.is_cancelled() => failed = Some((start.name.clone(), error)),
+                done => done?,
+            }
+        }
+        // What the others have found is worth showing.
+        let has_results = lock(&self.run).as_ref().is_some_and(|run| !run.ranked.is_empty());
+        match failed {
+            Some((name, error)) if has_results => {
+                self.tell(&format!("{name} failed: {error}"), 1.0, None);
+                Ok(())
+            }
+            Some((_, error)) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    fn run_one(&self, start: &Start, settings: &IdealSettings) -> Result<(), EvaluationError> {
+        let from = lock(&self.kept).clone();
+        let (mut told, mut shown) = (Instant::now(), None);
+        let mut watch = |progress: &IdealProgress<'_>| {
+            if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= TELL_EVERY {
+                shown = Some(progress.state.array.clone());
+                told = Instant::now();
+                self.publish(progress, settings);
+            }
+            self.go_on()
+        };
+        let folder = lock(&self.folder).clone();
+        if let Some(folder) = &folder
+            && from.is_none()
+        {
+            folder.forget_state();
+        }
+        self.keep_order();
+        let mut keep = |ideal: &Ideal<'_>| {
+            *lock(&self.kept) = Some(ideal.to_bytes()?);
+            let record = Arc::new(IdealRecord::new(&start.design, ideal));
+            self.change(|run| {
+                run.record = Some(record);
+                run.take_up(ideal.state());
+            });
+            if let Some(folder) = &folder {
+                self.note_kept(folder.store(ideal));
+            }
+            Ok(())
+        };
+        let record = run_ideal(&start.design, settings, from.as_deref(), &|_| self.go_on(), &mut keep, &mut watch)?;
+        let (design, record) = (Arc::new(record.design()), Arc::new(record));
+        self.change(|run| {
+            run.record = Some(Arc::clone(&record));
+            run.left = None;
+        });
+        let (estimate, sensor) = self.score(&design)?;
+        self.change(|run| {
+            let (name, record) = (start.name.clone(), Some(record));
+            run.ranked.push(RankedStart { name, design, estimate, sensor, record });
+            run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
+            run.comparison.take_if(|study| !is_about(study, &run.ranked[0]));
+        });
+        self.keep_order();
+        Ok(())
+    }
+
+    /// Writes what was ordered and what came of it so far, but for the state of the start that the run is at.
+    fn keep_order(&self) {
+        let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
+        if let (Some(folder), Some(DesignRun { settings, start_number, ranked, .. })) = (folder, run) {
+            let starts = lock(&self.starts).clone();
+            self.note_kept(folder.note(&KeptOrder { starts, settings, at: start_number.0 - 1, ranked }));
+        }
+    }
+
+    /// A run is worth more than its copy: it goes on where nothing can be written, and tells so.
+    fn note_kept(&self, written: Result<(), EvaluationError>) {
+        *lock(&self.keep_failure) = written.err().map(|error| error.to_string());
+    }
+
+    /// What a design is worth, by models of its own: in patches, and for whole measurements where these are larger.
+    fn score(&self, design: &Design) -> Result<(Estimate, Option<Estimate>), EvaluationError> {
+        let watch = |place: &str, progress: &EstimateProgress| {
+            let share = progress.done as f64 / progress.total.max(1) as f64;
+            let step = format!("Scoring the result{place}: {}", progress.step);
+            self.tell(&step, share, None);
+            self.change(|run| run.doing = Some((step, share)));
+            self.go_on()
+        };
+        let estimate = score_in_patches(design, None, &mut |progress| watch("", progress))?;
+        let sensor = score_whole(design, &estimate, &mut |progress| watch(" for the whole sensor", progress))?;
+        Ok((estimate, sensor))
+    }
+
+    /// Waits while the run is paused; breaks off where it is to stop.
+    fn go_on(&self) -> ControlFlow<()> {
+        let mut paused = lock(&self.paused);
+        while *paused && !self.stopped.load(Ordering::Relaxed) {
+            paused = self.resumed.wait(paused).unwrap_or_else(PoisonError::into_inner);
+        }
+        if self.stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn tell(&self, step: &str, share: f64, left: Option<Duration>) {
+        if let Some(entry) = &*lock(&self.entry) {
+            entry.tell(step, Some(share), left);
+        }
+    }
+
+    fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
+        let state = progress.state;
+        let bits = state.frames.last().map_or(String::new(), |frame| {
+            format!(", at {} {:.3} bits per pixel", settings.objective.side(), frame.bits_per_pixel)
+        });
+        let step = format!("Step {} of {}{bits}", state.step, settings.steps);
+        let left = time_left(state, settings, progress.seconds);
+        self.tell(&step, state.step as f64 / settings.steps.max(1) as f64, left);
+        self.change(|run| {
+            run.take_up(state);
+            run.doing = progress.doing.map(|(doing, share)| (doing.to_string(), share));
+            run.seconds = progress.seconds;
+            run.left = left;
+        });
+    }
+}
