@@ -94,6 +94,10 @@ impl<'a> Ideal<'a> {
         }
         let state = Self::state_in(bytes)?;
         if let Some(frame) = state.frames.last() {
+            if state.due > 0 {
+                // In the midst of its round it looks at the measurements of the mask that it was fitted to.
+                self.guide.follow(&frame.array, false)?;
+            }
             self.guide.restore(bytes)?;
             if state.followed {
                 // As it was turned to the mask of the round before.

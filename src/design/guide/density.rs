@@ -164,7 +164,7 @@ impl Guide for DensityGuide<'_> {
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), IdealError> {
-        self.model = self.first.clone().with_state(bytes)?;
+        self.model = self.model.clone().with_state(bytes)?;
         Ok(())
     }
 
