@@ -95,6 +95,15 @@ impl Momentum {
         }
     }
 
+    /// The mean gradient of late by the centre of each lenslet (x, y), bits per pixel and pixel; zero before there is one.
+    pub fn pulls(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.first.iter().zip(&self.since).map(|(first, since)| {
+            let steps = self.steps - since;
+            let bias = if steps == 0 { 1.0 } else { 1.0 - DECAYS.0.powi(steps) };
+            (first[0] / bias, first[1] / bias)
+        })
+    }
+
     /// The move of each parameter of one lenslet, of order one; none before there is a gradient.
     fn moves(&self, index: usize) -> [f64; PARAMETERS] {
         let steps = self.since.get(index).map_or(0, |since| self.steps - since);
@@ -217,6 +226,21 @@ mod tests {
         let free = settings.free_lenslets(array.lenslets.len(), pruned);
         momentum.learn(&by_parameters(array, gradient), &free);
         momentum.climb(array, (settings, &Limits::default()), pruned, 1.0);
+    }
+
+    #[test]
+    fn a_gradient_that_stays_is_the_pull() {
+        let mut momentum = Momentum::default();
+        assert_eq!(momentum.pulls().count(), 0);
+        let gradient = [[0.5, -2.0, 0.0, 0.0, 0.0, 1.0]; 2];
+        for _ in 0..3 {
+            momentum.learn(&gradient, &[1]);
+        }
+        let pulls: Vec<(f64, f64)> = momentum.pulls().collect();
+        assert_eq!(pulls[0], (0.0, 0.0), "a lenslet that stays");
+        assert!((pulls[1].0 - 0.5).abs() < 1e-12 && (pulls[1].1 + 2.0).abs() < 1e-12, "{pulls:?}");
+        momentum.forget_all();
+        assert!(momentum.pulls().all(|pull| pull == (0.0, 0.0)));
     }
 
     #[test]

@@ -150,6 +150,12 @@ impl IdealState {
         }
     }
 
+    /// Where the information pulls the centre of each lenslet (x, y), by the mean gradient of late, bits per pixel and pixel; empty
+    /// before the first step.
+    pub fn pulls(&self) -> Vec<(f64, f64)> {
+        self.momentum.pulls().collect()
+    }
+
     /// Seconds of computing up to this state.
     pub fn seconds(&self) -> f64 {
         self.seconds

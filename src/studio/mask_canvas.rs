@@ -40,8 +40,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         state.views.psf.colour_controls(ui, &state.palettes);
         let arrows = ui.checkbox(&mut state.arrows, "Arrows");
         arrows.on_hover_text(
-            "Where the gradient of the live estimate would move each lenslet, the longest by 3 px. The live estimate is an \
-             upper bound: for sparse scenes it also climbs where it is loose.",
+            "Where the gradient of the live estimate would move each lenslet, the longest by 3 px; while a run is followed, that \
+             of what it climbs. The live estimate is an upper bound: for sparse scenes it also climbs where it is loose.",
         );
         let count = state.lenslet_count();
         let selected = state.selection.len();
@@ -103,18 +103,22 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     keyboard(ui, state, array, &shown);
 }
 
-/// Where the gradient of the live estimate would move each lenslet; the longest arrow has [`LONGEST_ARROW_PX`].
+/// Where the gradient of the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow has
+/// [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let Some(live) = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision)) else { return };
-    let Some(gradient) = live.value.gradient.as_ref().filter(|by| by.len() == array.lenslets.len()) else { return };
-    let longest = gradient.iter().map(|by| by.x.hypot(by.y)).fold(0.0, f64::max);
+    let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
+    let by_live = || Some(live?.value.gradient.as_ref()?.iter().map(|by| (by.x, by.y)).collect());
+    let run = state.run.as_ref().filter(|run| run.is_active() && *run.array == *array);
+    let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);
+    let Some(pulls) = pulls.filter(|pulls| pulls.len() == array.lenslets.len()) else { return };
+    let longest = pulls.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);
     if longest <= 0.0 {
         return;
     }
     let scale = LONGEST_ARROW_PX / longest;
-    for (lenslet, by) in array.lenslets.iter().zip(gradient) {
+    for (lenslet, (x, y)) in array.lenslets.iter().zip(pulls) {
         let from = placement.to_screen(lenslet.x, lenslet.y);
-        let to = placement.to_screen(lenslet.x + scale * by.x, lenslet.y + scale * by.y);
+        let to = placement.to_screen(lenslet.x + scale * x, lenslet.y + scale * y);
         if from.distance(to) > 3.0 {
             ui.painter().arrow(from, to - from, Stroke::new(3.5, Color32::from_black_alpha(160)));
             ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));

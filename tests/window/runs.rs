@@ -28,6 +28,7 @@ fn a_run_is_started_watched_rewound_and_undone() {
     assert!(!studio(&window).bench().is_dirty());
     let run = studio(&window).bench().run().unwrap();
     assert!(run.frames[0].bits_per_pixel > 0.1 && run.frames[2].step == 40);
+    assert_eq!(run.pulls.len(), before.len(), "arrows show where what it climbs pulls them");
     assert_eq!(run.settings.objective, Objective::Posterior, "the prior of beads is known");
     assert!(window.query_by_label("Rewind").is_some());
 

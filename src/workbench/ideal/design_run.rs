@@ -40,6 +40,8 @@ pub struct DesignRun {
     pub status: RunStatus,
     /// The mask now.
     pub array: Arc<LensletArray>,
+    /// Where the information pulls the centre of each of its lenslets (x, y), bits per pixel and pixel.
+    pub pulls: Arc<Vec<(f64, f64)>>,
     /// Steps of the mask so far.
     pub step: usize,
     /// The masks at all refits so far.
@@ -139,6 +141,7 @@ impl DesignRun {
             array: Arc::new(start.encoder.lenslets().cloned().unwrap_or_else(none)),
             settings,
             status: RunStatus::Running,
+            pulls: Arc::default(),
             step: 0,
             frames: Arc::default(),
             events: Vec::new(),
@@ -161,6 +164,7 @@ impl DesignRun {
             start: Arc::new(record.start.clone()),
             settings: record.settings.clone(),
             array: Arc::new(last.array.clone()),
+            pulls: Arc::default(),
             step: last.step,
             frames: Arc::new(record.frames.clone()),
             events: record.events.clone(),
@@ -176,6 +180,7 @@ impl DesignRun {
         let has_moved = state.step > 0 || !self.frames.is_empty();
         if more_frames || (has_moved && *self.array != state.array) {
             self.array = Arc::new(state.array.clone());
+            self.pulls = Arc::new(state.pulls());
         }
         self.step = state.step;
         if more_frames {
