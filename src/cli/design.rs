@@ -20,7 +20,7 @@ use crate::optics::Encoder;
 use crate::workbench::study::{PublishedSet, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::{
     Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, patches_of,
-    run_ideal, score_in_patches, score_settings, spoken, verdict,
+    run_ideal, score_in_patches, score_settings, spoken, verdict, worths,
 };
 
 /// Arguments of `design`.
@@ -337,7 +337,8 @@ impl Arguments {
             return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
         };
         let score = self.score(record)?;
-        let verdict = score.as_ref().map_or_else(Vec::new, |study| verdict(study.record()));
+        let told = |study: &Study| [worths(study.record()), verdict(study.record())].concat();
+        let verdict = score.as_ref().map(told).unwrap_or_default();
         let printed = if self.json {
             let files = files.iter().map(|file| file.display().to_string()).collect();
             let folder = self.out.display().to_string();

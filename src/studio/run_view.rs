@@ -249,8 +249,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 state.bench.follow_run(false);
                 state.bench.look_at(array, &result.design);
             }
-            let copy =
-                ui.small_button("Copy command").on_hover_text("The command line that computes these numbers again");
+            let copy = ui.small_button("Copy").on_hover_text("The command line that computes these numbers again");
             name_widget(&copy, &format!("Copy command of result {}", place + 1));
             if copy.clicked() {
                 state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request()));
@@ -277,9 +276,6 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     }
     let Some(study) = run.comparison.as_ref().filter(|study| !study.cells.is_empty()) else { return };
     egui::CollapsingHeader::new("Comparison").default_open(true).show(ui, |ui| {
-        for sentence in verdict(study) {
-            ui.label(sentence);
-        }
         egui::Grid::new("comparison").num_columns(1 + study.settings.patches.len()).striped(true).show(ui, |ui| {
             ui.weak("bits per pixel");
             for &patch in &study.settings.patches {
@@ -301,6 +297,9 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 ui.end_row();
             }
         });
+        for sentence in verdict(study) {
+            ui.label(sentence);
+        }
     });
 }
 

@@ -51,7 +51,7 @@ pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
-    run_ideal, score_in_patches, score_settings, verdict,
+    run_ideal, score_in_patches, score_settings, verdict, worths,
 };
 pub use jobs::{Job, Outcome};
 pub use live_bounds::Draws;

@@ -101,18 +101,26 @@ fn mask_of(frame: &Frame) -> Encoder {
     Encoder::Lenslets(frame.array.clone())
 }
 
-/// What a study of [`score_settings`] says of the result, a sentence for each bound and patch.
+/// What result and start are worth by a study of [`score_settings`], a sentence for each patch.
+pub fn worths(study: &StudyRecord) -> Vec<String> {
+    let of_patch = |patch: Option<(usize, usize)>| {
+        let worth = |name: &str| {
+            let cell = study.cells.iter().find(|cell| cell.patch == patch && cell.design == name)?;
+            worth_of(cell)
+        };
+        let start = worth(START).map_or(String::new(), |start| format!("; its start {start}"));
+        Some(format!("{}: {} bits per pixel{start}", patches_of(patch), worth(RESULT)?))
+    };
+    study.settings.patches.iter().filter_map(|&patch| of_patch(patch)).collect()
+}
+
+/// What a study of [`score_settings`] says of the result beside heuristic layouts, a sentence for each bound and patch.
 pub fn verdict(study: &StudyRecord) -> Vec<String> {
     let mut sentences = Vec::new();
     for &patch in &study.settings.patches {
         let place = patches_of(patch);
         let cells: Vec<&StudyCell> = study.cells.iter().filter(|cell| cell.patch == patch).collect();
         let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
-        sentences.extend(worth_of(result).map(|worth| {
-            let start = cells.iter().find(|cell| cell.design == START).and_then(|cell| worth_of(cell));
-            let start = start.map_or(String::new(), |worth| format!("; its start {worth}"));
-            format!("{place}: {worth} bits per pixel{start}")
-        }));
         let rivals = || cells.iter().filter(|cell| cell.design != RESULT && cell.design != START);
         if let Some(bits) = result.model_bits() {
             let best = rivals().filter_map(|cell| Some((cell.model_bits()?, cell)));
