@@ -233,8 +233,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 Some(lower) => between(lower, estimate.bits_per_pixel),
                 None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
             };
-            let whole = result.sensor.as_ref().map_or(String::new(), |sensor| format!(", sensor {}", short(sensor)));
-            let text = format!("{}. {}: {bits}{whole}", place + 1, result.name);
+            let text = format!("{}. {}: {bits}", place + 1, result.name);
             let open = ui.button(text).on_hover_text(
                 "Shows this design and the run that led to it. Its numbers, bits per pixel on objects that the run never saw, \
                  in patches and for the whole sensor, come from models of their own: a bracket, ranked by its lower bound, or \
@@ -253,6 +252,9 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             name_widget(&copy, &format!("Copy command of result {}", place + 1));
             if copy.clicked() {
                 state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request()));
+            }
+            if let Some(sensor) = &result.sensor {
+                ui.weak(format!("sensor {}", short(sensor))).on_hover_text("The same for whole measurements");
             }
         });
     }
