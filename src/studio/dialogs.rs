@@ -27,6 +27,8 @@ pub enum Purpose {
     SaveAs,
     /// Images the objects of a file or folder.
     OpenObjects,
+    /// Chooses images of a camera to estimate from.
+    ChooseImages,
     /// Uses a picture as the PSF.
     ImportPsf,
     /// Keeps unsaved changes in a folder.
@@ -80,6 +82,7 @@ impl Purpose {
             Self::OpenDesign => "Open design".into(),
             Self::SaveAs => "Save design as".into(),
             Self::OpenObjects => "Open objects".into(),
+            Self::ChooseImages => "Images of a camera".into(),
             Self::ImportPsf => "Import PSF".into(),
             Self::KeepUnsaved => "Folder for unsaved changes".into(),
             Self::ExportDesign => "Export design".into(),
@@ -98,6 +101,7 @@ impl Purpose {
             Self::OpenObjects => {
                 "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures"
             }
+            Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of pictures",
             Self::ImportPsf => "A picture (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
             Self::ExportDesign => {
                 "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is made if need be"
@@ -117,6 +121,7 @@ impl Purpose {
     fn action(&self) -> &'static str {
         match self {
             Self::OpenDesign | Self::OpenObjects => "Open",
+            Self::ChooseImages => "Choose",
             Self::ImportPsf => "Import",
             Self::SaveAs => "Save",
             Self::KeepUnsaved => "Use",
@@ -126,7 +131,7 @@ impl Purpose {
 
     fn picker(&self) -> Picker {
         match self {
-            Self::OpenDesign | Self::OpenObjects | Self::ImportPsf => Picker::Open,
+            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf => Picker::Open,
             Self::SaveAs
             | Self::ExportView { .. }
             | Self::ExportPicture { .. }
@@ -145,6 +150,7 @@ impl Purpose {
             Self::ExportCurve { .. } => Some("csv"),
             Self::OpenDesign
             | Self::OpenObjects
+            | Self::ChooseImages
             | Self::ImportPsf
             | Self::KeepUnsaved
             | Self::ExportDesign
@@ -156,7 +162,9 @@ impl Purpose {
     fn suggestion(&self, beside: Option<&Path>) -> String {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
         let name = match self {
-            Self::OpenDesign | Self::OpenObjects | Self::ImportPsf | Self::KeepUnsaved => return String::new(),
+            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf | Self::KeepUnsaved => {
+                return String::new();
+            }
             Self::SaveAs => beside.map_or_else(|| free_name(&folder), Path::to_path_buf),
             Self::ExportDesign => folder.join("export"),
             Self::ExportMeasurements => folder.join("measurements"),
@@ -373,6 +381,7 @@ fn answer(state: &mut State, question: &Question) {
         Purpose::OpenDesign => state.bench.open_file(path),
         Purpose::SaveAs => state.bench.save_to(path),
         Purpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
+        Purpose::ChooseImages => state.estimate_form.images.path = Some(path),
         Purpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
             state.bench.import_psf(path, side);

@@ -7,13 +7,14 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
+use super::images_form::{self, ImagesForm};
 use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
 use super::messages::Severity;
 use super::state::State;
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,
-    estimate_command,
+    estimate_command, images_command,
 };
 
 /// What a copied command is good for.
@@ -27,6 +28,8 @@ pub struct EstimateForm {
     steps: usize,
     /// Whether a fit takes so many steps, which can be repeated exactly, or so much time.
     by_steps: bool,
+    /// Images of a camera that may be estimated instead.
+    pub images: ImagesForm,
     /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
     chosen: Option<usize>,
 }
@@ -35,7 +38,7 @@ impl Default for EstimateForm {
     fn default() -> Self {
         let kind = Estimator::Bracket;
         let (minutes, steps) = (usual_minutes(kind), usual_steps(kind));
-        Self { kind, whole_sensor: false, minutes, steps, by_steps: true, chosen: None }
+        Self { kind, whole_sensor: false, minutes, steps, by_steps: true, images: ImagesForm::default(), chosen: None }
     }
 }
 
@@ -57,10 +60,14 @@ impl EstimateForm {
     }
 
     fn request(&self, engine: EngineChoice) -> EstimateRequest {
+        self.request_by(self.kind, engine)
+    }
+
+    pub fn request_by(&self, kind: Estimator, engine: EngineChoice) -> EstimateRequest {
         let budget = Duration::from_secs_f64(60.0 * self.minutes);
-        let model = DensityModel::new(self.kind, Some(budget), engine);
+        let model = DensityModel::new(kind, Some(budget), engine);
         EstimateRequest {
-            model: if self.counts_steps() { model.of_steps(self.steps) } else { model },
+            model: if self.by_steps && kind != Estimator::PixelCnn { model.of_steps(self.steps) } else { model },
             protocol: Protocol::Default,
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
             patches_train: 10_000,
@@ -85,6 +92,7 @@ fn usual_steps(kind: Estimator) -> usize {
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     order(ui, state);
+    images_form::show(ui, state);
     ui.separator();
     let running = state.estimates.running.clone();
     let finished = state.estimates.finished.clone();
@@ -188,9 +196,14 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             }
         });
         let [rows, cols] = estimate.patch;
-        let age = if current { "" } else { ", of an earlier edit" };
+        let measured = result.value.order.measured.as_ref();
+        let age = if current || measured.is_some() { "" } else { ", of an earlier edit" };
         let minutes = estimate.seconds / 60.0;
-        ui.weak(format!("{}, patch {rows} x {cols} px, {minutes:.1} min{age}", estimate.encoder));
+        let of = if measured.is_some() { &estimate.objects } else { &estimate.encoder };
+        ui.weak(format!("{of}, patch {rows} x {cols} px, {minutes:.1} min{age}"));
+        if measured.is_some() {
+            ui.weak("The noisy images stand in for the clean ones in H(Y|X).");
+        }
         if estimate.above_ceiling() {
             ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
         }
@@ -206,7 +219,11 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             name_widget(&command, &format!("Copy command of estimate {}", index + 1));
             if command.on_hover_text(COPY_HINT).clicked() {
                 let order = &result.value.order;
-                state.copy_command(ui.ctx(), estimate_command(&order.design, &order.request));
+                let command = match &order.measured {
+                    Some(measured) => Ok(images_command(measured, &order.request, &order.design)),
+                    None => estimate_command(&order.design, &order.request),
+                };
+                state.copy_command(ui.ctx(), command);
             }
             let export = ui.small_button("Curve CSV...");
             name_widget(&export, &format!("Export curve of estimate {}", index + 1));

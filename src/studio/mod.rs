@@ -10,6 +10,7 @@ mod hand;
 mod history_panel;
 mod home;
 mod image_view;
+mod images_form;
 mod information_map_panel;
 mod information_overlay;
 mod information_panel;

@@ -12,6 +12,7 @@ use super::estimator::{EstimateOrder, Estimates};
 use super::history::{History, Version};
 use super::ideal::Designer;
 use super::jobs::{Job, Outcome};
+use super::measured::MeasuredOrder;
 use super::recovery::{Autosave, Recovered};
 use super::threads::{Threads, Wake};
 use super::watched::WatchedRun;
@@ -156,7 +157,16 @@ impl Workbench {
     /// One sentence where too many wait.
     pub fn order_estimate(&self, request: EstimateRequest) -> Result<(), String> {
         let (design, revision) = (Arc::clone(&self.design), self.revision);
-        self.worker.estimator().order(EstimateOrder { design, revision, request })
+        self.worker.estimator().order(EstimateOrder { design, revision, request, measured: None })
+    }
+
+    /// Orders an estimate of images of a camera, whose noise is that of the open design.
+    ///
+    /// # Errors
+    /// One sentence where too many wait.
+    pub fn order_estimate_of_images(&self, measured: MeasuredOrder, request: EstimateRequest) -> Result<(), String> {
+        let (design, revision) = (Arc::clone(self.open_design()), self.revision);
+        self.worker.estimator().order(EstimateOrder { design, revision, request, measured: Some(measured) })
     }
 
     /// What is being done, waits to be done, or was done, oldest first.

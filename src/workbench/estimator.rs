@@ -11,6 +11,7 @@ use super::activity::{Activities, ActivityKind, Entry};
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
+use super::measured::MeasuredOrder;
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
@@ -33,6 +34,8 @@ pub struct EstimateOrder {
     pub revision: u64,
     /// What is to be estimated.
     pub request: EstimateRequest,
+    /// Images of a camera in place of the design's measurements, of which it has noise and seed alone.
+    pub measured: Option<MeasuredOrder>,
 }
 
 /// An order that is being computed.
@@ -64,6 +67,9 @@ pub struct FinishedEstimate {
 impl FinishedEstimate {
     /// Whether it is of this design, whatever revision that has by now, and of its objects as they were read last.
     pub fn is_of(&self, design: &Arc<Design>, live: &Live) -> bool {
+        if self.order.measured.is_some() {
+            return false;
+        }
         let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
         let is_same = Arc::ptr_eq(&self.order.design, design) || self.order.design == *design;
         is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == self.estimate.objects_fingerprint)
@@ -184,7 +190,11 @@ impl Estimator {
         if mailbox.orders.len() >= MOST_ORDERS {
             return Err(format!("{MOST_ORDERS} estimates wait already; stop some, or let them come to their end"));
         }
-        let name = format!("Estimate ({}) of {}", order.request.model.estimator(), order.design.encoder.describe());
+        let of = match &order.measured {
+            Some(measured) => measured.source.to_string(),
+            None => order.design.encoder.describe(),
+        };
+        let name = format!("Estimate ({}) of {of}", order.request.model.estimator());
         let entry = self.shared.activities.add(ActivityKind::Estimate, name);
         mailbox.orders.push_back((order, entry));
         drop(mailbox);
@@ -226,7 +236,7 @@ impl Drop for Estimator {
 }
 
 enum Task {
-    Order(EstimateOrder, Entry),
+    Order(Box<EstimateOrder>, Entry),
     Refine(Refine),
 }
 
@@ -271,7 +281,7 @@ fn next_task(shared: &Shared) -> Option<Task> {
                 progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None },
                 curve: Vec::new(),
             });
-            return Some(Task::Order(order, entry));
+            return Some(Task::Order(Box::new(order), entry));
         }
         if shared.wants_live()
             && let Some(refine) = mailbox.refine.take()
@@ -320,7 +330,17 @@ impl Shared {
             }
             ControlFlow::Continue(())
         };
-        match estimate(&order.design, &order.request, &mut watch) {
+        let EstimateOrder { design, request, measured, .. } = order;
+        let told = |text: String, is_cancelled: bool| (!is_cancelled).then_some(text);
+        let estimated = match measured {
+            Some(measured) => measured
+                .estimate(request, design.noise, design.seed, &mut watch)
+                .map_err(|error| told(error.to_string(), error.is_cancelled())),
+            None => {
+                estimate(design, request, &mut watch).map_err(|error| told(error.to_string(), error.is_cancelled()))
+            }
+        };
+        match estimated {
             Ok(estimate) => {
                 let mut estimates = lock(&self.estimates);
                 let curve = estimates.running.take().map(|running| running.curve).unwrap_or_default();
@@ -329,7 +349,7 @@ impl Shared {
                 estimates.finished.push(Stamped { revision: order.revision, value });
                 Ok(text)
             }
-            Err(error) => Err((!error.is_cancelled()).then(|| error.to_string())),
+            Err(told) => Err(told),
         }
     }
 

@@ -96,6 +96,13 @@ pub enum MeasuredError {
     Information(#[from] InformationError),
 }
 
+impl MeasuredError {
+    /// Whether whoever watched asked to stop.
+    pub fn is_cancelled(&self) -> bool {
+        matches!(self, Self::Information(InformationError::Cancelled))
+    }
+}
+
 /// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MeasuredSource(PathBuf);
@@ -110,6 +117,12 @@ impl FromStr for MeasuredSource {
             Err(_) if !text.trim().is_empty() => Ok(Self(text.into())),
             _ => Err(MeasuredError::Source { text: text.into() }),
         }
+    }
+}
+
+impl From<PathBuf> for MeasuredSource {
+    fn from(path: PathBuf) -> Self {
+        Self(path)
     }
 }
 
@@ -177,6 +190,31 @@ impl Calibration {
             ));
         }
         notes
+    }
+}
+
+/// Which images an estimate is of, and how their grey levels are photons.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredOrder {
+    /// Where they lie.
+    pub source: MeasuredSource,
+    /// Their photons.
+    pub calibration: Calibration,
+}
+
+impl MeasuredOrder {
+    /// Reads the images and estimates their information, as [`MeasuredImages::open`] and [`MeasuredImages::estimate`].
+    ///
+    /// # Errors
+    /// As these.
+    pub fn estimate(
+        &self,
+        request: &EstimateRequest,
+        noise: Noise,
+        seed: u64,
+        watch: Watch<'_>,
+    ) -> Result<Estimate, MeasuredError> {
+        MeasuredImages::open(&self.source, &self.calibration, watch)?.estimate(request, noise, seed, watch)
     }
 }
 

@@ -56,11 +56,11 @@ pub use ideal::{
 pub use jobs::{Job, Outcome};
 pub use live_bounds::Draws;
 pub use live_record::{LiveNumbers, LiveRecord, LiveRecordError, Repeated};
-pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredSource};
+pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use recovery::Recovered;
 pub use refinement::{LiveEstimate, LiveRecipe};
-pub use repeat::{estimate_command, look_command, repeat_command, run_command};
+pub use repeat::{estimate_command, images_command, look_command, repeat_command, run_command};
 pub use samples::{SAMPLES, Sample};
 pub use simulation::{Simulated, Simulator};
 pub use snapshots::{Bits, FileChange, FileText, Snapshot, Snapshots};

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
+use super::measured::{Calibration, MeasuredOrder};
 use crate::design::{Free, IdealEvent, IdealSettings, Rates};
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
@@ -28,6 +29,24 @@ pub fn look_command(design: &Design) -> Result<String, String> {
 /// # Errors
 /// As [`look_command`].
 pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<String, String> {
+    with_design("estimate", "--lenslets", design, &estimate_flags(request))
+}
+
+/// The command for an estimate of images of a camera, with the noise and the seed of a design.
+pub fn images_command(measured: &MeasuredOrder, request: &EstimateRequest, design: &Design) -> String {
+    let MeasuredOrder { source, calibration: Calibration { gain, offset, bin } } = measured;
+    let path = source.to_string();
+    let path = std::path::absolute(&path).map_or(path, |path| path.display().to_string());
+    format!(
+        "lenslet-studio estimate --measurements {} --gain {gain} --offset={offset} --bin {bin} --noise {} --seed {} {}",
+        quoted(&path),
+        design.noise,
+        design.seed,
+        estimate_flags(request)
+    )
+}
+
+fn estimate_flags(request: &EstimateRequest) -> String {
     let mut flags = vec![format!("--estimator {}", request.model.estimator())];
     if request.protocol == Protocol::Paper {
         flags.push("--protocol paper".into());
@@ -45,7 +64,7 @@ pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<St
         flags.push("--fresh".into());
     }
     flags.push(format!("--trials {} --json", request.trials));
-    with_design("estimate", "--lenslets", design, &flags.join(" "))
+    flags.join(" ")
 }
 
 /// The command for a run of IDEAL from a design; it writes into the folder `run`. One that went on beyond its end (`events`)
@@ -177,6 +196,16 @@ mod tests {
         design.objects = ObjectSource::Stack("here.npy".into());
         let text = look_command(&design).unwrap();
         assert!(text.contains("--objects stack:/"), "a path that means the same in every folder: {text}");
+    }
+
+    #[test]
+    fn images_of_a_camera_are_named() {
+        let calibration = Calibration { gain: 0.5, offset: -3.0, bin: 2 };
+        let order = MeasuredOrder { source: std::path::PathBuf::from("/data/a b.npy").into(), calibration };
+        let model = DensityModel::new(Estimator::Live, Some(Duration::from_secs(90)), EngineChoice::Cpu);
+        let text = images_command(&order, &request(model), &Design::default());
+        let head = "lenslet-studio estimate --measurements '/data/a b.npy' --gain 0.5 --offset=-3 --bin 2 --noise shot --seed 1";
+        assert!(text.starts_with(head) && text.contains("--estimator live --patch 32x32 --budget 90s"), "{text}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Estimates in the window: live, and ordered.
 
 use super::*;
+use egui_kittest::kittest::NodeT;
 
 /// Steps frames until `done`, for at most so many seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
@@ -86,4 +87,47 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
     assert!(window.query_by_label_contains("of an earlier edit").is_some());
     assert!(window.query_by_label_contains("decoder, ").is_none());
+}
+
+#[test]
+fn images_of_a_camera_are_estimated_beside_the_design() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("seen.npy");
+    // Stripes that move from image to image, in grey levels of half a photon.
+    let grey = ndarray::Array3::from_shape_fn((12, 40, 40), |(n, r, c)| {
+        let photons = if (r + 3 * n) % 9 < 3 { 60 } else { 20 };
+        2.0 * (photons + (r * 31 + c * 17 + n * 7) % 9) as f32
+    });
+    lenslet_studio::formats::write_array(&path, grey.view()).unwrap();
+    let mut window = open(Design::default());
+    click(&mut window, "Estimates");
+    click(&mut window, "Images of a camera");
+    assert!(window.get_by_label("Estimate images").accesskit_node().is_disabled());
+    click(&mut window, "Choose images...");
+    answer(&mut window, &path, "Choose");
+    window.get_by_label("Images: gain").click();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.get_by_label("Images: gain").type_text("2");
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    click(&mut window, "Estimator of images");
+    click(&mut window, "Gaussian");
+    click(&mut window, "Estimate images");
+    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
+    let finished = &studio(&window).bench().estimates().finished[0].value;
+    let notes = finished.estimate.notes.join("; ");
+    assert!(notes.contains("photons are (grey level - 0) / 2") && notes.contains("stand in"), "{notes}");
+    assert!(
+        !finished.is_of(studio(&window).bench().design(), &lenslet_studio::workbench::Live::default()),
+        "it is no number of the design"
+    );
+    window.get_by_label_contains("the scenes of");
+    window.get_by_label_contains("stand in for the clean ones");
+    click(&mut window, "Copy command of estimate 1");
+
+    // What cannot be read is told.
+    std::fs::write(&path, b"no images").unwrap();
+    click(&mut window, "Estimate images");
+    wait_for(&mut window, "the refusal", |window| window.query_by_label_contains("seen.npy: ").is_some());
 }

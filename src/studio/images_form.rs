@@ -1,0 +1,83 @@
+//! Images of a camera in place of a design's measurements: which ones, how their grey levels are photons, and the button.
+
+use std::path::PathBuf;
+
+use egui::{ComboBox, DragValue, Ui};
+
+use super::dialogs::Purpose;
+use super::image_view::name_widget;
+use super::messages::Severity;
+use super::state::State;
+use crate::information::Estimator;
+use crate::workbench::{Calibration, MeasuredOrder};
+
+/// Images of a camera in place of a design's measurements.
+pub struct ImagesForm {
+    /// Where they lie, once they were chosen.
+    pub path: Option<PathBuf>,
+    kind: Estimator,
+    calibration: Calibration,
+}
+
+impl Default for ImagesForm {
+    fn default() -> Self {
+        Self { path: None, kind: Estimator::Live, calibration: Calibration::default() }
+    }
+}
+
+/// Estimators that need no objects.
+const OF_IMAGES: [(Estimator, &str); 4] = [
+    (Estimator::Live, "Live"),
+    (Estimator::Full, "Full"),
+    (Estimator::PixelCnn, "PixelCNN"),
+    (Estimator::GaussianStationary, "Gaussian"),
+];
+
+/// An estimate from what a camera has recorded.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    ui.collapsing("Images of a camera", |ui| {
+        ui.horizontal_wrapped(|ui| {
+            if ui.button("Choose images...").clicked() {
+                state.dialogs.ask(Purpose::ChooseImages, state.bench.path());
+            }
+            let form = &mut state.estimate_form.images;
+            let known = OF_IMAGES.iter().find(|(kind, _)| *kind == form.kind);
+            let response = ComboBox::from_id_salt("estimator of images")
+                .selected_text(known.map_or("", |(_, name)| name))
+                .width(84.0)
+                .show_ui(ui, |ui| {
+                    for (kind, name) in OF_IMAGES {
+                        ui.selectable_value(&mut form.kind, kind, name);
+                    }
+                })
+                .response;
+            name_widget(&response, "Estimator of images");
+            let Calibration { gain, offset, bin } = &mut form.calibration;
+            for (name, hint, drag) in [
+                ("gain", "Grey levels per photon", DragValue::new(gain).range(1e-6..=1e6).speed(0.01)),
+                ("offset", "Grey level of no light", DragValue::new(offset).range(-1e6..=1e6).speed(0.1)),
+                ("bin", "Rows and columns of pixels whose photons are added up", DragValue::new(bin).range(1..=64)),
+            ] {
+                ui.label(name);
+                name_widget(&ui.add(drag).on_hover_text(hint), &format!("Images: {name}"));
+            }
+            let can_start = form.path.is_some();
+            let start = ui.add_enabled(can_start, egui::Button::new("Estimate images"));
+            let hint = "Patch and length of the fit are those above, the noise is that of the scene. The noisy images stand in \
+                        for the clean ones, which is fair above some 10 photons";
+            let start = start.on_hover_text(hint).on_disabled_hover_text("Choose images first");
+            if start.clicked()
+                && let Some(path) = form.path.clone()
+            {
+                let measured = MeasuredOrder { source: path.into(), calibration: form.calibration };
+                let request = state.estimate_form.request_by(state.estimate_form.images.kind, state.preferences.engine);
+                if let Err(refusal) = state.bench.order_estimate_of_images(measured, request) {
+                    state.messages.push(Severity::Failure, refusal);
+                }
+            }
+        });
+        if let Some(path) = &state.estimate_form.images.path {
+            ui.add(egui::Label::new(egui::RichText::new(path.display().to_string()).weak()).truncate());
+        }
+    });
+}
