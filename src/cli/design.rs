@@ -1,27 +1,22 @@
 //! `design`: a mask that climbs the information of its measurements.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, about_objects, check_count, check_folder};
+use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
 use super::design_args::{SceneArgs, check_input_stays, open_design};
-use super::output::Meter;
+use super::design_runs::{Ranking, climb, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
-use crate::design::{Frame, Free, IdealEvent, IdealProgress, IdealSettings, Objective, Preset, Rates, time_left};
+use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates};
 use crate::optics::Encoder;
 use crate::workbench::study::{PublishedSet, Study, StudyError, StudyRecord, StudySettings};
-use crate::workbench::{
-    Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, patches_of,
-    run_ideal, score_in_patches, score_settings, spoken, verdict, worths,
-};
+use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
 /// Arguments of `design`.
 #[derive(Args, Debug)]
@@ -149,57 +144,6 @@ const MOST_STARTS: usize = 1000;
 /// Time for each estimate of result and start, where no comparison was asked for.
 const BRIEF_SCORE: Duration = Duration::from_secs(15);
 
-/// A run in its folder, from where it was stopped there.
-fn climb(design: &Design, settings: &IdealSettings, (kept, folder): (&KeptRun, &Path)) -> anyhow::Result<IdealRecord> {
-    let from = kept.load()?;
-    let meter = Meter::new();
-    let mut going_on = from.is_some();
-    let folder = folder.display();
-    let mut watch = |progress: &IdealProgress<'_>| {
-        if std::mem::take(&mut going_on) {
-            let step = progress.state.step;
-            meter.tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
-        }
-        meter.show(progress.state.step, settings.steps, &message(progress, settings));
-        ControlFlow::Continue(())
-    };
-    let reading = |_| ControlFlow::Continue(());
-    let record = run_ideal(design, settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
-        .map_err(|error| about_objects(design, error))
-        .with_context(|| format!("{folder}: the run ended"))?;
-    meter.finish();
-    if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
-        let taken = end.step;
-        output::tell(format_args!(
-            "{folder}: the run that is there has taken {taken} steps already, and stays as it is"
-        ));
-    }
-    Ok(record)
-}
-
-/// Writes design, PSF, curve and record.
-fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    let mut files = export_design(&record.design(), folder)?;
-    let curve = folder.join("curve.csv");
-    curve_of(record.settings.objective, &record.frames).write(&curve)?;
-    let path = folder.join("run.json");
-    record.save(&path)?;
-    files.extend([curve, path]);
-    Ok(files)
-}
-
-/// What the result of a start is worth.
-fn ranked_start(name: &str, design: Arc<Design>, budget: Option<Duration>) -> anyhow::Result<RankedStart> {
-    let meter = Meter::new();
-    let estimate = score_in_patches(&design, budget, &mut |progress: &EstimateProgress| {
-        meter.show(progress.done, progress.total, &progress.step);
-        ControlFlow::Continue(())
-    })
-    .map_err(|error| about_objects(&design, error))?;
-    meter.finish();
-    Ok(RankedStart { name: name.into(), design, estimate, sensor: None, record: None })
-}
-
 /// What is told at the end.
 #[derive(Debug, Serialize)]
 struct Outcome<'a> {
@@ -222,6 +166,11 @@ impl Arguments {
         let design = self.start()?;
         let settings = self.settings(&design)?;
         check_count("--starts", self.starts, 1..=MOST_STARTS)?;
+        if matches!(self.score, Some(ScoreChoice(None))) && !self.against.is_empty() {
+            return Err(
+                anyhow::anyhow!("--against names what --score compares with; leave it out, or give a time").into()
+            );
+        }
         check_folder(&self.out)?;
         for file in [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::design_file)] {
             check_input_stays(file, &self.out, None)?;
@@ -232,17 +181,20 @@ impl Arguments {
             let record = climb(&design, &settings, (&kept, &self.out))?;
             return self.finish(&record, &[]);
         }
-        let (record, ranked) = self.rank(&design, &settings, &kept)?;
-        self.finish(&record, &ranked)
+        let Ranking { record, ranked, failed } = self.rank(&design, &settings, &kept)?;
+        self.finish(&record, &ranked)?;
+        match failed {
+            0 => Ok(()),
+            failed => Err(Failure::Incomplete(anyhow::anyhow!(
+                "{}: expected {} runs to come to their end, found that {failed} failed",
+                self.out.display(),
+                self.starts
+            ))),
+        }
     }
 
-    /// Runs from several random starts, and the one that led to the best result.
-    fn rank(
-        &self,
-        design: &Design,
-        settings: &IdealSettings,
-        order: &KeptRun,
-    ) -> anyhow::Result<(IdealRecord, Vec<RankedStart>)> {
+    /// Runs from several random starts.
+    fn rank(&self, design: &Design, settings: &IdealSettings, order: &KeptRun) -> anyhow::Result<Ranking> {
         let count = match &self.start {
             Some(EncoderChoice::Random(count)) => *count,
             None if self.design.is_none() => USUAL_LENSLETS,
@@ -251,33 +203,8 @@ impl Arguments {
         let starts: Vec<Start> = (0..self.starts as u64)
             .map(|number| Start::random(design, count, design.seed.wrapping_add(number)))
             .collect();
-        // Results that were ranked before a power cut need not be estimated again.
-        let known = order.last().map_or_else(Vec::new, |(order, _)| order.ranked);
         let budget = self.score.and_then(|ScoreChoice(budget)| Some(budget?.0));
-        let (mut ranked, mut records) = (Vec::<RankedStart>::new(), Vec::new());
-        for (at, start) in starts.iter().enumerate() {
-            let folder = self.out.join(format!("start-{}", at + 1));
-            output::tell(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
-            let kept = KeptRun::in_folder(&folder)?;
-            let _lock = kept.lock()?;
-            let record = climb(&start.design, settings, (&kept, &folder))?;
-            write(&record, &folder)?;
-            let found = Arc::new(record.design());
-            let earlier = known.iter().find(|result| result.name == start.name && result.design == found);
-            let result = match earlier {
-                Some(result) => result.clone(),
-                None => ranked_start(&start.name, found, budget)?,
-            };
-            output::tell(format_args!("{}: {}", folder.display(), result.estimate.in_words()));
-            ranked.push(result);
-            records.push((start.name.clone(), record));
-            ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
-            let (starts, settings, ranked) = (starts.clone(), settings.clone(), ranked.clone());
-            order.note(&KeptOrder { starts, settings, at, ranked })?;
-        }
-        let best = ranked.first().and_then(|best| records.into_iter().find(|(name, _)| *name == best.name));
-        let (_, record) = best.context("--starts: there is no run")?;
-        Ok((record, ranked))
+        rank(&starts, settings, (&self.out, order), budget)
     }
 
     /// The design that the run starts from.
@@ -337,12 +264,12 @@ impl Arguments {
             return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
         };
         let score = self.score(record)?;
-        let told = |study: &Study| [worths(study.record()), verdict(study.record())].concat();
+        let told = |study: &StudyRecord| [worths(study), verdict(study)].concat();
         let verdict = score.as_ref().map(told).unwrap_or_default();
         let printed = if self.json {
             let files = files.iter().map(|file| file.display().to_string()).collect();
             let folder = self.out.display().to_string();
-            let score = score.as_ref().map(Study::record);
+            let score = score.as_ref();
             output::print_json(&Outcome { folder, files, start, end, record, ranked, score, verdict })
         } else {
             let mut lines = lines_of(record, start, end);
@@ -357,23 +284,34 @@ impl Arguments {
             output::print(&lines.join("\n"))
         };
         if let Some(study) = &score {
-            failed(study.record(), &self.out.join(SCORE))?;
+            failed(study, &self.out.join(SCORE))?;
         }
         printed
     }
 
     /// Compares the result with its start, and with others where that was asked for.
-    fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<Study>> {
+    fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<StudyRecord>> {
         let all: Vec<usize> = (1..=9).collect();
         let against = if self.against.is_empty() { &all } else { &self.against };
         let settings = match self.score {
             Some(ScoreChoice(None)) => return Ok(None),
             Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
-            None => score_settings(record, &[], BRIEF_SCORE)?,
+            None => {
+                // One that was asked for before says more.
+                let file = self.out.join(SCORE).join("study.json");
+                let there = StudyRecord::open(&file).ok();
+                let of_result = |study: &StudyRecord| {
+                    study.settings.designs.first().map(|design| &design.encoder) == Some(&record.result)
+                };
+                if let Some(there) = there.filter(of_result).filter(|study| study.settings.designs.len() > 2) {
+                    return Ok(Some(there));
+                }
+                score_settings(record, &[], BRIEF_SCORE)?
+            }
         };
         let mut study = open_score(settings, &self.out)?;
         run_with_bar(&mut study)?;
-        Ok(Some(study))
+        Ok(Some(study.record().clone()))
     }
 }
 
@@ -432,21 +370,10 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
     lines
 }
 
-fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
-    let state = progress.state;
-    let value = state.frames.last().map_or(String::new(), |frame| {
-        format!("{:.4} bits per pixel, {} lenslets", frame.bits_per_pixel, frame.distinct_lenslets)
-    });
-    let left = time_left(state, settings, progress.seconds)
-        .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));
-    match progress.doing {
-        Some(_) if state.frames.is_empty() => "First fit".into(),
-        _ => format!("{value}{left}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use super::*;
     use crate::information::Estimator;
     use crate::objects::ObjectSource;

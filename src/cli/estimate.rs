@@ -75,7 +75,7 @@ pub struct Arguments {
     trials: usize,
 
     /// Keep in this file what estimates by pixelcnn, live, full and bracket have come to, and beside it every 20 s the state of
-    /// their fits; the same command goes on from it, and removes it in the end.
+    /// the fit of a density model; the same command goes on from it, and removes it in the end.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
 
@@ -189,12 +189,13 @@ impl Arguments {
             images.estimate(&request, design.noise, design.seed, &mut watch)?
         } else {
             let of_objects = |error| about_objects(&design, error);
-            let result = estimate(&design, &request, &mut watch).map_err(of_objects)?;
-            // A bracket has looked longer.
-            let below = match estimator {
-                Estimator::Bracket => None,
-                _ => lower_bound_at_once(&design, request.patch, &mut watch).map_err(of_objects)?,
+            // A bracket looks longer, and published numbers are no bounds. What is kept is there until all is computed.
+            let below = if estimator == Estimator::Bracket || self.protocol == Protocol::Paper {
+                None
+            } else {
+                lower_bound_at_once(&design, request.patch, &mut watch).map_err(of_objects)?
             };
+            let result = estimate(&design, &request, &mut watch).map_err(of_objects)?;
             match below {
                 Some(below) => result.bounded_below(below),
                 None => result,

@@ -6,6 +6,7 @@
 mod choices;
 mod design;
 mod design_args;
+mod design_runs;
 mod estimate;
 mod export;
 mod first_weights;

@@ -153,7 +153,9 @@ impl IdealState {
     /// Where the information pulls the centre of each lenslet (x, y), by the mean gradient of late, bits per pixel and pixel; empty
     /// before the first step.
     pub fn pulls(&self) -> Vec<(f64, f64)> {
-        self.momentum.pulls().collect()
+        let lit = self.array.lenslets.iter().map(|lenslet| lenslet.weight > 0.0);
+        // One that is dark has no place of its own.
+        self.momentum.pulls().zip(lit).map(|(pull, is_lit)| if is_lit { pull } else { (0.0, 0.0) }).collect()
     }
 
     /// Seconds of computing up to this state.

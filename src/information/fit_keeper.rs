@@ -95,12 +95,12 @@ pub(super) fn restore_fit(
     optimizer: &mut Optimizer,
 ) -> Result<Option<KeptFit>, InformationError> {
     let Some(bytes) = keeper.load()? else { return Ok(None) };
-    let restored = restore(&bytes, keeper.key(), weights, optimizer);
-    let misplaced = |error: InformationError| {
-        let (path, reason) = (keeper.place(), error.to_string());
-        InformationError::WeightsFile { path, reason }
-    };
-    restored.map(Some).map_err(misplaced)
+    restore(&bytes, keeper.key(), weights, optimizer).map(Some).map_err(|error| unread(keeper, &error))
+}
+
+/// Why what was kept cannot be read, and where it lies.
+pub(super) fn unread(keeper: &dyn FitKeeper, error: &dyn std::fmt::Display) -> InformationError {
+    InformationError::WeightsFile { path: keeper.place(), reason: error.to_string() }
 }
 
 fn restore(

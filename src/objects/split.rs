@@ -68,10 +68,10 @@ impl Parts {
         Self { order, train: images - test }
     }
 
-    /// The training part alone, of which every tenth image, at least one where there are two, is for testing.
+    /// The training part alone, of which every tenth image, at least two where one is left, is for testing.
     pub(super) fn of_training(&self) -> Self {
         let order = self.members(Split::Train).to_vec();
-        let test = if order.len() < 2 { 0 } else { order.len().div_ceil(10) };
+        let test = order.len().div_ceil(10).max(2).min(order.len().saturating_sub(1));
         Self { train: order.len() - test, order }
     }
 
@@ -98,7 +98,7 @@ mod tests {
             all.sort_unstable();
             assert!(all.into_iter().eq(0..images as u32));
         }
-        for (images, train, test) in [(0, 0, 0), (2, 1, 0), (3, 1, 1), (10_000, 7_200, 800)] {
+        for (images, train, test) in [(0, 0, 0), (2, 1, 0), (3, 1, 1), (9, 5, 2), (10_000, 7_200, 800)] {
             let parts = Parts::new(images);
             let inner = parts.of_training();
             assert_eq!((inner.members(Split::Train).len(), inner.members(Split::Test).len()), (train, test));

@@ -19,7 +19,7 @@ use super::state::{MaskDrag, State};
 use super::trails;
 use super::viewport::Placement;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
-use crate::workbench::{Command, LensletChange};
+use crate::workbench::{Command, DesignRun, LensletChange};
 
 /// One arrow key moves by this many pixels.
 const NUDGE_PX: f64 = 0.1;
@@ -108,7 +108,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
     let by_live = || Some(live?.value.gradient.as_ref()?.iter().map(|by| (by.x, by.y)).collect());
-    let run = state.run.as_ref().filter(|run| run.is_active() && *run.array == *array);
+    let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
+    let run = state.run.as_ref().filter(of_run);
     let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);
     let Some(pulls) = pulls.filter(|pulls| pulls.len() == array.lenslets.len()) else { return };
     let longest = pulls.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);

@@ -248,10 +248,11 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 state.bench.follow_run(false);
                 state.bench.look_at(array, &result.design);
             }
-            let copy = ui.small_button("Copy").on_hover_text("The command line that computes these numbers again");
+            let copy = ui.small_button("Copy").on_hover_text("The command lines that compute these numbers again");
             name_widget(&copy, &format!("Copy command of result {}", place + 1));
             if copy.clicked() {
-                state.copy_command(ui.ctx(), estimate_command(&result.design, &result.request()));
+                let commands = result.requests().into_iter().map(|request| estimate_command(&result.design, &request));
+                state.copy_command(ui.ctx(), commands.collect::<Result<Vec<_>, _>>().map(|lines| lines.join("\n")));
             }
             if let Some(sensor) = &result.sensor {
                 ui.weak(format!("sensor {}", short(sensor))).on_hover_text("The same for whole measurements");

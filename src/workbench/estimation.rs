@@ -145,7 +145,7 @@ impl EstimateRequest {
     /// All that decides the parts of an estimate; how many trials are taken decides none of them.
     pub(super) fn determined_by(&self) -> impl std::fmt::Debug {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
-        format!("{model:?} {protocol:?} {patch:?} {patches_train} {patches_test} {fresh} {:?}", weights.from)
+        format!("{model:?} {protocol:?} {patch:?} {patches_train} {patches_test} {fresh} {weights:?}")
     }
 
     /// What a causal density model begins with.

@@ -130,6 +130,9 @@ impl KeptEstimate {
 
     /// Removes the files, once the estimate has come to its end.
     pub fn end(self) {
+        for index in 0..self.parts.trials.len() {
+            forget(self.fit(index).map(|fit| fit.path));
+        }
         forget(self.path);
     }
 
@@ -193,6 +196,8 @@ mod tests {
     use ndarray::Array2;
 
     use super::*;
+    use crate::information::{DecoderKind, Estimator, Protocol, TrialSettings};
+    use crate::sensor::Noise;
 
     #[test]
     fn what_differs_in_the_middle_of_a_picture_is_another_fit() {
@@ -227,12 +232,12 @@ mod tests {
             bits_per_pixel: 0.1,
             interval_95: [0.1; 2],
             bits_per_measurement: 1.6,
-            decoder: crate::information::DecoderKind::Factorised,
+            decoder: DecoderKind::Factorised,
             patch: [4, 4],
             sites: 9,
             probability: 0.1,
             bias: 1.0,
-            noise: crate::sensor::Noise::Shot,
+            noise: Noise::Shot,
             test_patches: 4,
             steps: 3,
             batch: 2,
@@ -242,6 +247,26 @@ mod tests {
             notes: Vec::new(),
         };
         first.decoder(|| Ok((told.clone(), decoder.clone()))).unwrap();
+        let trial = || {
+            let settings = TrialSettings {
+                estimator: Estimator::Live,
+                protocol: Protocol::Default,
+                noise: Noise::Shot,
+                patch: (4, 4),
+                patches_train: 0,
+                seed: 1,
+            };
+            Trial::from_patches(settings, &[1.0 / 3.0, 0.5], &[0.1, 0.2], 1.0, Vec::new())
+        };
+        let computed = first.trial(0, |keeper| {
+            keeper.unwrap().store(b"a state").unwrap();
+            trial()
+        });
+        assert_eq!(computed, trial());
+        let fit = folder.path().join("kept.fit-1");
+        assert!(!fit.exists(), "it is done");
+        // Killed before it was removed.
+        std::fs::write(&fit, "a state").unwrap();
         drop(first);
 
         let refusal = open("other").err().unwrap().to_string();
@@ -251,8 +276,13 @@ mod tests {
         assert_eq!(again.below(|| Ok(bound(0.1))), Ok(bound(0.1)));
         let (found, weights) = again.decoder(|| Err(InformationError::Empty)).unwrap();
         assert_eq!((found, weights.weights()), (told, decoder.weights()));
+        let unasked = |_: Option<&dyn FitKeeper>| -> Result<Trial, InformationError> { panic!("it is there") };
+        assert_eq!(
+            (again.trial(0, unasked), again.smallest()),
+            (trial(), trial().ok().map(|one| one.bits_per_pixel()))
+        );
         again.end();
-        assert!(!path.exists());
+        assert!(!path.exists() && !fit.exists());
         // Another file is not written over.
         std::fs::write(&path, "a letter").unwrap();
         assert!(open("one").err().unwrap().to_string().contains("another file"));

@@ -202,10 +202,10 @@ impl Snapshot {
             let of_design = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design, live));
             of_design.map(|done| &done.value.estimate)
         };
-        let smallest = finished()
+        let fitted = finished()
             .filter(|estimate| estimate.patch == [32, 32] && estimate.protocol == Protocol::Default)
-            .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 })
-            .min_by(|one, other| one.bits.total_cmp(&other.bits));
+            .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 });
+        self.fitted = fitted.chain(self.fitted).min_by(|one, other| one.bits.total_cmp(&other.bits));
         let brackets = finished().filter_map(|estimate| {
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
             let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
@@ -213,7 +213,6 @@ impl Snapshot {
             Some([below, above]).filter(|_| estimate.patch == [32, 32])
         });
         self.bracket = brackets.into_iter().next().or(self.bracket);
-        self.fitted = smallest.or(self.fitted);
         let bits = |bound: &NamedBound| Bits { bits: bound.bits_per_pixel, interval_95: bound.interval_95 };
         let live = newest.and_then(|live| live.value.lower.as_ref().map(bits));
         let above = newest.and_then(|live| live.value.upper.as_ref().map(bits));

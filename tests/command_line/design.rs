@@ -73,10 +73,15 @@ fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
     let verdict = told["verdict"].as_array().unwrap();
     assert!(verdict.iter().any(|line| line.as_str().unwrap().contains("whole sensor, lower bound")), "{verdict:?}");
 
-    // Nothing is done twice: neither runs nor estimates.
-    let output = bench.run(line.split_whitespace());
-    let told = text(&output.stdout);
-    assert!(told.contains(&format!("1. {name}: ")) && told.contains("its start"), "{told}");
+    // Nothing is done twice, neither runs nor estimates: all tell the time that they took.
+    let again = bench.json(&line);
+    assert_eq!((&again["ranked"], &again["score"]), (&told["ranked"], &told["score"]));
+    let printed = bench.done(&line);
+    assert!(printed.contains(&format!("1. {name}: ")) && printed.contains("its start"), "{printed}");
+    // A comparison that was asked for stays where none is.
+    let brief = bench.json(&line.replace(" --score 0.2s --against 2", ""));
+    assert_eq!(brief["score"], told["score"]);
+    assert!(!bench.path("a/score-1").exists());
     let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
     assert!(sentence.contains("--start random:25"), "{sentence}");
 }
@@ -139,6 +144,7 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --lock 0", "--lock"),
         ("design --out a --score 5", "expected a time"),
         ("design --out a --starts 0", "--starts"),
+        ("design --out a --score none --against 3", "--against"),
         ("design --out a --against 3", "--score"),
         ("design --out a --score 1s --against 10", "from 1 to 9"),
         ("design --out a --free speed", "expected positions"),

@@ -45,7 +45,9 @@ fn a_grid_is_computed_into_one_file_and_tables() {
     let line = "estimate --estimator gaussian --patch 6 --patches-train 200 --patches-test 40 --seed 1";
     let mut alone = bench.json(&format!("{line} --objects beads:0.05 --lenslets heuristic:4"));
     alone["seconds"] = cells(&study)[3]["estimate"]["seconds"].clone();
-    assert_eq!(alone, cells(&study)[3]["estimate"]);
+    for (name, value) in cells(&study)[3]["estimate"].as_object().unwrap() {
+        assert_eq!(&alone[name], value, "{name}");
+    }
     assert_eq!(written(&bench, "a/study.csv").lines().count(), 5);
     assert!(written(&bench, "a/study.md").contains("| beads:0.05 | heuristic:4 | 6 x 6 px |"));
     assert!(!bench.path("a/study.svg").exists());

@@ -218,7 +218,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     };
     let ranked: Vec<RankedStart> = starts.iter().map(found).collect();
     let (starts, settings, ranked) = (starts, settings.clone(), ranked.clone());
-    let order = KeptOrder { starts, settings, at: 1, ranked: ranked.clone() };
+    let order = KeptOrder { starts, settings, at: 1, ranked: ranked.clone(), budget_seconds: None };
     KeptRun::in_folder(&folder.path().join("run")).unwrap().note(&order).unwrap();
 
     let mut window = at_home(folder.path());

@@ -10,7 +10,7 @@ use super::first_mixture::spread_over;
 use super::model::{PixelCnn, check};
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
-use crate::information::fit_keeper::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
+use crate::information::fit_keeper::{FitNumbers, KeptFit, fit_to_bytes, restore_fit, unread};
 use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress};
 use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
 use crate::sensor::Noise;
@@ -272,8 +272,9 @@ impl<'a> Run<'a> {
         if let Some(weights) = best {
             self.best = Some((weights, details.number("best_bits")?));
         }
-        let epochs = serde_json::from_str(details.text("epochs"));
-        let epochs = epochs.map_err(|error| InformationError::Format { reason: error.to_string() })?;
+        let epochs: Result<Vec<(f64, Option<f64>)>, _> = serde_json::from_str(details.text("epochs"));
+        let epochs = epochs.map_err(|error| unread(keeper, &error))?;
+        let epochs = epochs.into_iter().map(|(seconds, bits)| (seconds, bits.unwrap_or(f64::NAN))).collect();
         let best_epoch = details.number("best_epoch")?;
         self.report = FitReport { steps, epochs, best_epoch, refused, cut_short: false };
         let before = nanoseconds("nanoseconds")?;
@@ -285,6 +286,7 @@ impl<'a> Run<'a> {
     fn keep(&mut self, model: &PixelCnn) -> Result<(), InformationError> {
         let Some(keeper) = self.keeper.filter(|keeper| self.kept.elapsed() >= keeper.every()) else { return Ok(()) };
         let report = &self.report;
+        // What is no number is null there.
         let epochs = serde_json::to_string(&report.epochs);
         let mut details = vec![
             ("caution", self.caution.to_string()),

@@ -120,9 +120,10 @@ pub(super) fn score_request(design: &Design, patch: Option<(usize, usize)>) -> E
 }
 
 impl RankedStart {
-    /// What was asked of the estimate.
-    pub fn request(&self) -> EstimateRequest {
-        score_request(&self.design, Some(self.estimate.patch.into()))
+    /// What was asked of the estimates.
+    pub fn requests(&self) -> Vec<EstimateRequest> {
+        let patches = score_request(&self.design, Some(self.estimate.patch.into()));
+        std::iter::once(patches).chain(self.sensor.as_ref().map(|_| score_request(&self.design, None))).collect()
     }
 
     /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being

@@ -52,7 +52,7 @@ impl Designer {
     /// Where another program keeps its runs there.
     pub fn keep_in(&self, folder: KeptRun) -> Result<(), EvaluationError> {
         *lock(&self.lock) = folder.lock()?;
-        if let Some((KeptOrder { starts, settings, at, ranked }, state)) = folder.last() {
+        if let Some((KeptOrder { starts, settings, at, ranked, .. }, state)) = folder.last() {
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
             (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
             run.status = RunStatus::Stopped;
@@ -139,7 +139,7 @@ impl Designer {
             return Err(NO_RESULT.into());
         };
         let before = std::mem::replace(&mut run.status, RunStatus::Running);
-        run.comparison_failure = None;
+        (run.comparison_failure, run.doing) = (None, Some(("Comparing masks".into(), 0.0)));
         self.spawn(run, "Compare the result".into(), move |shared| shared.compute_comparison(&record, before))
     }
 
@@ -302,7 +302,7 @@ mod tests {
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
 
         // It ended when the first had been scored and the second had not begun.
-        kept.note(&KeptOrder { starts, settings, at: 0, ranked: ranked.clone() }).unwrap();
+        kept.note(&KeptOrder { starts, settings, at: 0, ranked: ranked.clone(), budget_seconds: None }).unwrap();
         let designer = self::designer(&kept);
         let run = designer.run().unwrap();
         assert_eq!((run.start_number, run.step, &run.status), ((2, 3), 0, &RunStatus::Stopped));

@@ -73,6 +73,9 @@ pub struct KeptOrder {
     pub at: usize,
     /// Results of the starts that came to their end, the best first.
     pub ranked: Vec<RankedStart>,
+    /// Time for each of their estimates, seconds; none where these take so many steps.
+    #[serde(default)]
+    pub budget_seconds: Option<f64>,
 }
 
 impl KeptRun {

@@ -113,6 +113,7 @@ impl Shared {
         let entry = lock(&self.entry).take();
         self.change(|run| {
             run.status = status;
+            run.pulls = Arc::default();
             run.doing = None;
             run.left = None;
         });
@@ -138,10 +139,11 @@ impl Shared {
                 *lock(&self.kept) = None;
                 self.change(|run| {
                     let (ranked, settings) = (std::mem::take(&mut run.ranked), run.settings.clone());
+                    let comparison = run.comparison.take();
                     // Between two starts it may just have been paused.
                     let (start_number, status) = ((index + 1, starts.len()), run.status.clone());
                     let fresh = DesignRun::new(&start.design, settings, starts.len());
-                    *run = DesignRun { status, start_number, ranked, ..fresh };
+                    *run = DesignRun { status, start_number, ranked, comparison, ..fresh };
                 });
             }
             match self.run_one(start, settings) {
@@ -197,14 +199,36 @@ impl Shared {
             run.record = Some(Arc::clone(&record));
             run.left = None;
         });
-        let (estimate, sensor) = self.score(&design)?;
-        self.change(|run| {
-            let (name, record) = (start.name.clone(), Some(record));
-            run.ranked.push(RankedStart { name, design, estimate, sensor, record });
-            run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
-            run.comparison.take_if(|study| !is_about(study, &run.ranked[0]));
-        });
-        self.keep_order();
+        // It may have been stopped when it was scored in part.
+        let is_this = |result: &RankedStart| result.name == start.name && result.design == design;
+        let known = lock(&self.run).as_ref().and_then(|run| run.ranked.iter().find(|known| is_this(known)).cloned());
+        let known = if let Some(known) = known {
+            known
+        } else {
+            let (name, estimate) = (start.name.clone(), self.score_in_patches(&design)?);
+            let result =
+                RankedStart { name, design: Arc::clone(&design), estimate, sensor: None, record: Some(record) };
+            self.change(|run| {
+                run.ranked.push(result.clone());
+                run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
+                run.comparison.take_if(|study| !is_about(study, &run.ranked[0]));
+            });
+            self.keep_order();
+            result
+        };
+        if known.sensor.is_none() {
+            let sensor = match self.score_whole(&design, &known.estimate) {
+                Err(error) if error.is_cancelled() => return Err(error),
+                // The result stands without it.
+                scored => scored.ok().flatten(),
+            };
+            self.change(|run| {
+                if let Some(result) = run.ranked.iter_mut().find(|result| is_this(result)) {
+                    result.sensor = sensor;
+                }
+            });
+            self.keep_order();
+        }
         Ok(())
     }
 
@@ -213,7 +237,13 @@ impl Shared {
         let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
         if let (Some(folder), Some(DesignRun { settings, start_number, ranked, .. })) = (folder, run) {
             let starts = lock(&self.starts).clone();
-            self.note_kept(folder.note(&KeptOrder { starts, settings, at: start_number.0 - 1, ranked }));
+            self.note_kept(folder.note(&KeptOrder {
+                starts,
+                settings,
+                at: start_number.0 - 1,
+                ranked,
+                budget_seconds: None,
+            }));
         }
     }
 
@@ -222,18 +252,22 @@ impl Shared {
         *lock(&self.keep_failure) = written.err().map(|error| error.to_string());
     }
 
-    /// What a design is worth, by models of its own: in patches, and for whole measurements where these are larger.
-    fn score(&self, design: &Design) -> Result<(Estimate, Option<Estimate>), EvaluationError> {
-        let watch = |place: &str, progress: &EstimateProgress| {
-            let share = progress.done as f64 / progress.total.max(1) as f64;
-            let step = format!("Scoring the result{place}: {}", progress.step);
-            self.tell(&step, share, None);
-            self.change(|run| run.doing = Some((step, share)));
-            self.go_on()
-        };
-        let estimate = score_in_patches(design, None, &mut |progress| watch("", progress))?;
-        let sensor = score_whole(design, &estimate, &mut |progress| watch(" for the whole sensor", progress))?;
-        Ok((estimate, sensor))
+    /// What a design is worth in patches, by models of its own.
+    fn score_in_patches(&self, design: &Design) -> Result<Estimate, EvaluationError> {
+        score_in_patches(design, None, &mut |progress| self.tell_score("", progress))
+    }
+
+    /// The same for whole measurements, where these are larger.
+    fn score_whole(&self, design: &Design, patches: &Estimate) -> Result<Option<Estimate>, EvaluationError> {
+        score_whole(design, patches, &mut |progress| self.tell_score(" for the whole sensor", progress))
+    }
+
+    fn tell_score(&self, place: &str, progress: &EstimateProgress) -> ControlFlow<()> {
+        let share = progress.done as f64 / progress.total.max(1) as f64;
+        let step = format!("Scoring the result{place}: {}", progress.step);
+        self.tell(&step, share, None);
+        self.change(|run| run.doing = Some((step, share)));
+        self.go_on()
     }
 
     /// Waits while the run is paused; breaks off where it is to stop.

@@ -1,0 +1,146 @@
+//! Runs of `design` in their folders, one or several that are ranked.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context;
+
+use super::choices::about_objects;
+use super::output::{self, Meter};
+use crate::design::{IdealProgress, IdealSettings, time_left};
+use crate::workbench::{
+    Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, run_ideal,
+    score_in_patches, spoken,
+};
+
+/// A run in its folder, from where it was stopped there.
+pub(super) fn climb(
+    design: &Design,
+    settings: &IdealSettings,
+    (kept, folder): (&KeptRun, &Path),
+) -> anyhow::Result<IdealRecord> {
+    let from = kept.load()?;
+    let meter = Meter::new();
+    let mut going_on = from.is_some();
+    let folder = folder.display();
+    let mut watch = |progress: &IdealProgress<'_>| {
+        if std::mem::take(&mut going_on) {
+            let step = progress.state.step;
+            meter.tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
+        }
+        meter.show(progress.state.step, settings.steps, &message(progress, settings));
+        ControlFlow::Continue(())
+    };
+    let reading = |_| ControlFlow::Continue(());
+    let record = run_ideal(design, settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
+        .map_err(|error| about_objects(design, error))
+        .with_context(|| format!("{folder}: the run ended"))?;
+    meter.finish();
+    if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
+        let taken = end.step;
+        output::tell(format_args!(
+            "{folder}: the run that is there has taken {taken} steps already, and stays as it is"
+        ));
+    }
+    Ok(record)
+}
+
+/// Writes design, PSF, curve and record.
+pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let mut files = export_design(&record.design(), folder)?;
+    let curve = folder.join("curve.csv");
+    curve_of(record.settings.objective, &record.frames).write(&curve)?;
+    let path = folder.join("run.json");
+    record.save(&path)?;
+    files.extend([curve, path]);
+    Ok(files)
+}
+
+/// What several starts have come to.
+pub(super) struct Ranking {
+    /// The run that led to the best result.
+    pub record: IdealRecord,
+    /// All results, the best first.
+    pub ranked: Vec<RankedStart>,
+    /// Starts without a result.
+    pub failed: usize,
+}
+
+/// The run from a start in its folder, and what its result is worth; that may be `known`.
+fn ranked_start(
+    start: &Start,
+    settings: &IdealSettings,
+    (folder, budget): (&Path, Option<Duration>),
+    known: &[RankedStart],
+) -> anyhow::Result<(IdealRecord, RankedStart)> {
+    let kept = KeptRun::in_folder(folder)?;
+    let _lock = kept.lock()?;
+    let record = climb(&start.design, settings, (&kept, folder))?;
+    write(&record, folder)?;
+    let (name, design) = (start.name.clone(), Arc::new(record.design()));
+    if let Some(result) = known.iter().find(|result| result.name == name && result.design == design) {
+        return Ok((record, result.clone()));
+    }
+    let meter = Meter::new();
+    let estimate = score_in_patches(&design, budget, &mut |progress: &EstimateProgress| {
+        meter.show(progress.done, progress.total, &progress.step);
+        ControlFlow::Continue(())
+    })
+    .map_err(|error| about_objects(&design, error))?;
+    meter.finish();
+    Ok((record, RankedStart { name, design, estimate, sensor: None, record: None }))
+}
+
+/// Runs from several starts in folders of `out`, each result judged by an estimate of this time, or of so many steps that it can be
+/// repeated; `order` keeps what they have come to.
+pub(super) fn rank(
+    starts: &[Start],
+    settings: &IdealSettings,
+    (out, order): (&Path, &KeptRun),
+    budget: Option<Duration>,
+) -> anyhow::Result<Ranking> {
+    let budget_seconds = budget.map(|budget| budget.as_secs_f64());
+    // Results that were ranked before a power cut need not be estimated again.
+    let known = order.last().filter(|(order, _)| order.budget_seconds == budget_seconds);
+    let known = known.map_or_else(Vec::new, |(order, _)| order.ranked);
+    let (mut best, mut ranked, mut failed) = (None, Vec::<RankedStart>::new(), 0);
+    for (at, start) in starts.iter().enumerate() {
+        let folder = out.join(format!("start-{}", at + 1));
+        output::tell(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
+        match ranked_start(start, settings, (&folder, budget), &known) {
+            Ok((record, result)) => {
+                output::tell(format_args!("{}: {}", folder.display(), result.estimate.in_words()));
+                if ranked.iter().all(|other| result.worth() > other.worth()) {
+                    best = Some(record);
+                }
+                ranked.push(result);
+            }
+            // What the others find is worth having.
+            Err(error) if starts.len() - failed > 1 => {
+                failed += 1;
+                output::tell(format_args!("{error:#}"));
+            }
+            Err(error) => return Err(error),
+        }
+        ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
+        let (starts, settings, ranked) = (starts.to_vec(), settings.clone(), ranked.clone());
+        order.note(&KeptOrder { starts, settings, at, ranked, budget_seconds })?;
+    }
+    let record = best.context("--starts: no run has come to its end")?;
+    Ok(Ranking { record, ranked, failed })
+}
+
+fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
+    let state = progress.state;
+    let value = state.frames.last().map_or(String::new(), |frame| {
+        format!("{:.4} bits per pixel, {} lenslets", frame.bits_per_pixel, frame.distinct_lenslets)
+    });
+    let left = time_left(state, settings, progress.seconds)
+        .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));
+    match progress.doing {
+        Some(_) if state.frames.is_empty() => "First fit".into(),
+        _ => format!("{value}{left}"),
+    }
+}
