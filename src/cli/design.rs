@@ -143,6 +143,8 @@ const USUAL_LENSLETS: usize = 25;
 const MOST_STARTS: usize = 1000;
 /// Time for each estimate of result and start, where no comparison was asked for.
 const BRIEF_SCORE: Duration = Duration::from_secs(15);
+/// Test patches of each: those of whole measurements take long.
+const BRIEF_PATCHES: usize = 300;
 
 /// What is told at the end.
 #[derive(Debug, Serialize)]
@@ -306,7 +308,7 @@ impl Arguments {
                 if let Some(there) = there.filter(of_result).filter(|study| study.settings.designs.len() > 2) {
                     return Ok(Some(there));
                 }
-                score_settings(record, &[], BRIEF_SCORE)?
+                StudySettings { patches_test: BRIEF_PATCHES, ..score_settings(record, &[], BRIEF_SCORE)? }
             }
         };
         let mut study = open_score(settings, &self.out)?;
