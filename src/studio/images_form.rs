@@ -52,15 +52,6 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 })
                 .response;
             name_widget(&response, "Estimator of images");
-            let Calibration { gain, offset, bin } = &mut form.calibration;
-            for (name, hint, drag) in [
-                ("gain", "Grey levels per photon", DragValue::new(gain).range(1e-6..=1e6).speed(0.01)),
-                ("offset", "Grey level of no light", DragValue::new(offset).range(-1e6..=1e6).speed(0.1)),
-                ("bin", "Rows and columns of pixels whose photons are added up", DragValue::new(bin).range(1..=64)),
-            ] {
-                ui.label(name);
-                name_widget(&ui.add(drag).on_hover_text(hint), &format!("Images: {name}"));
-            }
             let can_start = form.path.is_some();
             let start = ui.add_enabled(can_start, egui::Button::new("Estimate images"));
             let hint = "Patch and length of the fit are those above, the noise is that of the scene. The noisy images stand in \
@@ -74,6 +65,18 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 if let Err(refusal) = state.bench.order_estimate_of_images(measured, request) {
                     state.messages.push(Severity::Failure, refusal);
                 }
+            }
+        });
+        ui.horizontal(|ui| {
+            let form = &mut state.estimate_form.images;
+            let Calibration { gain, offset, bin } = &mut form.calibration;
+            for (name, hint, drag) in [
+                ("gain", "Grey levels per photon", DragValue::new(gain).range(1e-6..=1e6).speed(0.01)),
+                ("offset", "Grey level of no light", DragValue::new(offset).range(-1e6..=1e6).speed(0.1)),
+                ("bin", "Rows and columns of pixels whose photons are added up", DragValue::new(bin).range(1..=64)),
+            ] {
+                ui.label(name);
+                name_widget(&ui.add(drag).on_hover_text(hint), &format!("Images: {name}"));
             }
         });
         if let Some(path) = &state.estimate_form.images.path {
