@@ -300,12 +300,8 @@ impl Arguments {
             Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
             None => {
                 // One that was asked for before says more.
-                let file = self.out.join(SCORE).join("study.json");
-                let there = StudyRecord::open(&file).ok();
-                let of_result = |study: &StudyRecord| {
-                    study.settings.designs.first().map(|design| &design.encoder) == Some(&record.result)
-                };
-                if let Some(there) = there.filter(of_result).filter(|study| study.settings.designs.len() > 2) {
+                let there = KeptRun::in_folder(&self.out)?.compared(&record.result);
+                if let Some(there) = there.filter(|study| study.settings.designs.len() > 2) {
                     return Ok(Some(there));
                 }
                 StudySettings { patches_test: BRIEF_PATCHES, ..score_settings(record, &[], BRIEF_SCORE)? }

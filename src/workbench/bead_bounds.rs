@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use super::design::Design;
 use super::estimation::read;
 use super::evaluation::EvaluationError;
-use super::kept_fit::KeptEstimate;
+use super::kept_estimate::KeptEstimate;
 use super::live_bounds::{ABOVE, BELOW};
 use super::patch_source::seen_psf;
 use super::progress::{Watch, tell};

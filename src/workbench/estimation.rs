@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::bead_bounds::{DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, share_of};
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_fit::KeptEstimate;
+use super::kept_estimate::KeptEstimate;
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, tell};
 use super::simulation::{imaging, open_set_with};

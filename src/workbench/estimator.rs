@@ -340,17 +340,13 @@ impl Shared {
                 estimate(design, request, &mut watch).map_err(|error| told(error.to_string(), error.is_cancelled()))
             }
         };
-        match estimated {
-            Ok(estimate) => {
-                let mut estimates = lock(&self.estimates);
-                let curve = estimates.running.take().map(|running| running.curve).unwrap_or_default();
-                let text = estimate.in_words();
-                let value = Arc::new(FinishedEstimate { order: order.clone(), estimate, curve });
-                estimates.finished.push(Stamped { revision: order.revision, value });
-                Ok(text)
-            }
-            Err(told) => Err(told),
-        }
+        let estimate = estimated?;
+        let mut estimates = lock(&self.estimates);
+        let curve = estimates.running.take().map(|running| running.curve).unwrap_or_default();
+        let text = estimate.in_words();
+        let value = Arc::new(FinishedEstimate { order: order.clone(), estimate, curve });
+        estimates.finished.push(Stamped { revision: order.revision, value });
+        Ok(text)
     }
 
     fn refine(&self, refiner: &mut Refiner, wanted: &Refine) {

@@ -12,7 +12,7 @@ use thiserror::Error;
 
 use super::estimation::network_trial;
 use super::estimation::{DensityModel, EstimateRequest};
-use super::kept_fit::KeptEstimate;
+use super::kept_estimate::KeptEstimate;
 use super::patch_source::LARGEST_PATCHES_BYTES;
 use super::progress::{Watch, tell};
 use crate::design::derived_seed;
@@ -319,7 +319,8 @@ impl MeasuredImages {
         let mut order: Vec<usize> = (0..images).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
         let parts = order.split_at(test_images);
-        let what = (self.fingerprint(), noise, seed, request.determined_by());
+        let fingerprint = self.fingerprint();
+        let what = (&fingerprint, noise, seed, request.determined_by());
         let mut kept = KeptEstimate::open(request.keep.as_deref(), &what)?;
         let mut trials = Vec::new();
         for index in 0..request.trials.max(1) {
@@ -337,7 +338,7 @@ impl MeasuredImages {
         let provenance = Provenance {
             bias: 0.0,
             objects: format!("the scenes of {} ({images} images of {rows} x {cols} px)", self.path.display()),
-            objects_fingerprint: self.fingerprint(),
+            objects_fingerprint: fingerprint,
             encoder: "unknown mask".into(),
             ceiling: None,
             notes,

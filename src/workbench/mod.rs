@@ -16,7 +16,7 @@ mod first;
 mod history;
 mod ideal;
 mod jobs;
-mod kept_fit;
+mod kept_estimate;
 mod live_bounds;
 mod live_record;
 mod live_subject;

@@ -56,7 +56,7 @@ impl Designer {
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
             (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
             run.status = RunStatus::Stopped;
-            run.comparison = run.ranked.first().and_then(|best| folder.compared(best)).map(Arc::new);
+            run.comparison = run.ranked.first().and_then(|best| folder.compared(&best.design.encoder)).map(Arc::new);
             if let Some((bytes, state)) = state {
                 // One that was to go on after its score has more steps before it, or another mask by now.
                 let found = Encoder::Lenslets(merged_result(&state.array, &run.settings));

@@ -12,7 +12,7 @@ use super::score::is_about;
 use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
 use crate::formats::{FormatError, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
 use crate::objects::Progress;
-use crate::optics::LensletArray;
+use crate::optics::{Encoder, LensletArray};
 use crate::workbench::simulation::{imaging, open_set_with};
 use crate::workbench::study::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::{Design, EvaluationError};
@@ -116,8 +116,8 @@ impl KeptRun {
         }
     }
 
-    /// What was computed of the comparison of a result.
-    pub(super) fn compared(&self, result: &RankedStart) -> Option<StudyRecord> {
+    /// What was computed of the comparison of a result, the mask of a run.
+    pub fn compared(&self, result: &Encoder) -> Option<StudyRecord> {
         let file = self.comparison_folder().join(STUDY_RECORD);
         StudyRecord::open(&file).ok().filter(|study| is_about(study, result))
     }

@@ -211,7 +211,7 @@ impl Shared {
             self.change(|run| {
                 run.ranked.push(result.clone());
                 run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
-                run.comparison.take_if(|study| !is_about(study, &run.ranked[0]));
+                run.comparison.take_if(|study| !is_about(study, &run.ranked[0].design.encoder));
             });
             self.keep_order();
             result

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::design_run::{RankedStart, score_request};
+use super::design_run::score_request;
 use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator};
@@ -52,8 +52,8 @@ pub(super) fn score_whole(
 }
 
 /// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
-/// 32 x 32 px (as far as the measurements are as large) and for the whole sensor where it has at most 32,768 px, with `budget` for each: brackets where the
-/// prior of the objects is known, live estimates otherwise.
+/// 32 x 32 px (as far as the measurements are as large) and for the whole sensor where it has at most 32,768 px, with `budget`
+/// for each: brackets where the prior of the objects is known, live estimates otherwise.
 ///
 /// # Errors
 /// Where the objects cannot be read any more.
@@ -94,9 +94,9 @@ pub fn score_settings(
     })
 }
 
-/// Whether a study of [`score_settings`] is about this result.
-pub(super) fn is_about(study: &StudyRecord, result: &RankedStart) -> bool {
-    study.settings.designs.first().is_some_and(|design| design.encoder == result.design.encoder)
+/// Whether a study of [`score_settings`] is about this mask.
+pub(super) fn is_about(study: &StudyRecord, result: &Encoder) -> bool {
+    study.settings.designs.first().is_some_and(|design| design.encoder == *result)
 }
 
 /// What judges the masks of a design: bounds from both sides where the prior of its objects is known.

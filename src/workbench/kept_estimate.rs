@@ -34,16 +34,16 @@ impl KeptEstimate {
     /// # Errors
     /// Where the file cannot be read, or is that of another estimate.
     pub fn open(path: Option<&Path>, what: &dyn Debug) -> Result<Self, InformationError> {
+        // A mask may be a picture of millions of numbers, which nobody need write out where nothing is kept.
+        let Some(path) = path else { return Ok(Self { path: None, parts: Parts::default() }) };
         let key = key_of(what);
-        let new = || Parts { key: key.clone(), ..Parts::default() };
-        let Some(path) = path else { return Ok(Self { path: None, parts: new() }) };
         let refused = |reason: String| failed(path, &reason);
         let bytes = read_if_there(path).map_err(|error| refused(error.to_string()))?;
         let parts = match bytes {
             Some(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
                 refused(format!("expected the state of an estimate, found another file ({error}); choose another name"))
             })?,
-            None => new(),
+            None => Parts { key: key.clone(), ..Parts::default() },
         };
         if parts.key != key {
             return Err(refused(InformationError::OtherFit.to_string()));
@@ -106,11 +106,7 @@ impl KeptEstimate {
         &mut self,
         compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
     ) -> Result<PosteriorBound, InformationError> {
-        if self.parts.below.is_none() {
-            self.parts.below = Some(compute()?);
-            self.store()?;
-        }
-        self.parts.below.clone().ok_or(InformationError::Empty)
+        self.bound(|parts| &mut parts.below, compute)
     }
 
     /// What it told from above.
@@ -121,11 +117,21 @@ impl KeptEstimate {
         &mut self,
         compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
     ) -> Result<PosteriorBound, InformationError> {
-        if self.parts.above.is_none() {
-            self.parts.above = Some(compute()?);
-            self.store()?;
+        self.bound(|parts| &mut parts.above, compute)
+    }
+
+    fn bound(
+        &mut self,
+        place: fn(&mut Parts) -> &mut Option<PosteriorBound>,
+        compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
+    ) -> Result<PosteriorBound, InformationError> {
+        if let Some(bound) = place(&mut self.parts) {
+            return Ok(bound.clone());
         }
-        self.parts.above.clone().ok_or(InformationError::Empty)
+        let bound = compute()?;
+        *place(&mut self.parts) = Some(bound.clone());
+        self.store()?;
+        Ok(bound)
     }
 
     /// Removes the files, once the estimate has come to its end.
