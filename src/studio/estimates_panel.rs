@@ -55,8 +55,8 @@ impl EstimateForm {
     ];
 
     /// Whether the fit takes so many steps; that of the published model is ended by its protocol or by time.
-    fn counts_steps(&self) -> bool {
-        self.by_steps && self.kind != Estimator::PixelCnn
+    fn counts_steps(&self, kind: Estimator) -> bool {
+        self.by_steps && kind != Estimator::PixelCnn
     }
 
     fn request(&self, engine: EngineChoice) -> EstimateRequest {
@@ -67,7 +67,7 @@ impl EstimateForm {
         let budget = Duration::from_secs_f64(60.0 * self.minutes);
         let model = DensityModel::new(kind, Some(budget), engine);
         EstimateRequest {
-            model: if self.by_steps && kind != Estimator::PixelCnn { model.of_steps(self.steps) } else { model },
+            model: if self.counts_steps(kind) { model.of_steps(self.steps) } else { model },
             protocol: Protocol::Default,
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
             patches_train: 10_000,
@@ -147,7 +147,7 @@ fn order(ui: &mut Ui, state: &mut State) {
             })
             .response;
         name_widget(&response, "Patch");
-        if form.counts_steps() {
+        if form.counts_steps(form.kind) {
             let steps = DragValue::new(&mut form.steps).range(1..=10_000_000).speed(50);
             name_widget(&ui.add(steps), "Steps of the fit");
         } else {
@@ -156,7 +156,7 @@ fn order(ui: &mut Ui, state: &mut State) {
         }
         let can_count = form.kind != Estimator::PixelCnn;
         let response = ComboBox::from_id_salt("length")
-            .selected_text(if form.counts_steps() { "steps" } else { "min" })
+            .selected_text(if form.counts_steps(form.kind) { "steps" } else { "min" })
             .width(52.0)
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut form.by_steps, false, "min")

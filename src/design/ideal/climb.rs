@@ -33,8 +33,9 @@ impl Ideal<'_> {
         self.take_back()
     }
 
-    /// Takes the steps of a round, or one step where the model stays as it is. A density model keeps up with the mask meanwhile; a decoder is fitted for the next round, and
-    /// tells of the scenes of a value through a mask that is `valued`. What it told comes back.
+    /// Takes the steps of a round, or one step where the model stays as it is. A density model keeps up with the mask meanwhile; a
+    /// decoder is fitted for the next round, and tells of the scenes of a value through a mask that is `valued`. What it told
+    /// comes back.
     pub(super) fn climb(&mut self, valued: Option<&LensletArray>, watch: &Watched<'_>) -> Result<Vec<f64>, IdealError> {
         let steps = if self.settings.warm {
             self.settings.refit_every.min(self.settings.steps.saturating_sub(self.state.step))

@@ -19,7 +19,7 @@ use crate::workbench::{Design, EstimateProgress, EvaluationError};
 /// Time between two tellings of a fit's progress; moves of the mask are all told.
 const TELL_EVERY: Duration = Duration::from_millis(100);
 
-/// Time for each estimate of a comparison: of the two of eleven masks, some seven minutes in all.
+/// Time for each fit of a comparison, two for each of eleven masks.
 const COMPARED_FOR: Duration = Duration::from_secs(20);
 
 /// What the thread of runs and the window have in common.
