@@ -15,7 +15,7 @@ use super::layout::Pane;
 use super::messages::Severity;
 use super::state::State;
 use super::viewport::Viewport;
-use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, Snapshots};
+use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
 
 /// Side of the small pictures, points.
 const THUMBNAIL: f32 = 30.0;
@@ -171,7 +171,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
             }
             let text = egui::RichText::new(information(snapshot)).size(11.0);
             ui.label(text).on_hover_text(bounds(snapshot));
-            ui.label(snapshot.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
+            ui.label(snapshot.numbers.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
             let lenslets = snapshot.design.encoder.lenslets();
             ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
                 .on_hover_text(format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects));
@@ -204,10 +204,10 @@ fn information(snapshot: &Snapshot) -> String {
         0.0 => format!("{sign} {:.3}", bound.bits),
         half => format!("{sign} {:.3} \u{b1} {half:.3}", bound.bits),
     };
-    match (snapshot.lower, snapshot.upper()) {
+    match (snapshot.numbers.lower, snapshot.upper()) {
         (Some(lower), Some(upper)) => format!("{}\n{}", bound('\u{2265}', lower), bound('\u{2264}', upper)),
         (None, Some(upper)) => bound('\u{2264}', upper),
-        (_, None) => snapshot.gaussian.map_or("-".into(), |approximation| bound('\u{2248}', approximation)),
+        (_, None) => snapshot.numbers.gaussian.map_or("-".into(), |approximation| bound('\u{2248}', approximation)),
     }
 }
 
@@ -215,20 +215,20 @@ fn information(snapshot: &Snapshot) -> String {
 fn bounds(snapshot: &Snapshot) -> String {
     let line =
         |what: &str, Bits { bits, interval_95: [low, high] }: Bits| format!("{what} {bits:.4} [{low:.4}, {high:.4}]");
-    let mut lines = Vec::new();
-    lines.extend(snapshot.lower.map(|bound| line("At least", bound)));
-    lines.extend(snapshot.sampled.map(|bound| line("By posterior sampling at most", bound)));
-    if let Some([lower, upper]) = snapshot.bracket {
+    let (mut lines, numbers) = (Vec::new(), &snapshot.numbers);
+    lines.extend(numbers.lower.map(|bound| line("At least", bound)));
+    lines.extend(numbers.sampled.map(|bound| line("By posterior sampling at most", bound)));
+    if let Some([lower, upper]) = numbers.bracket {
         lines.push(format!("{}, {}", line("Bracket from", lower), line("to", upper)));
     }
-    lines.extend(snapshot.fitted.map(|bound| line("By an estimate at most", bound)));
-    if let Some((live, settled)) = snapshot.live {
+    lines.extend(numbers.fitted.map(|bound| line("By an estimate at most", bound)));
+    if let Some((live, settled)) = numbers.live {
         let state = if settled { "" } else { ", not settled" };
         lines.push(line("Density model", live) + state);
     }
     let gaussian = if snapshot.gaussian_is_bound() { "Gaussian bound" } else { "Gaussian approximation" };
-    lines.extend(snapshot.gaussian.map(|bits| line(gaussian, bits)));
-    lines.extend(snapshot.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
+    lines.extend(numbers.gaussian.map(|bits| line(gaussian, bits)));
+    lines.extend(numbers.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
     format!("{}\nbits per pixel, 32 x 32 px patches", lines.join("\n"))
 }
 
@@ -359,7 +359,7 @@ fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
 fn scatter(ui: &mut Ui, all: &Snapshots) {
     let (snapshots, scenes) = (&all.entries, all.scenes());
     let points = |value: &dyn Fn(&Snapshot) -> Option<f64>| -> PlotPoints<'static> {
-        snapshots.iter().filter_map(|snapshot| Some([snapshot.tamura?, value(snapshot)?])).collect()
+        snapshots.iter().filter_map(|snapshot| Some([snapshot.numbers.tamura?, value(snapshot)?])).collect()
     };
     Plot::new("Information against Tamura")
         .height(190.0)
@@ -372,17 +372,21 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
         .show(ui, |plot| {
             plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
             for (name, is_bound) in [("Gaussian bound", true), ("Gaussian approximation", false)] {
-                let of = points(&|s| Some(s.gaussian.filter(|_| s.gaussian_is_bound() == is_bound)?.bits));
+                let of = points(&|s| Some(s.numbers.gaussian.filter(|_| s.gaussian_is_bound() == is_bound)?.bits));
                 plot.points(Points::new(name, of).color(GAUSSIAN).radius(2.5));
             }
-            plot.points(Points::new("density model", points(&|s| Some(s.live?.0.bits))).color(DENSITY).radius(3.5));
+            plot.points(
+                Points::new("density model", points(&|s| Some(s.numbers.live?.0.bits))).color(DENSITY).radius(3.5),
+            );
             for snapshot in snapshots {
-                let Some(tamura) = snapshot.tamura else { continue };
-                if let (Some(lower), Some(upper)) = (snapshot.lower, snapshot.upper()) {
+                let SnapshotNumbers { tamura: Some(tamura), lower, live, gaussian, .. } = snapshot.numbers else {
+                    continue;
+                };
+                if let (Some(lower), Some(upper)) = (lower, snapshot.upper()) {
                     let ends: PlotPoints<'_> = vec![[tamura, lower.bits], [tamura, upper.bits]].into();
                     plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(CEILING).width(3.0));
                 }
-                if let Some(Bits { bits, .. }) = snapshot.live.map(|live| live.0).or(snapshot.gaussian) {
+                if let Some(Bits { bits, .. }) = live.map(|live| live.0).or(gaussian) {
                     let text = if scenes.len() > 1 {
                         format!("{} ({})", snapshot.name, letter_of(&scenes, &snapshot.scene))
                     } else {

@@ -1,5 +1,7 @@
 //! Designs that were put aside to be compared, with the numbers they had.
 
+mod numbers;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -14,8 +16,9 @@ use super::export::Curve;
 use super::worker::Live;
 use crate::design::merged;
 use crate::formats::{FormatError, create_folder, read_json};
-use crate::information::{Bracket, NamedBound, Protocol};
 use crate::objects::ObjectSource;
+
+pub use numbers::{Bits, SnapshotNumbers};
 
 /// Least time between two writings of changed numbers.
 const WRITE_EVERY: Duration = Duration::from_secs(3);
@@ -44,42 +47,8 @@ pub struct Snapshot {
     pub optics: Option<Arc<Optics>>,
     /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols); or why there is none.
     pub measurement: Option<Result<Array2<f32>, String>>,
-    /// Fingerprint of the objects that the numbers below are of.
-    objects: Option<String>,
-    /// Mean Tamura coefficient of its measurements.
-    pub tamura: Option<f64>,
-    /// Gaussian bound, or approximation.
-    pub gaussian: Option<Bits>,
-    /// Whether that is a bound, where it is known.
-    gaussian_is_bound: Option<bool>,
-    /// Object-entropy ceiling, bits per pixel.
-    pub ceiling: Option<f64>,
-    /// Live estimate, and whether it has settled.
-    pub live: Option<(Bits, bool)>,
-    /// Upper bound by posterior sampling.
-    pub sampled: Option<Bits>,
-    /// Largest lower bound of 32 x 32 px patches.
-    pub lower: Option<Bits>,
-    /// Lower and upper bound of its last bracket of 32 x 32 px patches.
-    pub bracket: Option<[Bits; 2]>,
-    /// Smallest upper bound by finished estimates of 32 x 32 px patches.
-    pub fitted: Option<Bits>,
-}
-
-/// Bits per pixel with their 95 % interval.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Bits {
-    /// Bits per pixel.
-    pub bits: f64,
-    /// 95 % interval.
-    pub interval_95: [f64; 2],
-}
-
-impl Bits {
-    /// Half the width of the interval.
-    pub fn half_width(&self) -> f64 {
-        0.5 * (self.interval_95[1] - self.interval_95[0])
-    }
+    /// What was computed of it.
+    pub numbers: SnapshotNumbers,
 }
 
 /// Objects, light, noise and seed of a design, in words.
@@ -96,19 +65,20 @@ fn scene_of(design: &Design) -> String {
 impl Snapshot {
     /// The smallest of its upper bounds.
     pub fn upper(&self) -> Option<Bits> {
-        let bracket = self.bracket.map(|bracket| bracket[1]);
+        let SnapshotNumbers { gaussian, ceiling, live, sampled, bracket, fitted, .. } = self.numbers;
         // Nothing is sampled for the ceiling.
-        let ceiling = self.ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
-        let gaussian = self.gaussian.filter(|_| self.gaussian_is_bound());
-        let known = [self.live.map(|live| live.0), gaussian, ceiling, self.sampled, bracket, self.fitted];
+        let ceiling = ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
+        let gaussian = gaussian.filter(|_| self.gaussian_is_bound());
+        let bracket = bracket.map(|bracket| bracket[1]);
+        let known = [live.map(|live| live.0), gaussian, ceiling, sampled, bracket, fitted];
         known.into_iter().flatten().min_by(|one, other| one.bits.total_cmp(&other.bits))
     }
 
-    /// Whether [`Snapshot::gaussian`] is a bound. Numbers of earlier versions do not say so; whole pictures may be behind
-    /// files of pictures.
+    /// Whether the Gaussian number is a bound. Numbers of earlier versions do not say so; whole pictures may be behind files
+    /// of pictures.
     pub fn gaussian_is_bound(&self) -> bool {
         let whole = matches!(self.design.objects, ObjectSource::Images(_) | ObjectSource::Stack(_));
-        self.gaussian_is_bound.unwrap_or(!whole)
+        self.numbers.gaussian_is_bound.unwrap_or(!whole)
     }
 
     /// Whether its measurement is missing and nobody has asked for it.
@@ -120,9 +90,9 @@ impl Snapshot {
 
     fn take_up(&mut self, live: &Live, estimates: &Estimates) {
         let Some(revision) = self.revision else { return };
-        let before = self.kept();
+        let before = self.numbers.clone();
         self.take_up_numbers(revision, live, estimates);
-        self.changed |= self.kept() != before;
+        self.changed |= self.numbers != before;
     }
 
     /// Renders the PSF of a snapshot of another day, once. Tells whether there was anything to do: it takes milliseconds, or
@@ -149,97 +119,22 @@ impl Snapshot {
         self.revision = Some(revision);
     }
 
-    fn kept(&self) -> Numbers {
-        Numbers {
-            objects: self.objects.clone(),
-            tamura: self.tamura,
-            gaussian: self.gaussian,
-            gaussian_is_bound: self.gaussian_is_bound,
-            ceiling: self.ceiling,
-            live: self.live,
-            sampled: self.sampled,
-            lower: self.lower,
-            bracket: self.bracket,
-            fitted: self.fitted,
-        }
-    }
-
     fn take_up_numbers(&mut self, revision: u64, live: &Live, estimates: &Estimates) {
         if let Some(optics) = live.optics.as_ref().filter(|optics| optics.revision == revision) {
             self.optics = Some(Arc::clone(&optics.value));
         }
-        if let Some(scene) = live.scene.as_ref().filter(|scene| scene.revision == revision) {
-            let found = Some(scene.value.set.fingerprint());
-            if self.objects.is_some() && self.objects != found {
-                // What was in the files before says nothing of what is there now.
-                (self.live, self.sampled, self.lower) = (None, None, None);
-                (self.bracket, self.fitted) = (None, None);
-                self.measurement = None;
-            }
-            self.objects = found;
+        if let Some(scene) = live.scene.as_ref().filter(|scene| scene.revision == revision)
+            && self.numbers.are_of(scene.value.set.fingerprint())
+        {
+            self.measurement = None;
         }
-        if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
-            if self.measurement.is_none() {
-                self.measurement = Some(Ok(measurements.value.noisy.index_axis(Axis(0), 0).to_owned()));
-            }
-            self.tamura = Some(measurements.value.tamura.mean);
+        if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision)
+            && self.measurement.is_none()
+        {
+            self.measurement = Some(Ok(measurements.value.noisy.index_axis(Axis(0), 0).to_owned()));
         }
-        if let Some(information) = live.information.as_ref().filter(|information| information.revision == revision) {
-            let (bits, interval_95) = (information.value.gaussian.bits_per_pixel, information.value.interval_95);
-            self.gaussian = Some(Bits { bits, interval_95 });
-            self.gaussian_is_bound = Some(information.value.gaussian_is_bound);
-            self.ceiling = information.value.ceiling_bits();
-        }
-        // What has settled gives way to what has settled, not to the first numbers of another fit.
-        let has_settled = self.live.is_some_and(|(_, settled)| settled);
-        let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
-        let newest = newest.filter(|live| live.value.remaining.is_none() || !has_settled);
-        if let Some(live) = newest {
-            let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
-            self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
-        }
-        let finished = || {
-            let of_design = estimates.finished.iter().rev().filter(|done| done.value.is_of(&self.design, live));
-            of_design.map(|done| &done.value.estimate)
-        };
-        let fitted = finished()
-            .filter(|estimate| estimate.patch == [32, 32] && estimate.protocol == Protocol::Default)
-            .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 });
-        self.fitted = fitted.chain(self.fitted).min_by(|one, other| one.bits.total_cmp(&other.bits));
-        let brackets = finished().filter_map(|estimate| {
-            let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
-            let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
-            let above = Bits { bits: *upper, interval_95: *upper_interval_95 };
-            Some([below, above]).filter(|_| estimate.patch == [32, 32])
-        });
-        self.bracket = brackets.into_iter().next().or(self.bracket);
-        let bits = |bound: &NamedBound| Bits { bits: bound.bits_per_pixel, interval_95: bound.interval_95 };
-        let live = newest.and_then(|live| live.value.lower.as_ref().map(bits));
-        let above = newest.and_then(|live| live.value.upper.as_ref().map(bits));
-        self.sampled = above.or(self.sampled);
-        let before = self.lower.filter(|_| newest.is_none());
-        let known = [live, self.bracket.map(|bracket| bracket[0]), before];
-        let largest = known.into_iter().flatten().max_by(|one, other| one.bits.total_cmp(&other.bits));
-        self.lower = largest.or(self.lower);
+        self.numbers.take_up((&self.design, revision), live, estimates);
     }
-}
-
-/// What was computed of a snapshot.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Numbers {
-    #[serde(default)]
-    objects: Option<String>,
-    tamura: Option<f64>,
-    gaussian: Option<Bits>,
-    #[serde(default)]
-    gaussian_is_bound: Option<bool>,
-    ceiling: Option<f64>,
-    live: Option<(Bits, bool)>,
-    sampled: Option<Bits>,
-    lower: Option<Bits>,
-    bracket: Option<[Bits; 2]>,
-    #[serde(default)]
-    fitted: Option<Bits>,
 }
 
 /// A snapshot as it stands in its file.
@@ -247,7 +142,7 @@ struct Numbers {
 struct Kept {
     name: String,
     design: Arc<Design>,
-    /// [`Numbers`]; those of another version are left out, and come again when the design is opened.
+    /// [`SnapshotNumbers`]; those of another version are left out, and come again when the design is opened.
     #[serde(flatten)]
     numbers: serde_json::Value,
 }
@@ -304,16 +199,7 @@ impl Snapshots {
             asked: false,
             optics: None,
             measurement: None,
-            objects: None,
-            tamura: None,
-            gaussian: None,
-            gaussian_is_bound: None,
-            ceiling: None,
-            live: None,
-            sampled: None,
-            lower: None,
-            bracket: None,
-            fitted: None,
+            numbers: SnapshotNumbers::default(),
         };
         snapshot.take_up(live, estimates);
         self.entries.push(snapshot);
@@ -341,18 +227,6 @@ impl Snapshots {
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
             let numbers = serde_json::from_value(numbers).unwrap_or_default();
-            let Numbers {
-                objects,
-                tamura,
-                gaussian,
-                gaussian_is_bound,
-                ceiling,
-                live,
-                sampled,
-                lower,
-                bracket,
-                fitted,
-            } = numbers;
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
@@ -365,16 +239,7 @@ impl Snapshots {
                 asked: false,
                 optics: None,
                 measurement: None,
-                objects,
-                tamura,
-                gaussian,
-                gaussian_is_bound,
-                ceiling,
-                live,
-                sampled,
-                lower,
-                bracket,
-                fitted,
+                numbers,
             });
         }
         let read = all.entries.len();
@@ -411,7 +276,8 @@ impl Snapshots {
             std::mem::take(&mut self.deleted).into_iter().map(|file| (file, None)).collect();
         for snapshot in self.entries.iter_mut().filter(|snapshot| snapshot.changed) {
             snapshot.changed = false;
-            let (name, design, numbers) = (snapshot.name.clone(), Arc::clone(&snapshot.design), snapshot.kept());
+            let (name, design, numbers) =
+                (snapshot.name.clone(), Arc::clone(&snapshot.design), snapshot.numbers.clone());
             let text = move || {
                 let numbers = serde_json::to_value(numbers).ok()?;
                 serde_json::to_string(&Kept { name, design, numbers }).ok()
@@ -483,13 +349,13 @@ impl Snapshots {
                 known(array.map(|array| array.lenslets.len() as f64)),
                 known(array.map(|array| merged(array).effective_count())),
             ];
-            row.extend(three(snapshot.live.map(|live| live.0)));
-            row.push(known(snapshot.gaussian.map(|bound| bound.bits)));
+            row.extend(three(snapshot.numbers.live.map(|live| live.0)));
+            row.push(known(snapshot.numbers.gaussian.map(|bound| bound.bits)));
             row.push(f64::from(u8::from(snapshot.gaussian_is_bound())));
-            row.push(known(snapshot.ceiling));
-            row.extend(three(snapshot.lower));
+            row.push(known(snapshot.numbers.ceiling));
+            row.extend(three(snapshot.numbers.lower));
             row.extend(three(snapshot.upper()));
-            row.push(known(snapshot.tamura));
+            row.push(known(snapshot.numbers.tamura));
             row.push(
                 scenes.iter().position(|known| *known == snapshot.scene).map_or(f64::NAN, |scene| (scene + 1) as f64),
             );

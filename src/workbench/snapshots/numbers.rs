@@ -1,0 +1,111 @@
+//! What was computed of a design that was put aside.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::information::{Bracket, NamedBound, Protocol};
+use crate::workbench::design::Design;
+use crate::workbench::estimator::Estimates;
+use crate::workbench::worker::Live;
+
+/// Bits per pixel with their 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bits {
+    /// Bits per pixel.
+    pub bits: f64,
+    /// 95 % interval.
+    pub interval_95: [f64; 2],
+}
+
+impl Bits {
+    /// Half the width of the interval.
+    pub fn half_width(&self) -> f64 {
+        0.5 * (self.interval_95[1] - self.interval_95[0])
+    }
+}
+
+/// Numbers of a design, in bits per pixel but for the Tamura coefficient.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SnapshotNumbers {
+    /// Fingerprint of the objects that the others are of.
+    #[serde(default)]
+    pub(super) objects: Option<String>,
+    /// Mean Tamura coefficient of its measurements.
+    pub tamura: Option<f64>,
+    /// Gaussian bound, or approximation.
+    pub gaussian: Option<Bits>,
+    /// Whether that is a bound, where it is known.
+    #[serde(default)]
+    pub(super) gaussian_is_bound: Option<bool>,
+    /// Object-entropy ceiling.
+    pub ceiling: Option<f64>,
+    /// Live estimate, and whether it has settled.
+    pub live: Option<(Bits, bool)>,
+    /// Upper bound by posterior sampling.
+    pub sampled: Option<Bits>,
+    /// Largest lower bound of 32 x 32 px patches.
+    pub lower: Option<Bits>,
+    /// Lower and upper bound of its last bracket of 32 x 32 px patches.
+    pub bracket: Option<[Bits; 2]>,
+    /// Smallest upper bound by finished estimates of 32 x 32 px patches.
+    #[serde(default)]
+    pub fitted: Option<Bits>,
+}
+
+impl SnapshotNumbers {
+    /// Numbers of other objects than those of this fingerprint go: what was in the files before says nothing of what is
+    /// there now. Tells whether they went.
+    pub(super) fn are_of(&mut self, objects: String) -> bool {
+        let others = self.objects.as_ref().is_some_and(|before| *before != objects);
+        if others {
+            *self = Self::default();
+        }
+        self.objects = Some(objects);
+        others
+    }
+
+    /// Takes up what has become known of the open design, of this revision.
+    pub(super) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), live: &Live, estimates: &Estimates) {
+        if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
+            self.tamura = Some(measurements.value.tamura.mean);
+        }
+        if let Some(information) = live.information.as_ref().filter(|information| information.revision == revision) {
+            let (bits, interval_95) = (information.value.gaussian.bits_per_pixel, information.value.interval_95);
+            self.gaussian = Some(Bits { bits, interval_95 });
+            self.gaussian_is_bound = Some(information.value.gaussian_is_bound);
+            self.ceiling = information.value.ceiling_bits();
+        }
+        // What has settled gives way to what has settled, not to the first numbers of another fit.
+        let has_settled = self.live.is_some_and(|(_, settled)| settled);
+        let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
+        let newest = newest.filter(|live| live.value.remaining.is_none() || !has_settled);
+        if let Some(live) = newest {
+            let (bits, interval_95) = (live.value.bits_per_pixel, live.value.interval_95);
+            self.live = Some((Bits { bits, interval_95 }, live.value.remaining.is_none()));
+        }
+        let finished = || {
+            let of_design = estimates.finished.iter().rev().filter(|done| done.value.is_of(design, live));
+            of_design.map(|done| &done.value.estimate)
+        };
+        let fitted = finished()
+            .filter(|estimate| estimate.patch == [32, 32] && estimate.protocol == Protocol::Default)
+            .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 });
+        self.fitted = fitted.chain(self.fitted).min_by(|one, other| one.bits.total_cmp(&other.bits));
+        let brackets = finished().filter_map(|estimate| {
+            let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
+            let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
+            let above = Bits { bits: *upper, interval_95: *upper_interval_95 };
+            Some([below, above]).filter(|_| estimate.patch == [32, 32])
+        });
+        self.bracket = brackets.into_iter().next().or(self.bracket);
+        let bits = |bound: &NamedBound| Bits { bits: bound.bits_per_pixel, interval_95: bound.interval_95 };
+        let live = newest.and_then(|live| live.value.lower.as_ref().map(bits));
+        let above = newest.and_then(|live| live.value.upper.as_ref().map(bits));
+        self.sampled = above.or(self.sampled);
+        let before = self.lower.filter(|_| newest.is_none());
+        let known = [live, self.bracket.map(|bracket| bracket[0]), before];
+        let largest = known.into_iter().flatten().max_by(|one, other| one.bits.total_cmp(&other.bits));
+        self.lower = largest.or(self.lower);
+    }
+}
