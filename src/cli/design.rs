@@ -64,6 +64,13 @@ pub struct Arguments {
     #[arg(long)]
     patch: Option<PatchChoice>,
 
+    /// Other settings of the preset, by their names in the record of a run, separated by commas: objects, patches and moves of
+    /// a step, refit_every (steps of a round), first_fit, refit and last_fit (steps of fits), warm (true or false), settle
+    /// (share of the steps in which rates fall), rates.position, rates.variance, rates.weight, rates.relative_weight.
+    #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
+    #[allow(clippy::doc_markdown, reason = "the command line prints it as it stands")]
+    set: Vec<SettingChoice>,
+
     /// What may change: positions, widths and weights, separated by commas.
     #[arg(long, value_name = "PARAMETERS")]
     free: Option<FreeChoice>,
@@ -113,6 +120,24 @@ impl FromStr for ScoreChoice {
 
     fn from_str(text: &str) -> Result<Self, String> {
         if text == "none" { Ok(Self(None)) } else { text.parse().map(|budget| Self(Some(budget))) }
+    }
+}
+
+/// A setting of the schedule and its value.
+#[derive(Clone, Debug)]
+struct SettingChoice {
+    name: String,
+    value: String,
+}
+
+impl FromStr for SettingChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Some((name, value)) = text.split_once('=') else {
+            return Err(format!("{text:?}: expected NAME=VALUE, such as refit_every=10"));
+        };
+        Ok(Self { name: name.trim().to_owned(), value: value.trim().to_owned() })
     }
 }
 
@@ -242,6 +267,9 @@ impl Arguments {
                 Some(PublishedSet::Cifar10) => Rates::PAPER_CIFAR,
                 Some(PublishedSet::Fashion) | None => Rates::PAPER,
             };
+        }
+        for SettingChoice { name, value } in &self.set {
+            preset = preset.set(name, value).map_err(anyhow::Error::msg)?;
         }
         let settings = IdealSettings {
             steps: self.steps.unwrap_or(preset.steps),

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
 use super::measured::{Calibration, MeasuredOrder};
-use crate::design::{Free, IdealEvent, IdealSettings, Rates};
+use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
 
@@ -114,8 +114,16 @@ fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, Stri
         flags.push("--anisotropic".into());
     }
     let published = [(Rates::PAPER_MNIST, "mnist"), (Rates::PAPER_CIFAR, "cifar10")];
-    let published = published.into_iter().find(|(rates, _)| *rates == settings.rates);
+    let published =
+        published.into_iter().find(|(rates, _)| settings.preset == Preset::Paper && *rates == settings.rates);
     flags.extend(published.map(|(_, name)| format!("--published-as {name}")));
+    let preset = IdealSettings::new(settings.preset, settings.objective, settings.seed);
+    let preset = IdealSettings { rates: published.map_or(preset.rates, |(rates, _)| rates), ..preset };
+    let set: Vec<String> =
+        settings.set_apart_from(&preset).into_iter().map(|(name, value)| format!("{name}={value}")).collect();
+    if !set.is_empty() {
+        flags.push(format!("--set {}", set.join(",")));
+    }
     flags.push("--score none --out run".into());
     // A run takes its seed from the design.
     let start = Design { seed: settings.seed, ..start.clone() };
@@ -164,7 +172,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::design::{Objective, Preset};
+    use crate::design::Objective;
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
@@ -215,10 +223,13 @@ mod tests {
         let mut settings = IdealSettings::new(Preset::Default, Objective::Posterior, 11);
         settings.locked = vec![0, 4];
         settings.free.widths = false;
+        settings.refit = 70;
+        settings.rates.position = 0.05;
         let text = run_command(&design, &settings, &[]).unwrap();
         let (head, rest) = text.split_once(" <<'END'\n").unwrap();
         assert!(head.starts_with("lenslet-studio design - --preset default --objective posterior --steps"), "{head}");
         assert!(head.contains("--free positions,weights --lock 1,5") && head.ends_with("--out run"), "{head}");
+        assert!(head.contains("--set refit=70,rates.position=0.05 "), "{head}");
         let value = serde_json::from_str(rest.strip_suffix("\nEND").unwrap()).unwrap();
         assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design.clone() });
         // One that went on beyond its end.

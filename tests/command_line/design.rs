@@ -41,6 +41,14 @@ fn a_run_leaves_design_pictures_curve_and_record() {
     let told = bench.done(&format!("{TINY} --steps 12 --out a"));
     assert!(told.contains("upper bound by the run's density model") && told.contains("12 steps"), "{told}");
 
+    // The schedule is the user's.
+    let told = bench.json(&format!("{TINY} --set refit_every=2,refit=3,rates.position=0.25 --steps 4 --out set"));
+    let settings = &told["record"]["settings"];
+    assert_eq!((&settings["refit_every"], &settings["refit"]), (&json!(2), &json!(3)));
+    assert_eq!(settings["rates"]["position"], json!(0.25));
+    let steps: Vec<&Value> = told["record"]["frames"].as_array().unwrap().iter().map(|frame| &frame["step"]).collect();
+    assert_eq!(steps, [&json!(0), &json!(2), &json!(4)]);
+
     // Another run has no place in this folder.
     let sentence = bench.refused(&format!("{TINY} --steps 12 --free positions --out a"));
     assert!(sentence.contains("not the state of this run"), "{sentence}");
@@ -145,6 +153,10 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --noise none", "noise"),
         ("design --out a --steps 0", "steps is 0"),
         ("design --out a --lock 26", "locked is 26"),
+        ("design --out a --set refit", "expected NAME=VALUE"),
+        ("design --out a --set steps=3", "expected one of objects, patches"),
+        ("design --out a --set refit=0", "refit is 0"),
+        ("design --out a --set warm=1", "expected true or false"),
         ("design --out a --lock 0", "--lock"),
         ("design --out a --score 5", "expected a time"),
         ("design --out a --starts 0", "--starts"),
