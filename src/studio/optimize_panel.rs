@@ -208,12 +208,60 @@ fn details(ui: &mut Ui, state: &mut State) {
                 name_widget(&ui.add(DragValue::new(count).range(1..=64).suffix(" lenslets")), "Lenslets in the end");
             }
         });
+        schedule(ui, settings);
         let text = match locked {
             0 => "No lenslet is locked".to_owned(),
             1 => "One locked lenslet stays as it is".to_owned(),
             _ => format!("{locked} locked lenslets stay as they are"),
         };
         ui.weak(text).on_hover_text("The Lenslets room locks them; it counts where the run starts from this design");
+    });
+}
+
+/// When what the mask climbs is fitted, and how fast lenslets move; as the preset says where nobody says otherwise.
+fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
+    let preset = IdealSettings::new(settings.preset, settings.objective, settings.seed);
+    ui.collapsing("Schedule and rates", |ui| {
+        egui::Grid::new("schedule").num_columns(2).show(ui, |ui| {
+            let counts = [
+                ("Refit every", &mut settings.refit_every, "Steps of the mask between two fits of what it climbs"),
+                ("First fit", &mut settings.first_fit, "Steps of the fit to the mask at the start"),
+                ("Refit", &mut settings.refit, "Steps of each fit on the way"),
+                ("Last fit", &mut settings.last_fit, "Steps of the fit to the mask in the end"),
+            ];
+            for (name, count, hint) in counts {
+                let label = ui.label(name).on_hover_text(hint);
+                ui.add(DragValue::new(count).range(1..=IdealSettings::MOST).suffix(" steps")).labelled_by(label.id);
+                ui.end_row();
+            }
+            let Rates { position, variance, weight, relative_weight } = &mut settings.rates;
+            let rates = [
+                ("Position rate", position, " px", "How far a centre moves in one step, about"),
+                ("Variance rate", variance, " px\u{b2}", "How much a squared width changes in one step, about"),
+                ("Weight rate", weight, "", "How much a weight changes in one step, about; all weights sum to 1"),
+                ("Relative weight rate", relative_weight, "", "Least change of a weight in one step, as a share of it"),
+            ];
+            for (name, rate, unit, hint) in rates {
+                let label = ui.label(name).on_hover_text(hint);
+                let speed = (0.02 * *rate).max(1e-5);
+                let value = DragValue::new(rate).range(0.0..=10.0).speed(speed).max_decimals(6).suffix(unit);
+                ui.add(value).labelled_by(label.id);
+                ui.end_row();
+            }
+            let label =
+                ui.label("Settle over").on_hover_text("Share of the steps, at the end, over which the rates fall");
+            let mut percent = 100.0 * settings.settle;
+            let value = DragValue::new(&mut percent).range(0.0..=100.0).suffix(" %");
+            if ui.add(value).labelled_by(label.id).changed() {
+                settings.settle = percent / 100.0;
+            }
+            ui.end_row();
+        });
+        ui.checkbox(&mut settings.warm, "warm").on_hover_text("Every fit goes on from the one before it");
+        let set = settings.set_apart_from(&preset);
+        if ui.add_enabled(!set.is_empty(), egui::Button::new("As the preset")).clicked() {
+            *settings = settings.clone().turned_to(settings.preset, settings.objective);
+        }
     });
 }
 

@@ -12,6 +12,32 @@ use lenslet_studio::workbench::{
 };
 
 #[test]
+fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
+    let mut window = open_sized(Design::default(), Vec2::new(1280.0, 1400.0));
+    let started = |window: &mut Window, button: &str| {
+        click(window, button);
+        wait_for(window, "the run", |window| studio(window).bench().run().is_some_and(|run| run.step > 0));
+        click(window, "Stop run");
+        wait_for(window, "its end", |window| {
+            studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
+        });
+        let run = studio(window).bench().run().unwrap();
+        (run.settings.refit_every, run.settings.rates.position, run.settings.settle)
+    };
+    for name in ["Optimize", "Details", "16 px", "Schedule and rates"] {
+        click(&mut window, name);
+    }
+    type_number(&mut window, "Refit every", "7");
+    type_number(&mut window, "Position rate", "0.25");
+    type_number(&mut window, "Settle over", "50");
+    assert_eq!(started(&mut window, "Start run"), (7, 0.25, 0.5));
+    click(&mut window, "As the preset");
+    click(&mut window, "Start run");
+    let preset = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
+    assert_eq!(started(&mut window, "Start anew"), (preset.refit_every, preset.rates.position, preset.settle));
+}
+
+#[test]
 fn a_run_is_started_watched_rewound_and_undone() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
