@@ -7,7 +7,7 @@ mod training;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use lenslet_studio::information::{PixelCnnFit, PixelCnnShape, TrainingPatches};
+use lenslet_studio::information::{BurnDevice, EngineChoice, PixelCnnFit, PixelCnnShape, TrainingPatches};
 use ndarray::Array3;
 use training::{Gradients, products_alone, training_time};
 
@@ -26,13 +26,21 @@ fn shapes(vertical: &[(usize, usize)]) -> Vec<(usize, usize)> {
     shapes
 }
 
-/// Time of `steps` steps of a fit.
-fn time_of_steps(patches: &Array3<f32>, steps: u64) -> Duration {
+/// Time of `steps` steps of a fit on this engine.
+fn time_of_steps(patches: &Array3<f32>, engine: EngineChoice, steps: u64) -> Duration {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     training_time(steps, |on_progress| {
-        let fit = PixelCnnFit::paper(1).fit(PixelCnnShape::default(), 1.0, training, None, on_progress);
+        let fit = PixelCnnFit { engine, steps_per_epoch: 1 << 20, ..PixelCnnFit::paper(1) };
+        let fit = fit.fit(PixelCnnShape::default(), 1.0, training, None, on_progress);
         assert!(fit.is_err(), "stopped before the first epoch ends");
     })
+}
+
+/// The graphics cards that this program was built for and this machine has.
+fn cards() -> Vec<EngineChoice> {
+    let cards = [BurnDevice::Wgpu, BurnDevice::Cuda].map(EngineChoice::Burn);
+    let built = EngineChoice::built();
+    cards.into_iter().filter(|card| built.contains(card) && card.open().is_ok()).collect()
 }
 
 fn training_step(criterion: &mut Criterion) {
@@ -45,8 +53,13 @@ fn training_step(criterion: &mut Criterion) {
         let patches =
             Array3::from_shape_fn((2 * BATCH, side, side), |(n, r, c)| ((n * 31 + r * 7 + c * 13) % 97) as f32);
         group.bench_with_input(BenchmarkId::new("step", side), &side, |bencher, _| {
-            bencher.iter_custom(|steps| time_of_steps(&patches, steps));
+            bencher.iter_custom(|steps| time_of_steps(&patches, EngineChoice::Cpu, steps));
         });
+        for card in cards() {
+            group.bench_with_input(BenchmarkId::new(format!("step on {card}"), side), &side, |bencher, _| {
+                bencher.iter_custom(|steps| time_of_steps(&patches, card, steps));
+            });
+        }
         for (name, shapes) in [("products alone", &filtered), ("products without filtering", &plain)] {
             group.bench_with_input(BenchmarkId::new(name, side), &side, |bencher, _| {
                 bencher.iter(|| products_alone(shapes, CHUNK, BATCH * side * side / CHUNK, Gradients::All));

@@ -15,10 +15,18 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Poisson, StandardNormal};
 
-/// The engines that this program was built with and any machine has.
+/// The engines that this program was built with and this machine has; only a graphics card may be missing.
 fn engines() -> Vec<EngineChoice> {
     let cards = [BurnDevice::Wgpu, BurnDevice::Cuda].map(EngineChoice::Burn);
-    EngineChoice::built().into_iter().filter(|engine| !cards.contains(engine)).collect()
+    let here = |engine: &EngineChoice| match engine.open() {
+        Ok(_) => true,
+        Err(missing) if cards.contains(engine) => {
+            println!("{engine} is not tested: {missing}");
+            false
+        }
+        Err(error) => panic!("{error}"),
+    };
+    EngineChoice::built().into_iter().filter(here).collect()
 }
 
 fn small_model(seed: u64) -> (PixelCnn, Array3<f32>) {

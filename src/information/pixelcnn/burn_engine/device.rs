@@ -62,10 +62,14 @@ fn cuda() -> Result<Device, InformationError> {
     Err(InformationError::EngineNotBuilt { engine: EngineChoice::Burn(BurnDevice::Cuda), feature: "cuda" })
 }
 
-/// The first NVIDIA card.
+/// The first NVIDIA card, if there is one.
 #[cfg(feature = "cuda")]
 fn cuda() -> Result<Device, InformationError> {
-    Ok(Device::cuda(0))
+    use burn::tensor::DeviceType;
+    Device::enumerate(DeviceType::Cuda).into_vec().into_iter().next().ok_or_else(|| InformationError::Engine {
+        engine: EngineChoice::Burn(BurnDevice::Cuda),
+        reason: "no NVIDIA card with its driver was found; choose burn:wgpu or cpu".into(),
+    })
 }
 
 #[cfg(test)]

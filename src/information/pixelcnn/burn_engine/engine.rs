@@ -2,7 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData, Transaction};
 use ndarray::{ArrayView3, Axis};
 
 use super::super::engine::{BurnDevice, Engine, EngineChoice};
@@ -50,6 +50,8 @@ impl BurnEngine {
                 text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the device failed").to_owned()
             }
         };
+        // What follows tells where in the libraries it happened.
+        let told = told.lines().next().unwrap_or_default();
         let reason = format!("{told}; check its driver and free memory, or choose the engine cpu");
         Err(InformationError::Engine { engine: self.choice, reason })
     }
@@ -96,14 +98,27 @@ impl Engine for BurnEngine {
             let mut nats = 0.0;
             for (index, part) in patches.axis_chunks_iter(Axis(0), samples_per_chunk(pixels)).enumerate() {
                 let Scored { values, losses } = Self::losses(model, &network, &device, part);
-                nats += sums(losses.clone(), part.len())?[0];
-                let gradients = (losses.sum() * weight).backward();
-                network.add_gradients(&model.layers, &gradients, gradient)?;
+                let gradients = (losses.clone().sum() * weight).backward();
+                let by_weights = network.gradients(&model.layers, &gradients)?;
+                // All in one reading: the device would be waited for at each.
+                let mut reading = Transaction::default().register(losses.inner());
+                for (_, values) in &by_weights {
+                    reading = reading.register(values.clone());
+                }
+                if by_patch.is_some() {
+                    reading = reading.register(values.grad(&gradients).ok_or("the patches have no gradient")?);
+                }
+                let read = reading.try_execute().map_err(|error| format!("{error:?}"))?;
+                let read = read.iter().map(numbers).collect::<Result<Vec<_>, _>>()?;
+                nats += sums(read[0], part.len())[0];
+                for ((place, _), values) in by_weights.iter().zip(&read[1..]) {
+                    for (out, value) in gradient[place.clone()].iter_mut().zip(*values) {
+                        *out += value;
+                    }
+                }
                 if let Some(by_patch) = &mut by_patch {
-                    let found = values.grad(&gradients).ok_or("the patches have no gradient")?.into_data();
                     let start = index * samples_per_chunk(pixels) * pixels;
-                    let found = found.as_slice::<f32>().map_err(|error| format!("{error:?}"))?;
-                    by_patch[start..start + part.len()].copy_from_slice(found);
+                    by_patch[start..start + part.len()].copy_from_slice(read[1 + by_weights.len()]);
                 }
             }
             Ok(nats / patches.len() as f64)
@@ -121,7 +136,8 @@ impl Engine for BurnEngine {
             let network = Network::new(&model.layers, &model.weights, &self.device);
             let mut bits = Vec::with_capacity(grid.samples);
             for part in patches.axis_chunks_iter(Axis(0), samples_per_chunk(pixels)) {
-                let nats = sums(Self::losses(model, &network, &self.device, part).losses, pixels)?;
+                let losses = Self::losses(model, &network, &self.device, part).losses.into_data();
+                let nats = sums(numbers(&losses)?, pixels);
                 bits.extend(nats.iter().map(|nats| nats / pixels as f64 / std::f64::consts::LN_2));
             }
             Ok(bits)
@@ -134,9 +150,12 @@ fn samples_per_chunk(patch_pixels: usize) -> usize {
     (CHUNK_PIXELS / patch_pixels.max(1)).max(1)
 }
 
+/// What was read from a device.
+fn numbers(data: &TensorData) -> Result<&[f32], String> {
+    data.as_slice::<f32>().map_err(|error| format!("{error:?}"))
+}
+
 /// Sums of every `count` numbers.
-fn sums(values: Tensor<2>, count: usize) -> Result<Vec<f64>, String> {
-    let values = values.into_data();
-    let values = values.as_slice::<f32>().map_err(|error| format!("{error:?}"))?;
-    Ok(values.chunks(count).map(|values| values.iter().map(|&value| f64::from(value)).sum()).collect())
+fn sums(values: &[f32], count: usize) -> Vec<f64> {
+    values.chunks(count).map(|values| values.iter().map(|&value| f64::from(value)).sum()).collect()
 }

@@ -1,5 +1,7 @@
 //! The network as burn modules, made from the layers and weights that every engine shares.
 
+use std::ops::Range;
+
 use burn::module::{Module, Param};
 use burn::tensor::activation::{sigmoid, tanh};
 use burn::tensor::ops::PadMode;
@@ -7,6 +9,9 @@ use burn::tensor::{Device, Gradients, Tensor, TensorData};
 
 use super::super::shape::{Block, Layers};
 use crate::network::{Layer, Taps};
+
+/// Where the numbers of a gradient belong among those of all weights, and the numbers on their device.
+pub(super) type PlacedGradient = (Range<usize>, Tensor<1>);
 
 /// A matrix product with a bias; [`Layer`] is its configuration.
 #[derive(Module, Debug)]
@@ -88,18 +93,25 @@ impl Network {
         self.heads.forward(self.out.forward(rectified))
     }
 
-    /// Adds the gradients by all weights to `gradient`, in canonical order.
-    pub fn add_gradients(&self, layers: &Layers, gradients: &Gradients, gradient: &mut [f32]) -> Result<(), String> {
-        self.first_vertical.add_gradients(&layers.first_vertical, gradients, gradient)?;
-        self.first_horizontal.add_gradients(&layers.first_horizontal, gradients, gradient)?;
-        for (block, config) in self.blocks.iter().zip(&layers.blocks) {
-            block.vertical.add_gradients(&config.vertical, gradients, gradient)?;
-            block.horizontal.add_gradients(&config.horizontal, gradients, gradient)?;
-            block.link.add_gradients(&config.link, gradients, gradient)?;
-            block.output.add_gradients(&config.output, gradients, gradient)?;
+    /// Gradients by all weights as they lie on the device, each with its place in canonical order.
+    pub fn gradients(&self, layers: &Layers, gradients: &Gradients) -> Result<Vec<PlacedGradient>, String> {
+        let blocks = self.blocks.iter().zip(&layers.blocks).flat_map(|(block, config)| {
+            [
+                (&block.vertical, &config.vertical),
+                (&block.horizontal, &config.horizontal),
+                (&block.link, &config.link),
+                (&block.output, &config.output),
+            ]
+        });
+        let first =
+            [(&self.first_vertical, &layers.first_vertical), (&self.first_horizontal, &layers.first_horizontal)];
+        let last = [(&self.out, &layers.out), (&self.heads, &layers.heads)];
+        let mut placed = Vec::new();
+        for (product, config) in first.into_iter().chain(blocks).chain(last) {
+            placed.push((config.kernel.clone(), gradient_by(&product.kernel, gradients)?));
+            placed.push((config.bias.clone(), gradient_by(&product.bias, gradients)?));
         }
-        self.out.add_gradients(&layers.out, gradients, gradient)?;
-        self.heads.add_gradients(&layers.heads, gradients, gradient)
+        Ok(placed)
     }
 }
 
@@ -114,21 +126,11 @@ impl Product {
     fn forward(&self, input: Tensor<2>) -> Tensor<2> {
         input.matmul(self.kernel.val()) + self.bias.val().unsqueeze()
     }
-
-    fn add_gradients(&self, config: &Layer, gradients: &Gradients, gradient: &mut [f32]) -> Result<(), String> {
-        add_gradient(&self.kernel.val(), gradients, &mut gradient[config.kernel.clone()])?;
-        add_gradient(&self.bias.val(), gradients, &mut gradient[config.bias.clone()])
-    }
 }
 
-/// Adds the gradient by `weights` to `out`.
-fn add_gradient<const D: usize>(weights: &Tensor<D>, gradients: &Gradients, out: &mut [f32]) -> Result<(), String> {
-    let values = weights.grad(gradients).ok_or("a weight has no gradient")?.into_data();
-    let values = values.as_slice::<f32>().map_err(|error| format!("{error:?}"))?;
-    for (out, value) in out.iter_mut().zip(values) {
-        *out += value;
-    }
-    Ok(())
+/// The gradient by `weights`, flat.
+fn gradient_by<const D: usize>(weights: &Param<Tensor<D>>, gradients: &Gradients) -> Result<Tensor<1>, String> {
+    Ok(weights.val().grad(gradients).ok_or("a weight has no gradient")?.flatten(0, D - 1))
 }
 
 /// What every pixel of (n, rows, cols, channels) sees, shape (pixels, taps x channels); zeros outside the patch.

@@ -1,0 +1,97 @@
+//! Frames of the window while a run of IDEAL goes on beside it: what one costs, and how many come in time for a screen of
+//! 60 pictures a second. The whole window is drawn by wgpu, on the graphics card where there is one, and read back.
+
+use std::error::Error;
+use std::time::{Duration, Instant};
+
+use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew, wgpu};
+use egui::{Theme, Vec2};
+use egui_kittest::kittest::Queryable;
+use egui_kittest::wgpu::{WgpuTestRenderer, create_render_state};
+use egui_kittest::{Harness, TestRenderer};
+use lenslet_studio::optics::{Encoder, random_layout};
+use lenslet_studio::studio::Studio;
+use lenslet_studio::workbench::Design;
+
+/// The program's own.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// A screen's.
+const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 60);
+const WATCHED: Duration = Duration::from_secs(15);
+const LENSLETS: usize = 25;
+
+type Window = Harness<'static, Option<Studio>>;
+
+fn open(renderer: impl TestRenderer + 'static) -> Window {
+    let design = Design { encoder: Encoder::Lenslets(random_layout(LENSLETS, 1)), ..Design::default() };
+    let builder = Harness::builder().with_size(Vec2::new(1440.0, 900.0)).with_theme(Theme::Dark).renderer(renderer);
+    builder.with_step_dt(FRAME.as_secs_f32()).build_ui_state(
+        move |ui, studio: &mut Option<Studio>| {
+            let open = || Studio::new(ui.ctx(), design.clone(), None).expect("a worker thread");
+            let studio = studio.get_or_insert_with(open);
+            studio.logic(&ui.ctx().clone());
+            studio.ui(ui);
+        },
+        None,
+    )
+}
+
+fn steps(window: &Window) -> usize {
+    window.state().as_ref().and_then(|studio| studio.bench().run()).map_or(0, |run| run.step)
+}
+
+fn click(window: &mut Window, name: &str) {
+    window.get_by_label(name).click();
+    window.run_steps(8);
+}
+
+/// Draws frame after frame, at the pace of a screen, while nothing but the run happens; prints what they cost.
+fn watch(window: &mut Window, name: &str) -> Result<(), String> {
+    let (begun, first_step) = (Instant::now(), steps(window));
+    let mut costs = Vec::new();
+    let mut due = begun;
+    while begun.elapsed() < WATCHED {
+        let start = Instant::now();
+        window.step();
+        window.render()?;
+        costs.push(start.elapsed());
+        due = Instant::now().max(due + FRAME);
+        std::thread::sleep(due - Instant::now());
+    }
+    let seconds = begun.elapsed().as_secs_f64();
+    let in_time = costs.iter().filter(|&&cost| cost <= FRAME).count() as f64 / costs.len() as f64;
+    let rate = costs.len() as f64 / seconds;
+    costs.sort();
+    let at = |share: f64| costs[((costs.len() - 1) as f64 * share) as usize].as_secs_f64() * 1e3;
+    println!(
+        "{name:24} {rate:5.1} frames/s, {:5.1} % in time; ms a frame: median {:.1}, 95 % {:.1}, 99 % {:.1}, most {:.1}; {:.1} steps/s",
+        in_time * 100.0,
+        at(0.5),
+        at(0.95),
+        at(0.99),
+        at(1.0),
+        (steps(window) - first_step) as f64 / seconds
+    );
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let setup = WgpuSetup::CreateNew(WgpuSetupCreateNew::without_display_handle());
+    let state = create_render_state(setup, eframe::egui_wgpu::RendererOptions::default());
+    let wgpu::AdapterInfo { name, driver, backend, .. } = state.adapter.get_info();
+    println!("1440 x 900 px on {name} ({driver}, {backend})");
+    let mut window = open(WgpuTestRenderer::from_render_state(state));
+    window.run_steps(8);
+    watch(&mut window, "live estimate")?;
+    click(&mut window, "Optimize");
+    click(&mut window, "Start run");
+    let begun = Instant::now();
+    while steps(&window) == 0 && begun.elapsed() < Duration::from_mins(2) {
+        window.step();
+        std::thread::sleep(FRAME);
+    }
+    watch(&mut window, "run up the posterior")?;
+    Ok(())
+}
