@@ -75,22 +75,30 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let form = &mut state.optimize_form;
     form.turn_to(form.settings.preset, &state.bench.design().objects);
     let run = state.run.clone();
-    match &run {
-        Some(run) if run.is_active() => progress(ui, state, run),
-        _ => order(ui, state, run.as_ref()),
+    let active = run.as_ref().filter(|run| run.is_active());
+    if let Some(run) = active {
+        progress(ui, state, run);
+        ui.separator();
     }
-    ui.separator();
-    let Some(run) = run else {
-        ui.weak(
-            "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask of \
-             the run is shown in place of your design, which stays as it is until you accept one.",
-        );
-        return;
-    };
-    if let RunStatus::Failed(sentence) = &run.status {
-        ui.colored_label(ui.visuals().error_fg_color, sentence);
-    }
-    run_view::show(ui, state, &run);
+    let room = ui.available_height();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        let top = ui.cursor().top();
+        if active.is_none() {
+            order(ui, state, run.as_ref());
+            ui.separator();
+        }
+        let Some(run) = &run else {
+            ui.weak(
+                "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask of \
+                 the run is shown in place of your design, which stays as it is until you accept one.",
+            );
+            return;
+        };
+        if let RunStatus::Failed(sentence) = &run.status {
+            ui.colored_label(ui.visuals().error_fg_color, sentence);
+        }
+        run_view::show(ui, state, run, room - (ui.cursor().top() - top));
+    });
 }
 
 /// What to start.

@@ -25,28 +25,25 @@ const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
 /// Colour of the number of lenslets in plots.
 const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
 
-/// Shows the run, or the one that led to the result that was chosen.
-pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun) {
-    let room = ui.available_height();
+/// Shows the run, or the one that led to the result that was chosen; `room` points of height are seen without scrolling.
+pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun, room: f32) {
     let chosen = state.optimize_form.chosen.clone();
     let run = chosen.as_deref().unwrap_or(last);
-    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        ranking(ui, state, last);
-        comparison(ui, state, last);
-        if run.frames.is_empty() {
-            if run.is_active() {
-                ui.weak("The first fit takes some seconds.");
-            }
-            return;
+    ranking(ui, state, last);
+    comparison(ui, state, last);
+    if run.frames.is_empty() {
+        if run.is_active() {
+            ui.weak("The first fit takes some seconds.");
         }
-        let last = run.frames.len() - 1;
-        let shown = state.optimize_form.frame.unwrap_or(last).min(last);
-        value(ui, state, run, shown);
-        rewind(ui, state, run, shown);
-        information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
-        notes(ui, state, run);
-        other_plots(ui, run);
-    });
+        return;
+    }
+    let last = run.frames.len() - 1;
+    let shown = state.optimize_form.frame.unwrap_or(last).min(last);
+    value(ui, state, run, shown);
+    rewind(ui, state, run, shown);
+    information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
+    notes(ui, state, run);
+    other_plots(ui, run);
 }
 
 /// What a mask is worth.

@@ -38,6 +38,19 @@ fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
 }
 
 #[test]
+fn all_of_the_order_of_a_run_can_be_reached_in_a_small_window() {
+    let mut window = open_sized(Design::default(), Vec2::new(900.0, 640.0));
+    for name in ["Optimize", "Details", "Schedule and rates"] {
+        click(&mut window, name);
+    }
+    let bottom = |window: &Window| window.get_by_label("Start run").rect().bottom();
+    assert!(bottom(&window) > 640.0, "it is below what is seen: {}", bottom(&window));
+    window.get_by_label("Start run").scroll_to_me();
+    window.run_steps(40);
+    assert!(bottom(&window) < 640.0, "{}", bottom(&window));
+}
+
+#[test]
 fn a_run_is_started_watched_rewound_and_undone() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
