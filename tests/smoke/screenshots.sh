@@ -38,6 +38,7 @@ xdotool key ctrl+e
 sleep 1
 shoot export
 xdotool key Escape
+sleep 1
 for mask in "9 lenslets, heur" "4 lenslets, heur" "mask: 25 random"; do
   do_action "$mask"
   sleep 8
