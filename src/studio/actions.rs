@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use egui::{Key, KeyboardShortcut, Modifiers};
+use egui::{Event, Key, KeyboardShortcut, Modifiers};
 
 use super::dialogs::Purpose;
 use super::information_panel;
@@ -314,22 +314,36 @@ impl Action {
         Some(KeyboardShortcut::new(modifiers, key))
     }
 
-    /// The action whose shortcut was pressed.
-    pub fn pressed(ctx: &egui::Context) -> Option<Self> {
+    /// The actions whose shortcuts were pressed since the last frame, in that order: a slow frame may bring several.
+    pub fn pressed(ctx: &egui::Context) -> Vec<Self> {
         let focused = ctx.memory(egui::Memory::focused);
         let typing = focused.is_some_and(|id| egui::TextEdit::load_state(ctx, id).is_some());
+        let mut pressed = Vec::new();
+        ctx.input_mut(|input| {
+            input.events.retain(|event| {
+                let Event::Key { key, modifiers, pressed: true, .. } = event else { return true };
+                let action = Self::of_key(*modifiers, *key, typing);
+                pressed.extend(action);
+                action.is_none()
+            });
+        });
+        pressed
+    }
+
+    /// The action of a key, if any; `typing` where a text field has the keyboard.
+    fn of_key(modifiers: Modifiers, key: Key, typing: bool) -> Option<Self> {
+        let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
         // What browsers and editors have taught people to press.
-        if ctx.input_mut(|input| input.consume_key(Modifiers::COMMAND, Key::K)) {
+        if is(Modifiers::COMMAND, Key::K) {
             return Some(Self::Palette);
         }
         // A keyboard without a Delete key has this one.
-        if !typing && ctx.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Backspace)) {
+        if !typing && is(Modifiers::NONE, Key::Backspace) {
             return Some(Self::Delete);
         }
-        Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text()).find(|action| {
-            let shortcut = action.shortcut();
-            shortcut.is_some_and(|shortcut| ctx.input_mut(|input| input.consume_shortcut(&shortcut)))
-        })
+        let mut by_shortcut = Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text());
+        by_shortcut
+            .find(|action| action.shortcut().is_some_and(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
     }
 
     /// Whether a text field does this to its own text.

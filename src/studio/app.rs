@@ -178,6 +178,17 @@ impl Studio {
         &self.state.bench
     }
 
+    /// Whether nothing is asked that has the keyboard.
+    fn takes_shortcuts(&self) -> bool {
+        !self.state.dialogs.is_open()
+            && self.state.leaving.is_none()
+            && self.state.palette.is_none()
+            && self.state.sheet.is_none()
+            && self.left_behind.is_empty()
+            && self.dropped.is_none()
+            && !self.state.guide.welcome
+    }
+
     /// Takes up results, answers and shortcuts.
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
@@ -224,16 +235,13 @@ impl Studio {
                 self.close();
             }
         }
-        if !self.state.dialogs.is_open()
-            && self.state.leaving.is_none()
-            && self.state.palette.is_none()
-            && self.state.sheet.is_none()
-            && self.left_behind.is_empty()
-            && self.dropped.is_none()
-            && !self.state.guide.welcome
-            && let Some(action) = Action::pressed(ctx)
-        {
-            action.run(ctx, &mut self.state);
+        if self.takes_shortcuts() {
+            for action in Action::pressed(ctx) {
+                // The one before may have asked something.
+                if self.takes_shortcuts() {
+                    action.run(ctx, &mut self.state);
+                }
+            }
         }
         self.take_dropped_files(ctx);
         self.keep_home(ctx);

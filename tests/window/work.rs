@@ -270,6 +270,30 @@ fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
 }
 
 #[test]
+fn several_shortcuts_in_one_slow_frame_are_all_taken_in_their_order() {
+    let mut window = open(Design::default());
+    let press = |window: &mut Window, keys: &[Key]| {
+        for &key in keys {
+            let modifiers = Modifiers::COMMAND;
+            let event = egui::Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers };
+            window.input_mut().events.push(event);
+        }
+        window.run_steps(4);
+    };
+    for _ in 0..3 {
+        click(&mut window, "Add lenslet");
+    }
+    assert_eq!(lenslets(&window).len(), 12);
+    press(&mut window, &[Key::Z, Key::Z]);
+    assert_eq!(lenslets(&window).len(), 10);
+    // What the palette is asked is not for the window any more.
+    press(&mut window, &[Key::D, Key::K, Key::Z]);
+    window.get_by_label("Kept as Design 1");
+    window.get_by_label("Find an action");
+    assert_eq!(lenslets(&window).len(), 10);
+}
+
+#[test]
 fn kept_designs_are_there_the_other_day() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
