@@ -7,6 +7,7 @@ mod ideal;
 mod imaging;
 mod merge;
 mod movement;
+mod schedule;
 mod settings;
 mod state;
 mod watched;

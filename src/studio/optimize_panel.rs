@@ -228,7 +228,6 @@ fn details(ui: &mut Ui, state: &mut State) {
 
 /// When what the mask climbs is fitted, and how fast lenslets move; as the preset says where nobody says otherwise.
 fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
-    let preset = IdealSettings::new(settings.preset, settings.objective, settings.seed);
     ui.collapsing("Schedule and rates", |ui| {
         egui::Grid::new("schedule").num_columns(2).show(ui, |ui| {
             let counts = [
@@ -266,9 +265,9 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
             ui.end_row();
         });
         ui.checkbox(&mut settings.warm, "warm").on_hover_text("Every fit goes on from the one before it");
-        let set = settings.set_apart_from(&preset);
-        if ui.add_enabled(!set.is_empty(), egui::Button::new("As the preset")).clicked() {
-            *settings = settings.clone().turned_to(settings.preset, settings.objective);
+        let preset = settings.clone().turned_to(settings.preset, settings.objective);
+        if ui.add_enabled(*settings != preset, egui::Button::new("As the preset")).clicked() {
+            *settings = preset;
         }
     });
 }
