@@ -1,11 +1,10 @@
 //! Estimates that take minutes: what to compute, how its fit goes, and what came of it.
 
-use std::time::Duration;
-
-use egui::{ComboBox, DragValue, ProgressBar, Ui};
+use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
+use super::fit_length::FitLengthForm;
 use super::image_view::name_widget;
 use super::images_form::{self, ImagesForm};
 use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
@@ -23,11 +22,8 @@ const COPY_HINT: &str = "The command line that computes this number again, with 
 /// What the form asks for.
 pub struct EstimateForm {
     kind: Estimator,
+    length: FitLengthForm,
     whole_sensor: bool,
-    minutes: f64,
-    steps: usize,
-    /// Whether a fit takes so many steps, which can be repeated exactly, or so much time.
-    by_steps: bool,
     /// Images of a camera that may be estimated instead.
     pub images: ImagesForm,
     /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
@@ -37,8 +33,8 @@ pub struct EstimateForm {
 impl Default for EstimateForm {
     fn default() -> Self {
         let kind = Estimator::Bracket;
-        let (minutes, steps) = (usual_minutes(kind), usual_steps(kind));
-        Self { kind, whole_sensor: false, minutes, steps, by_steps: true, images: ImagesForm::default(), chosen: None }
+        let (length, images) = (FitLengthForm::usual(kind), ImagesForm::default());
+        Self { kind, length, whole_sensor: false, images, chosen: None }
     }
 }
 
@@ -54,20 +50,14 @@ impl EstimateForm {
         (Estimator::PixelCnn, "PixelCNN", "The published density model, default protocol"),
     ];
 
-    /// Whether the fit takes so many steps; that of the published model is ended by its protocol or by time.
-    fn counts_steps(&self, kind: Estimator) -> bool {
-        self.by_steps && kind != Estimator::PixelCnn
-    }
-
     fn request(&self, engine: EngineChoice) -> EstimateRequest {
-        self.request_by(self.kind, engine)
+        self.request_of(self.length.model(self.kind, engine))
     }
 
-    pub fn request_by(&self, kind: Estimator, engine: EngineChoice) -> EstimateRequest {
-        let budget = Duration::from_secs_f64(60.0 * self.minutes);
-        let model = DensityModel::new(kind, Some(budget), engine);
+    /// What is asked of a fit of this model, for the patch that was chosen.
+    pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
         EstimateRequest {
-            model: if self.counts_steps(kind) { model.of_steps(self.steps) } else { model },
+            model,
             protocol: Protocol::Default,
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
             patches_train: 10_000,
@@ -78,15 +68,6 @@ impl EstimateForm {
             weights: WeightsFiles::default(),
         }
     }
-}
-
-fn usual_minutes(kind: Estimator) -> f64 {
-    kind.usual_budget().map_or(1.0, |budget| budget.as_secs_f64() / 60.0)
-}
-
-/// Steps that take about as long on two cores.
-fn usual_steps(kind: Estimator) -> usize {
-    if kind == Estimator::Full { 60_000 } else { 2_000 }
 }
 
 /// Shows the panel.
@@ -130,7 +111,7 @@ fn order(ui: &mut Ui, state: &mut State) {
             .show_ui(ui, |ui| {
                 for (kind, name, hint) in EstimateForm::KINDS {
                     if ui.selectable_value(&mut form.kind, kind, name).on_hover_text(hint).clicked() {
-                        (form.minutes, form.steps) = (usual_minutes(kind), usual_steps(kind));
+                        form.length.turn_to(kind);
                     }
                 }
             })
@@ -147,27 +128,7 @@ fn order(ui: &mut Ui, state: &mut State) {
             })
             .response;
         name_widget(&response, "Patch");
-        if form.counts_steps(form.kind) {
-            let steps = DragValue::new(&mut form.steps).range(1..=10_000_000).speed(50);
-            name_widget(&ui.add(steps), "Steps of the fit");
-        } else {
-            let time = DragValue::new(&mut form.minutes).range(0.1..=600.0).speed(0.2).max_decimals(1);
-            name_widget(&ui.add(time), "Minutes");
-        }
-        let can_count = form.kind != Estimator::PixelCnn;
-        let response = ComboBox::from_id_salt("length")
-            .selected_text(if form.counts_steps(form.kind) { "steps" } else { "min" })
-            .width(52.0)
-            .show_ui(ui, |ui| {
-                ui.selectable_value(&mut form.by_steps, false, "min")
-                    .on_hover_text("The fit gets as far as the machine does, so that the copied command gives a similar number");
-                ui.add_enabled_ui(can_count, |ui| {
-                    ui.selectable_value(&mut form.by_steps, true, "steps")
-                        .on_hover_text("The copied command gives the same number again, bit for bit");
-                });
-            })
-            .response;
-        name_widget(&response, "Length of the fit");
+        form.length.show(ui, form.kind, "of the fit");
         let start = ui.button("Start estimate");
         if start.on_hover_text("Where one is computed already, this one comes after it").clicked() {
             let request = state.estimate_form.request(state.preferences.engine);

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use egui::{ComboBox, DragValue, Ui};
 
 use super::dialogs::Purpose;
+use super::fit_length::FitLengthForm;
 use super::image_view::name_widget;
 use super::messages::Severity;
 use super::state::State;
@@ -16,12 +17,14 @@ pub struct ImagesForm {
     /// Where they lie, once they were chosen.
     pub path: Option<PathBuf>,
     kind: Estimator,
+    length: FitLengthForm,
     calibration: Calibration,
 }
 
 impl Default for ImagesForm {
     fn default() -> Self {
-        Self { path: None, kind: Estimator::Live, calibration: Calibration::default() }
+        let kind = Estimator::Live;
+        Self { path: None, kind, length: FitLengthForm::usual(kind), calibration: Calibration::default() }
     }
 }
 
@@ -47,21 +50,29 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 .width(84.0)
                 .show_ui(ui, |ui| {
                     for (kind, name) in OF_IMAGES {
-                        ui.selectable_value(&mut form.kind, kind, name);
+                        if ui.selectable_value(&mut form.kind, kind, name).clicked() {
+                            form.length.turn_to(kind);
+                        }
                     }
                 })
                 .response;
             name_widget(&response, "Estimator of images");
+            // The Gaussian bound needs no fit.
+            if form.kind != Estimator::GaussianStationary {
+                form.length.show(ui, form.kind, "of the fit to images");
+            }
             let can_start = form.path.is_some();
             let start = ui.add_enabled(can_start, egui::Button::new("Estimate images"));
-            let hint = "Patch and length of the fit are those above, the noise is that of the scene. The noisy images stand in \
-                        for the clean ones, which is fair above some 10 photons";
+            let hint = "The patch is that above, the noise that of the scene. The noisy images stand in for the clean ones, \
+                        which is fair above some 10 photons";
             let start = start.on_hover_text(hint).on_disabled_hover_text("Choose images first");
             if start.clicked()
                 && let Some(path) = form.path.clone()
             {
                 let measured = MeasuredOrder { source: path.into(), calibration: form.calibration };
-                let request = state.estimate_form.request_by(state.estimate_form.images.kind, state.preferences.engine);
+                let images = &state.estimate_form.images;
+                let model = images.length.model(images.kind, state.preferences.engine);
+                let request = state.estimate_form.request_of(model);
                 if let Err(refusal) = state.bench.order_estimate_of_images(measured, request) {
                     state.messages.push(Severity::Failure, refusal);
                 }

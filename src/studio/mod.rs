@@ -6,6 +6,7 @@ mod capture;
 mod compare_panel;
 mod dialogs;
 mod estimates_panel;
+mod fit_length;
 mod hand;
 mod history_panel;
 mod home;

@@ -66,10 +66,10 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     assert!(window.query_by_label("Start estimate").is_some());
     click(&mut window, "Length of the fit");
     click(&mut window, "min");
-    window.get_by_label("Minutes").click();
+    window.get_by_label("Minutes of the fit").click();
     window.run_steps(2);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.get_by_label("Minutes").type_text("0.1");
+    window.get_by_label("Minutes of the fit").type_text("0.1");
     window.key_press(Key::Enter);
     window.run_steps(2);
     click(&mut window, "Start estimate");
@@ -111,8 +111,18 @@ fn images_of_a_camera_are_estimated_beside_the_design() {
     window.get_by_label("Images: gain").type_text("2");
     window.key_press(Key::Enter);
     window.run_steps(2);
+    // The fit has a length of its own, which suits its estimator.
+    let steps = |window: &Window, name: &str| window.get_by_label(name).accesskit_node().numeric_value().unwrap();
+    click(&mut window, "Estimator of images");
+    click(&mut window, "Full");
+    assert_eq!(steps(&window, "Steps of the fit to images"), 60_000.0);
+    assert_eq!(steps(&window, "Steps of the fit"), 2_000.0);
+    click(&mut window, "Estimator of images");
+    click(&mut window, "PixelCNN");
+    window.get_by_label("Minutes of the fit to images");
     click(&mut window, "Estimator of images");
     click(&mut window, "Gaussian");
+    assert!(window.query_by_label("Length of the fit to images").is_none(), "it is not fitted");
     click(&mut window, "Estimate images");
     wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
     let finished = &studio(&window).bench().estimates().finished[0].value;
