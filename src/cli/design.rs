@@ -14,6 +14,7 @@ use super::design_runs::{Ranking, climb, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates};
+use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::workbench::study::{PublishedSet, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
@@ -327,12 +328,13 @@ impl Arguments {
             Some(ScoreChoice(None)) => return Ok(None),
             Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
             None => {
-                // One that was asked for before says more.
+                // One that was asked for before says more, and goes on where it was stopped.
                 let there = KeptRun::in_folder(&self.out)?.compared(&record.result);
-                if let Some(there) = there.filter(|study| study.settings.designs.len() > 2) {
-                    return Ok(Some(there));
+                match there.filter(|study| study.settings.designs.len() > 2) {
+                    Some(there) if there.program_version != NUMBERS_VERSION => return Ok(Some(there)),
+                    Some(there) => there.settings,
+                    None => StudySettings { patches_test: BRIEF_PATCHES, ..score_settings(record, &[], BRIEF_SCORE)? },
                 }
-                StudySettings { patches_test: BRIEF_PATCHES, ..score_settings(record, &[], BRIEF_SCORE)? }
             }
         };
         let mut study = open_score(settings, &self.out)?;

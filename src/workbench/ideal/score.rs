@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::design_run::score_request;
 use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
-use crate::information::{Bracket, EngineChoice, Estimate, Estimator};
+use crate::information::{Bracket, EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
 use crate::workbench::estimation::read;
 use crate::workbench::progress::Watch;
@@ -35,24 +35,21 @@ pub fn score_in_patches(
     estimate(design, &EstimateRequest { model: timed.unwrap_or(request.model), ..request }, watch)
 }
 
-/// Most pixels of a measurement that is scored as a whole: a step of a fit takes as long as they are many.
-const MOST_WHOLE_PIXELS: usize = 1 << 15;
-
-/// The same for whole measurements, where they are larger than `patches` was for and not too large.
+/// The same for whole measurements, where they are larger than `patches` was for and no larger than models can be.
 pub(super) fn score_whole(
     design: &Design,
     patches: &Estimate,
     watch: Watch<'_>,
 ) -> Result<Option<Estimate>, EvaluationError> {
     let whole = imaging(design, &read(design, watch)?)?.patch(None);
-    if whole == patches.patch.into() || whole.0 * whole.1 > MOST_WHOLE_PIXELS {
+    if whole == patches.patch.into() || whole.0 * whole.1 > MAX_PATCH_PIXELS {
         return Ok(None);
     }
     estimate(design, &score_request(design, None), watch).map(Some)
 }
 
 /// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
-/// 32 x 32 px (as far as the measurements are as large) and for the whole sensor where it has at most 32,768 px, with `budget`
+/// 32 x 32 px (as far as the measurements are as large) and for the whole sensor where a model can be fitted to that, with `budget`
 /// for each: brackets where the prior of the objects is known, live estimates otherwise.
 ///
 /// # Errors
@@ -68,7 +65,7 @@ pub fn score_settings(
     let (patch, sensor) = (imaging.patch(Some((PATCH, PATCH))), imaging.patch(None));
     // Those of heuristic layouts are larger where this grid is larger than theirs.
     let is_sensor = patch == sensor && start.encoder.grid() == (PATCH, PATCH);
-    let patches = match (is_sensor, sensor.0 * sensor.1 <= MOST_WHOLE_PIXELS) {
+    let patches = match (is_sensor, sensor.0 * sensor.1 <= MAX_PATCH_PIXELS) {
         (true, true) => vec![None],
         (false, true) => vec![Some(patch), None],
         (_, false) => vec![Some(patch)],
@@ -121,60 +118,81 @@ pub fn worths(study: &StudyRecord) -> Vec<String> {
     study.settings.patches.iter().filter_map(|&patch| of_patch(patch)).collect()
 }
 
-/// What a study of [`score_settings`] says of the result beside heuristic layouts, a sentence for each bound and patch; none for a
-/// patch where estimates are missing.
+/// What a study of [`score_settings`] says of the result beside its start and heuristic layouts, a sentence for each bound and patch;
+/// none for a patch where estimates are missing.
 pub fn verdict(study: &StudyRecord) -> Vec<String> {
     let mut sentences = Vec::new();
     for &patch in &study.settings.patches {
         let place = patches_of(patch);
         let cells: Vec<&StudyCell> = study.cells.iter().filter(|cell| cell.patch == patch).collect();
+        let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
+        let start = cells.iter().copied().find(|cell| cell.design == START);
+        sentences.extend(start.and_then(|start| over_start(result, start)).map(|told| format!("{place}, {told}")));
         // Masks that are still to be estimated may be the best.
         if cells.len() < study.settings.designs.len() {
             continue;
         }
-        let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
-        let rivals = || cells.iter().filter(|cell| cell.design != RESULT && cell.design != START);
-        if let Some(bits) = result.model_bits() {
-            let best = rivals().filter_map(|cell| Some((cell.model_bits()?, cell)));
-            if let Some((other, cell)) = best.max_by(|one, other| one.0.total_cmp(&other.0)) {
-                let doubt = match lower_of(result) {
-                    Some(_) => "",
-                    None if overlap(result, cell) => "; within their intervals, and only upper bounds are known",
-                    None => "; only upper bounds are known",
-                };
-                sentences.push(format!(
-                    "{place}, density model: {bits:.3} bits per pixel, best heuristic {other:.3} ({}), {:+.3}{doubt}",
-                    cell.design,
-                    bits - other
-                ));
-            }
-            if result.ceiling().is_some_and(|ceiling| bits > ceiling) {
-                sentences
-                    .push(format!("{place}: the density model lies above what the objects hold; it proves nothing"));
-            }
-        }
-        if let Some((lower, [low, _])) = lower_of(result) {
-            let best = rivals().filter_map(|cell| Some((lower_of(cell)?, *cell)));
-            let Some(((other, [_, high]), cell)) = best.max_by(|one, other| one.0.0.total_cmp(&other.0.0)) else {
-                continue;
-            };
-            let name = &cell.design;
-            // A rival that could not be estimated may be the best.
-            let is_above = |cell: &&StudyCell| highest_of(cell).is_some_and(|highest| low > highest);
-            let judged = if rivals().all(is_above) {
-                "proves the gain: no heuristic mask can tell as much"
-            } else if low > high {
-                "confirms the gain"
-            } else {
-                "does not confirm a gain"
-            };
-            sentences.push(format!(
-                "{place}, lower bound: {lower:.3}, best heuristic {other:.3} ({name}), {:+.3}; it {judged}",
-                lower - other
-            ));
+        let layouts: Vec<&StudyCell> =
+            cells.iter().copied().filter(|cell| cell.design != RESULT && cell.design != START).collect();
+        let told = over_layouts_by_density(result, &layouts).into_iter().chain(over_layouts_by_lower(result, &layouts));
+        sentences.extend(told.map(|told| format!("{place}, {told}")));
+        if result.ceiling().zip(result.model_bits()).is_some_and(|(ceiling, bits)| bits > ceiling) {
+            sentences.push(format!("{place}: the density model lies above what the objects hold; it proves nothing"));
         }
     }
     sentences
+}
+
+/// What a result has gained over the mask that its run started from.
+fn over_start(result: &StudyCell, start: &StudyCell) -> Option<String> {
+    if let Some(((lower, _), (before, _))) = lower_of(result).zip(lower_of(start)) {
+        let judged = judged(result, &[start], "its start cannot tell as much");
+        return Some(format!("lower bound: {lower:.3}, its start {before:.3}, {:+.3}; it {judged}", lower - before));
+    }
+    let (bits, before) = (result.model_bits()?, start.model_bits()?);
+    let doubt = doubt(result, start);
+    Some(format!("density model: {bits:.3} bits per pixel, its start {before:.3}, {:+.3}{doubt}", bits - before))
+}
+
+fn over_layouts_by_density(result: &StudyCell, layouts: &[&StudyCell]) -> Option<String> {
+    let bits = result.model_bits()?;
+    let all = layouts.iter().filter_map(|cell| Some((cell.model_bits()?, *cell)));
+    let (best, cell) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
+    let (name, doubt) = (&cell.design, doubt(result, cell));
+    Some(format!(
+        "density model: {bits:.3} bits per pixel, best heuristic {best:.3} ({name}), {:+.3}{doubt}",
+        bits - best
+    ))
+}
+
+fn over_layouts_by_lower(result: &StudyCell, layouts: &[&StudyCell]) -> Option<String> {
+    let (lower, _) = lower_of(result)?;
+    let all = layouts.iter().filter_map(|cell| Some((lower_of(cell)?.0, *cell)));
+    let (best, cell) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
+    let (name, judged) = (&cell.design, judged(result, layouts, "no heuristic mask can tell as much"));
+    Some(format!("lower bound: {lower:.3}, best heuristic {best:.3} ({name}), {:+.3}; it {judged}", lower - best))
+}
+
+/// Whether the lower bound of a result is above all that others can tell, or above their lower bounds.
+fn judged(result: &StudyCell, others: &[&StudyCell], proof: &str) -> String {
+    let Some((_, [low, _])) = lower_of(result) else { return "does not confirm a gain".into() };
+    // One that could not be estimated may be the best.
+    if others.iter().all(|other| highest_of(other).is_some_and(|highest| low > highest)) {
+        format!("proves the gain: {proof}")
+    } else if others.iter().filter_map(|other| lower_of(other)).all(|(_, [_, high])| low > high) {
+        "confirms the gain".into()
+    } else {
+        "does not confirm a gain".into()
+    }
+}
+
+/// What makes a difference of two density models doubtful.
+fn doubt(result: &StudyCell, other: &StudyCell) -> &'static str {
+    match lower_of(result) {
+        Some(_) => "",
+        None if overlap(result, other) => "; within their intervals, and only upper bounds are known",
+        None => "; only upper bounds are known",
+    }
 }
 
 /// What a mask is worth, for people, in bits per pixel.
@@ -211,11 +229,34 @@ fn highest_of(cell: &StudyCell) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::design::{Ideal, IdealSettings, Imaging, Objective, Preset};
-    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::formats::write_array;
+    use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
     use crate::workbench::study::{Study, StudyEvent};
+    use ndarray::Array3;
     use std::ops::ControlFlow;
+
+    #[test]
+    fn measurements_too_large_for_a_model_are_scored_in_patches_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let with_field = |side: usize| {
+            let path = folder.path().join(format!("{side}.npy"));
+            let objects = Array3::from_shape_fn((20, side, side), |(n, r, c)| ((n * 5 + r * c) % 7) as f32);
+            write_array(&path, objects.view()).unwrap();
+            let design = Design { objects: ObjectSource::Stack(path), ..Design::default() };
+            let set = open_set(&design).unwrap();
+            let start = design.encoder.lenslets().unwrap();
+            let settings =
+                IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
+            let imaging = imaging(&design, &set).unwrap();
+            let record = IdealRecord::new(&design, &Ideal::new(&imaging, start, design.limits, settings).unwrap());
+            score_settings(&record, &[1], Duration::from_secs(1)).unwrap().patches
+        };
+        // A mask of 32 px leaves 90 x 90 = 8,100 px of it, and 91 x 91 = 8,281.
+        assert_eq!(with_field(121), [Some((32, 32)), None]);
+        assert_eq!(with_field(122), [Some((32, 32))]);
+    }
 
     #[test]
     fn a_result_is_judged_by_density_and_by_lower_bound() {
@@ -244,7 +285,8 @@ mod tests {
         let told = verdict(&record).join("\n");
         let mut partial = record.clone();
         partial.cells.retain(|cell| cell.design != "heuristic:3");
-        assert_eq!(verdict(&partial), Vec::<String>::new(), "the missing one may be the best");
+        let of_start = verdict(&partial);
+        assert!(of_start.len() == 1 && of_start[0].contains(", its start 0."), "a missing layout may be the best");
         assert!(
             told.contains("6 x 6 px patches, density model") && told.contains("6 x 6 px patches, lower bound"),
             "{told}"
