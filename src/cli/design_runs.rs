@@ -21,7 +21,7 @@ pub(super) fn climb(
     settings: &IdealSettings,
     (kept, folder): (&KeptRun, &Path),
 ) -> anyhow::Result<IdealRecord> {
-    let from = kept.load()?;
+    let from = kept.load(0)?;
     let meter = Meter::new();
     let mut going_on = from.is_some();
     let folder = folder.display();
@@ -34,7 +34,7 @@ pub(super) fn climb(
         ControlFlow::Continue(())
     };
     let reading = |_| ControlFlow::Continue(());
-    let record = run_ideal(design, settings, from.as_deref(), &reading, &mut |ideal| kept.store(ideal), &mut watch)
+    let record = run_ideal(design, settings, from.as_deref(), &reading, &mut |ideal| kept.store(0, ideal), &mut watch)
         .map_err(|error| about_objects(design, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     meter.finish();
@@ -90,7 +90,7 @@ fn ranked_start(
     })
     .map_err(|error| about_objects(&design, error))?;
     meter.finish();
-    Ok((record, RankedStart { name, design, estimate, sensor: None, record: None }))
+    Ok((record, RankedStart { name, design, estimate, sensor: None, is_scored: true, record: None }))
 }
 
 /// Runs from several starts in folders of `out`, each result judged by an estimate of this time, or of so many steps that it can be
@@ -125,8 +125,16 @@ pub(super) fn rank(
             Err(error) => return Err(error),
         }
         ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
-        let (starts, settings, ranked) = (starts.to_vec(), settings.clone(), ranked.clone());
-        order.note(&KeptOrder { starts, settings, at, ranked, budget_seconds })?;
+        order.note(&KeptOrder {
+            starts: starts.to_vec(),
+            settings: settings.clone(),
+            at,
+            alone: false,
+            ranked: ranked.clone(),
+            failures: Vec::new(),
+            saved: None,
+            budget_seconds,
+        })?;
     }
     let record = best.context("--starts: no run has come to its end")?;
     Ok(Ranking { record, ranked, failed })

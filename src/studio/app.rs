@@ -14,7 +14,7 @@ use super::pace::Pace;
 use super::state::{Arrange, Leave, State};
 use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
-use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, sheets, welcome};
+use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, run_view, sheets, welcome};
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
 use crate::workbench::{
@@ -113,10 +113,10 @@ impl Studio {
                 Some(run) if run.status == RunStatus::Stopped => {
                     self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
                 }
-                Some(_) => {
-                    self.tell("What the last run has found was not accepted; Optimize > Newest shows it.".into());
+                Some(_) if self.state.bench.has_untaken_result() => {
+                    self.tell("What the last run has found was not accepted; Optimize shows it.".into());
                 }
-                None => {}
+                _ => {}
             },
             Err(EvaluationError::File(FormatError::Busy { .. })) => {
                 self.tell("Another window is open and keeps its runs; a run of this one is lost with it unless it is accepted.".into());
@@ -199,7 +199,7 @@ impl Studio {
             hear_end(state, &activity);
         }
         state.bench.note_pointer(ctx.input(|input| input.pointer.any_down()));
-        state.run = state.bench.take_up_run();
+        run_view::take_up(state);
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
         let current = |revision| revision == state.bench.revision();

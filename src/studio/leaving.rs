@@ -35,10 +35,14 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
             ui.heading("Give up the last run?");
             let end = if run.can_go_on() {
                 format!("It was stopped at {} and could still go on.", run.place())
-            } else {
+            } else if state.bench.has_untaken_result() {
                 "What it found was not accepted.".into()
+            } else if run.ranked.len() > 1 {
+                format!("It has {} results.", run.ranked.len())
+            } else {
+                "Its result was compared with others.".into()
             };
-            ui.label(format!("{end} Its masks are lost where another run takes its place."));
+            ui.label(format!("{end} Its masks and their numbers are lost where another run takes its place."));
         } else {
             ui.heading("Close the window?");
         }
@@ -78,9 +82,7 @@ pub fn going_on(state: &State) -> Option<String> {
     let run = match (is_open(ActivityKind::Run), state.bench.keeps_run()) {
         (true, true) => Some("A run goes on. It is kept, and the next window can go on with it."),
         (true, false) => Some("A run goes on. What it has found so far would be lost."),
-        (false, false) if state.bench.has_untaken_result() => {
-            Some("What the run has found was not accepted, and would be lost.")
-        }
+        (false, false) if state.bench.would_miss_run() => Some("Results of the run would be lost."),
         (false, _) => None,
     };
     let why = state.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be kept: {why}."));

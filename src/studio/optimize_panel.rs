@@ -147,15 +147,22 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         if start.on_disabled_hover_text("This design has no lenslets to move; start from random ones").clicked() {
             state.guard(&ui.ctx().clone(), Leave::Run);
         }
-        let resumable = last.is_some_and(|run| !run.is_active());
-        if resumable && ui.button("Go on").on_hover_text("Takes the run further, from where it was left").clicked() {
+        let Some(last) = last.filter(|run| !run.is_active()) else { return };
+        // Of several starts that came to their end one goes on.
+        let place = run_view::place_of_chosen(state, last);
+        let text = if last.status == RunStatus::Finished && last.start_number.1 > 1 {
+            format!("Go on with result {}", place + 1)
+        } else {
+            "Go on".to_owned()
+        };
+        if ui.button(text).on_hover_text("Takes the run further, from where it was left").clicked() {
             let form = &state.optimize_form.settings;
             // Steps for another objective say nothing of this run.
-            let of_run = last.map(|run| &run.settings).filter(|settings| settings.objective != form.objective);
+            let of_run = Some(&last.settings).filter(|settings| settings.objective != form.objective);
             let steps = of_run.unwrap_or(form).steps;
-            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
-            if let Err(refusal) = state.bench.extend_run(steps) {
-                state.messages.push(Severity::Failure, refusal);
+            match state.bench.extend_run(steps, place) {
+                Ok(()) => (state.optimize_form.frame, state.optimize_form.chosen) = (None, None),
+                Err(refusal) => state.messages.push(Severity::Failure, refusal),
             }
         }
     });

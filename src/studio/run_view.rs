@@ -14,7 +14,9 @@ use super::state::State;
 use super::trails::TRAIL;
 use crate::design::{Frame, IdealEvent, Objective};
 use crate::information::Estimate;
-use crate::workbench::{DesignRun, curve_of, estimate_command, patches_of, run_command, verdict};
+use crate::workbench::{
+    DesignRun, RankedStart, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict,
+};
 
 /// Height of what stands above the curve of a run, its numbers and the slider, in points.
 const ABOVE_PLOT: f32 = 84.0;
@@ -44,6 +46,36 @@ pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun, room: f32) {
     information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
     notes(ui, state, run);
     other_plots(ui, run);
+}
+
+/// Takes up what has become of the run. The best result of several starts is shown when they have come to their end.
+pub fn take_up(state: &mut State) {
+    let was_followed = state.bench.is_following();
+    state.run = state.bench.take_up_run();
+    let is_of_several = |run: &&DesignRun| run.status == RunStatus::Finished && run.start_number.1 > 1 && !run.alone;
+    if was_followed && let Some(run) = state.run.as_ref().filter(is_of_several).cloned() {
+        show_result(state, &run, 0);
+    }
+}
+
+/// Shows a result and the run that led to it.
+fn show_result(state: &mut State, run: &DesignRun, place: usize) {
+    if let Some(result) = run.ranked.get(place)
+        && let Some(array) = result.design.encoder.lenslets()
+    {
+        state.optimize_form.frame = None;
+        state.optimize_form.chosen = run.that_led_to(place).map(Arc::new);
+        state.bench.follow_run(false);
+        state.bench.look_at(array, &result.design);
+    }
+}
+
+/// The place of the result that is looked at, the best where none was chosen.
+pub fn place_of_chosen(state: &State, run: &DesignRun) -> usize {
+    let record = |run: &DesignRun| run.record.as_ref().map(Arc::as_ptr);
+    let chosen = state.optimize_form.chosen.as_deref().and_then(record);
+    let is_chosen = |result: &RankedStart| result.record.as_ref().map(Arc::as_ptr) == chosen;
+    chosen.and_then(|_| run.ranked.iter().position(is_chosen)).unwrap_or(0)
 }
 
 /// What a mask is worth.
@@ -223,6 +255,9 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
 
 /// Results of finished starts, the best first.
 fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    for sentence in &run.failures {
+        ui.colored_label(ui.visuals().error_fg_color, sentence);
+    }
     for (place, result) in run.ranked.iter().enumerate() {
         let estimate = &result.estimate;
         ui.horizontal_wrapped(|ui| {
@@ -237,13 +272,8 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                  the live estimate where no lower bound is known.",
             );
             name_widget(&open, &format!("Result {}", place + 1));
-            if open.clicked()
-                && let Some(array) = result.design.encoder.lenslets()
-            {
-                state.optimize_form.frame = None;
-                state.optimize_form.chosen = run.that_led_to(place).map(Arc::new);
-                state.bench.follow_run(false);
-                state.bench.look_at(array, &result.design);
+            if open.clicked() {
+                show_result(state, run, place);
             }
             let copy = ui.small_button("Copy").on_hover_text("The command lines that compute these numbers again");
             name_widget(&copy, &format!("Copy command of result {}", place + 1));

@@ -332,7 +332,7 @@ impl State {
     /// Does what leaves the open design or a run behind, at once or after a question about what would be lost.
     pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
         let asks = match what {
-            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.has_untaken_result(),
+            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
             Leave::Close => self.bench.is_dirty() || leaving::going_on(self).is_some(),
             _ => self.bench.is_dirty(),
         };

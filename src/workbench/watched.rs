@@ -47,12 +47,13 @@ impl Workbench {
         Ok(())
     }
 
-    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
+    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps. Of several starts that
+    /// came to their end the one goes on that led to the result at this place.
     ///
     /// # Errors
     /// One sentence where there is none.
-    pub fn extend_run(&mut self, steps: usize) -> Result<(), String> {
-        self.designer.extend(steps)?;
+    pub fn extend_run(&mut self, steps: usize, place: usize) -> Result<(), String> {
+        self.designer.extend(steps, place)?;
         self.watched.following = true;
         Ok(())
     }
@@ -166,12 +167,10 @@ impl Workbench {
         self.watched.accepted.take_if(|(_, accepted)| *accepted > saved);
     }
 
-    /// Notes that the open design is in a file: a run whose result it holds need not be taken up any more.
+    /// Notes that the open design is in a file, and a mask of the run with it, if it holds one.
     pub(super) fn note_saved(&mut self) {
-        // One that was stopped can go on the other day.
-        let finished = self.designer.run().is_some_and(|run| run.status == RunStatus::Finished);
-        if finished && self.watched.accepted.is_some() && !self.has_untaken_result() {
-            self.designer.forget();
+        if let Some((mask, _)) = &self.watched.accepted {
+            self.designer.note_saved(mask);
         }
     }
 
@@ -183,13 +182,20 @@ impl Workbench {
         }
     }
 
-    /// Whether the run has come to rest at a mask that nobody has accepted: its last one, or the best of several starts.
+    /// Whether the run has come to rest and nobody has accepted its best result, or its last mask where it has no other.
     pub fn has_untaken_result(&self) -> bool {
         let Some(run) = self.designer.run().filter(|run| !run.is_active()) else { return false };
+        let (saved, accepted) = (self.designer.saved(), self.watched.accepted.as_ref().map(|(mask, _)| mask));
+        let is_taken = |mask: &LensletArray| accepted == Some(mask) || saved.as_ref() == Some(mask);
         let best = run.ranked.first().and_then(|best| best.design.encoder.lenslets());
-        let accepted = self.watched.accepted.as_ref().map(|(array, _)| array);
-        let untaken = |array: &LensletArray| accepted != Some(array);
-        (run.step > 0 || best.is_some()) && untaken(&run.array) && best.is_none_or(untaken)
+        let newest_will_do = run.ranked.len() <= 1 && is_taken(&run.array);
+        (run.step > 0 || best.is_some()) && !newest_will_do && !best.is_some_and(is_taken)
+    }
+
+    /// Whether the end of the run would lose something: a result that nobody has accepted, results beside that, or a comparison.
+    pub fn would_miss_run(&self) -> bool {
+        let Some(run) = self.designer.run().filter(|run| !run.is_active()) else { return false };
+        run.ranked.len() > 1 || run.comparison.is_some() || self.has_untaken_result()
     }
 
     /// Whether the next program can take up the run as it is: it has a folder to be kept in, which can be written to.

@@ -5,7 +5,7 @@ use super::home::at_home;
 use super::*;
 use egui::accesskit::Toggled;
 use egui_kittest::kittest::NodeT;
-use lenslet_studio::design::{IdealSettings, Objective, Preset};
+use lenslet_studio::design::{Ideal, IdealSettings, Objective, Preset};
 use lenslet_studio::information::Protocol;
 use lenslet_studio::workbench::{
     DensityModel, EstimateRequest, KeptOrder, KeptRun, RankedStart, RunStatus, Start, WeightsFiles, estimate, run_ideal,
@@ -247,18 +247,28 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
         weights: WeightsFiles::default(),
     };
     let go_on = || std::ops::ControlFlow::Continue(());
-    let found = |start: &Start| {
-        let record =
-            run_ideal(&start.design, &settings, None, &|_| go_on(), &mut |_| Ok(()), &mut |_| go_on()).unwrap();
+    let kept = KeptRun::in_folder(&folder.path().join("run")).unwrap();
+    let found = |(at, start): (usize, &Start)| {
+        let keep = &mut |ideal: &Ideal<'_>| kept.store(at, ideal);
+        let record = run_ideal(&start.design, &settings, None, &|_| go_on(), keep, &mut |_| go_on()).unwrap();
         let design = std::sync::Arc::new(record.design());
         let estimate = estimate(&design, &request, &mut |_| go_on()).unwrap();
         let (name, record) = (start.name.clone(), Some(std::sync::Arc::new(record)));
-        RankedStart { name, design, sensor: Some(estimate.clone()), estimate, record }
+        RankedStart { name, design, sensor: Some(estimate.clone()), estimate, is_scored: true, record }
     };
-    let ranked: Vec<RankedStart> = starts.iter().map(found).collect();
+    let ranked: Vec<RankedStart> = starts.iter().enumerate().map(found).collect();
     let (starts, settings, ranked) = (starts, settings.clone(), ranked.clone());
-    let order = KeptOrder { starts, settings, at: 1, ranked: ranked.clone(), budget_seconds: None };
-    KeptRun::in_folder(&folder.path().join("run")).unwrap().note(&order).unwrap();
+    let order = KeptOrder {
+        starts,
+        settings,
+        at: 1,
+        alone: false,
+        ranked: ranked.clone(),
+        failures: Vec::new(),
+        saved: None,
+        budget_seconds: None,
+    };
+    kept.note(&order).unwrap();
 
     let mut window = at_home(folder.path());
     click(&mut window, "Optimize");
@@ -281,15 +291,45 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     click(&mut window, "Stop run");
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
     let run = studio(&window).bench().run().unwrap();
-    assert_eq!((run.status, run.ranked.len()), (RunStatus::Stopped, 2), "as it was");
+    assert_eq!((run.status, run.ranked.len()), (RunStatus::Finished, 2), "as it was");
     window.get_by_label("heuristic:9");
     window.get_by_label("32 x 32 px patches");
     let compared = cells(&window);
     drop(window);
 
     // It is there the other day, and goes on from there.
-    let window = at_home(folder.path());
+    let mut window = at_home(folder.path());
     assert_eq!(cells(&window), compared);
+
+    // A result is accepted and saved: the other is there still, and either can go on.
+    click(&mut window, "Optimize");
+    click(&mut window, "Result 1");
+    click(&mut window, "Accept this mask");
+    let path = folder.path().join("accepted.json");
+    menu(&mut window, &["File", "Save design as..."]);
+    answer(&mut window, &path, "Save");
+    wait_for(&mut window, "the file", |window| !studio(window).bench().is_dirty());
+    drop(window);
+    let mut window = at_home(folder.path());
+    assert!(!studio(&window).bench().has_untaken_result(), "it is in a file");
+    click(&mut window, "Optimize");
+    click(&mut window, "Start run");
+    window.get_by_label_contains("It has 2 results.");
+    click(&mut window, "Cancel");
+    window.get_by_label("Go on with result 1");
+    click(&mut window, "Result 2");
+    click(&mut window, "Go on with result 2");
+    wait_for(&mut window, "its next steps", |window| studio(window).bench().run().unwrap().step > 4);
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    let run = studio(&window).bench().run().unwrap();
+    let begun = &run.frames[0].array.lenslets;
+    assert_eq!(*begun, ranked[1].record.as_ref().unwrap().frames[0].array.lenslets, "it is the run that led there");
+    assert_eq!((run.start_number, run.alone, run.ranked.len()), ((2, 2), true, 2));
+    drop(window);
+    let window = at_home(folder.path());
+    let run = studio(&window).bench().run().unwrap();
+    assert_eq!((run.start_number, run.alone, run.status), ((2, 2), true, RunStatus::Stopped));
 }
 
 /// Lenslets of the open design, whatever is shown.

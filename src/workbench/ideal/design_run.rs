@@ -56,6 +56,10 @@ pub struct DesignRun {
     pub left: Option<Duration>,
     /// Which of how many starts is being run, from 1.
     pub start_number: (usize, usize),
+    /// Whether it goes on by itself: the starts after it are done.
+    pub alone: bool,
+    /// What failed of other starts and of scores, a sentence for each.
+    pub failures: Vec<String>,
     /// Results of the starts that came to their end, the best first.
     pub ranked: Vec<RankedStart>,
     /// The best of them beside its start and the heuristic layouts, as far as that was computed.
@@ -89,6 +93,9 @@ pub struct RankedStart {
     /// The same for whole measurements, where these are larger than the patches of that estimate.
     #[serde(default)]
     pub sensor: Option<Estimate>,
+    /// Whether nothing of its score is to come any more.
+    #[serde(default)]
+    pub is_scored: bool,
     /// The run that led there.
     #[serde(default)]
     pub record: Option<Arc<IdealRecord>>,
@@ -150,6 +157,8 @@ impl DesignRun {
             seconds: 0.0,
             left: None,
             start_number: (1, starts),
+            alone: false,
+            failures: Vec::new(),
             ranked: Vec::new(),
             comparison: None,
             comparison_failure: None,

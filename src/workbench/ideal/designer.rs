@@ -4,11 +4,11 @@ use std::fs::File;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
-use super::design_run::{DesignRun, RunStatus, Start};
+use super::design_run::{DesignRun, RankedStart, RunStatus, Start};
 use super::run::{KeptOrder, KeptRun, start_of};
 use super::runner::Shared;
-use crate::design::{IdealSettings, merged_result};
-use crate::optics::Encoder;
+use crate::design::{Ideal, IdealSettings, merged_result};
+use crate::optics::{Encoder, LensletArray};
 use crate::workbench::EvaluationError;
 use crate::workbench::activity::{Activities, ActivityKind};
 use crate::workbench::threads::{Threads, Wake, lock};
@@ -30,7 +30,8 @@ impl Designer {
         Self {
             shared: Arc::new(Shared {
                 run: Mutex::default(),
-                kept: Mutex::default(),
+                states: Mutex::default(),
+                saved: Mutex::default(),
                 starts: Mutex::default(),
                 paused: Mutex::default(),
                 resumed: Condvar::new(),
@@ -52,23 +53,26 @@ impl Designer {
     /// Where another program keeps its runs there.
     pub fn keep_in(&self, folder: KeptRun) -> Result<(), EvaluationError> {
         *lock(&self.lock) = folder.lock()?;
-        if let Some((KeptOrder { starts, settings, at, ranked, .. }, state)) = folder.last() {
+        if let Some((order, states)) = folder.last() {
+            let KeptOrder { starts, settings, at, alone, ranked, failures, saved, .. } = order;
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
-            (run.start_number, run.ranked, run.doing) = ((at + 1, starts.len()), ranked, None);
-            run.status = RunStatus::Stopped;
+            (run.start_number, run.alone, run.doing) = ((at + 1, starts.len()), alone, None);
+            (run.ranked, run.failures, run.status) = (ranked, failures, RunStatus::Stopped);
             run.comparison = run.ranked.first().and_then(|best| folder.compared(&best.design.encoder)).map(Arc::new);
-            if let Some((bytes, state)) = state {
+            if let Some(state) = states[at].as_deref().and_then(|bytes| Ideal::state_in(bytes).ok()) {
                 // One that was to go on after its score has more steps before it, or another mask by now.
                 let found = Encoder::Lenslets(merged_result(&state.array, &run.settings));
                 let has_ended = state.finished && state.step >= run.settings.steps;
-                if has_ended && run.ranked.iter().any(|result| result.design.encoder == found) {
-                    run.status = RunStatus::Finished;
+                let scored = |result: &&RankedStart| result.is_scored && result.design.encoder == found;
+                if let Some(result) = run.ranked.iter().find(scored).filter(|_| has_ended) {
+                    (run.record, run.status) = (result.record.clone(), RunStatus::Finished);
                 }
                 run.take_up(&state);
                 run.seconds = state.seconds();
-                *lock(&self.shared.kept) = Some(bytes);
             }
+            *lock(&self.shared.states) = states;
             *lock(&self.shared.starts) = starts;
+            *lock(&self.shared.saved) = saved;
             *lock(&self.shared.run) = Some(run);
         }
         *lock(&self.shared.folder) = Some(folder);
@@ -85,11 +89,15 @@ impl Designer {
         lock(&self.shared.keep_failure).clone()
     }
 
-    /// The next program need not take up the run.
-    pub fn forget(&self) {
-        if let Some(folder) = &*lock(&self.shared.folder) {
-            folder.end();
-        }
+    /// Notes that a mask of the run is in a file of a person's.
+    pub fn note_saved(&self, mask: &LensletArray) {
+        *lock(&self.shared.saved) = Some(mask.clone());
+        self.shared.keep_order();
+    }
+
+    /// The last of its masks that is in a file of a person's.
+    pub fn saved(&self) -> Option<LensletArray> {
+        lock(&self.shared.saved).clone()
     }
 
     /// The run, if there was one.
@@ -109,24 +117,48 @@ impl Designer {
         if self.is_active() {
             return Err(BUSY.into());
         }
-        self.forget();
-        *lock(&self.shared.kept) = None;
+        if let Some(folder) = &*lock(&self.shared.folder) {
+            folder.end();
+        }
+        *lock(&self.shared.states) = vec![None; starts.len()];
+        *lock(&self.shared.saved) = None;
         *lock(&self.shared.starts) = starts;
         self.run_on(run)
     }
 
-    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps.
+    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps. Of several starts that
+    /// came to their end the one goes on that led to the result at this place.
     ///
     /// # Errors
     /// One sentence where there is none, or it still goes on.
-    pub fn extend(&self, steps: usize) -> Result<(), String> {
+    pub fn extend(&self, steps: usize, place: usize) -> Result<(), String> {
         let Some(mut run) = self.run() else { return Err("there is no run to go on with".into()) };
         // One that was stopped first takes the steps that it was to take, and is scored.
         if run.status == RunStatus::Finished {
-            run.settings.steps += steps;
+            if run.start_number.1 > 1 {
+                run = self.that_can_go_on(&run, place)?;
+            }
+            run.settings.steps = run.step + steps;
         }
         run.status = RunStatus::Running;
         self.run_on(run)
+    }
+
+    /// Of several starts the one that led to a result.
+    fn that_can_go_on(&self, run: &DesignRun, place: usize) -> Result<DesignRun, String> {
+        let name = run.ranked.get(place).map(|result| &result.name);
+        let at = lock(&self.shared.starts).iter().position(|start| name == Some(&start.name));
+        let bytes = at.and_then(|at| lock(&self.shared.states).get(at).cloned().flatten());
+        let state = bytes.and_then(|bytes| Ideal::state_in(&bytes).ok());
+        let (Some(at), Some(state), Some(mut chosen)) = (at, state, run.that_led_to(place)) else {
+            return Err("where this result came from is not kept any more; accept it and start a run from it".into());
+        };
+        if Encoder::Lenslets(merged_result(&state.array, &chosen.settings)) != run.ranked[place].design.encoder {
+            return Err("this run has gone on already; go on with its later result".into());
+        }
+        (chosen.start_number.0, chosen.alone) = (at + 1, true);
+        chosen.take_up(&state);
+        Ok(chosen)
     }
 
     /// Estimates the best result, its start and the nine heuristic layouts alike; what was computed of that before is taken up.
@@ -151,7 +183,7 @@ impl Designer {
     fn run_on(&self, run: DesignRun) -> Result<(), String> {
         let settings = run.settings.clone();
         let starts = run.start_number.1;
-        let from = if starts > 1 { format!("{starts} starts") } else { run.start.encoder.describe() };
+        let from = if starts > 1 && !run.alone { format!("{starts} starts") } else { run.start.encoder.describe() };
         self.spawn(run, format!("Optimize {from}"), move |shared| shared.compute(&settings))
     }
 
@@ -212,7 +244,7 @@ mod tests {
     use std::ops::ControlFlow;
     use std::time::{Duration, Instant};
 
-    use super::super::design_run::{BRACKET_STEPS, LIVE_STEPS, RankedStart, score_request};
+    use super::super::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
     use super::super::run::run_ideal;
     use super::*;
     use crate::design::{IdealProgress, Objective, Preset};
@@ -297,12 +329,22 @@ mod tests {
         };
         let found = estimate(&design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
         let name = starts[0].name.clone();
-        let ranked = vec![RankedStart { name, design, estimate: found, sensor: None, record: None }];
+        let ranked = vec![RankedStart { name, design, estimate: found, sensor: None, is_scored: true, record: None }];
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
 
         // It ended when the first had been scored and the second had not begun.
-        kept.note(&KeptOrder { starts, settings, at: 0, ranked: ranked.clone(), budget_seconds: None }).unwrap();
+        let order = KeptOrder {
+            starts,
+            settings,
+            at: 0,
+            alone: false,
+            ranked: ranked.clone(),
+            failures: Vec::new(),
+            saved: None,
+            budget_seconds: None,
+        };
+        kept.note(&order).unwrap();
         let designer = self::designer(&kept);
         let run = designer.run().unwrap();
         assert_eq!((run.start_number, run.step, &run.status), ((2, 3), 0, &RunStatus::Stopped));
@@ -310,9 +352,9 @@ mod tests {
         assert_eq!(run.start.encoder, Encoder::Lenslets(random_layout(3, 2)));
 
         // It goes on with the second, and ends in the midst of it.
-        designer.extend(1).unwrap();
+        designer.extend(1, 0).unwrap();
         let deadline = Instant::now() + Duration::from_mins(5);
-        while kept.load().unwrap().is_none() && Instant::now() < deadline {
+        while kept.load(1).unwrap().is_none() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(20));
         }
         designer.stop();
@@ -334,8 +376,8 @@ mod tests {
             assert_eq!((&found[0].design, &found[0].estimate), (&ranked[0].design, &ranked[0].estimate));
         }
         // Given up, it does not come back.
-        designer.forget();
         drop(designer);
+        kept.end();
         assert!(self::designer(&kept).run().is_none());
     }
 }

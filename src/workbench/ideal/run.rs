@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
 use super::score::is_about;
-use crate::design::{Ideal, IdealSettings, IdealState, OnIdeal};
+use crate::design::{Ideal, IdealSettings, OnIdeal};
 use crate::formats::{FormatError, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
 use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray};
@@ -53,14 +53,11 @@ pub(super) fn start_of(design: &Design) -> Result<&LensletArray, EvaluationError
     design.encoder.lenslets().ok_or_else(|| EvaluationError::NoLenslets { mask: design.encoder.describe() })
 }
 
-/// A folder that holds the last state of a run.
+/// A folder that holds the last states of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptRun {
     folder: PathBuf,
 }
-
-/// The state of a run: its bytes, and what they say.
-pub type KeptState = (Vec<u8>, IdealState);
 
 /// An order of one run or several: beside the state of the one that it is at this is all that is needed to go on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -71,8 +68,17 @@ pub struct KeptOrder {
     pub settings: IdealSettings,
     /// Index of the start whose state is kept.
     pub at: usize,
+    /// Whether no start after that is to be run any more: it goes on by itself.
+    #[serde(default)]
+    pub alone: bool,
     /// Results of the starts that came to their end, the best first.
     pub ranked: Vec<RankedStart>,
+    /// What failed, a sentence for each.
+    #[serde(default)]
+    pub failures: Vec<String>,
+    /// The last of the masks that is in a file of a person's.
+    #[serde(default)]
+    pub saved: Option<LensletArray>,
     /// Time for each of their estimates, seconds; none where these take so many steps.
     #[serde(default)]
     pub budget_seconds: Option<f64>,
@@ -96,8 +102,10 @@ impl KeptRun {
         Ok(lock_folder(&self.folder)?)
     }
 
-    fn state(&self) -> PathBuf {
-        self.folder.join("run.safetensors")
+    /// The file of the state of a start, by its index.
+    fn state(&self, start: usize) -> PathBuf {
+        let number = if start == 0 { String::new() } else { format!("-{}", start + 1) };
+        self.folder.join(format!("run{number}.safetensors"))
     }
 
     fn comparison_folder(&self) -> PathBuf {
@@ -126,21 +134,21 @@ impl KeptRun {
         self.folder.join("order.json")
     }
 
-    /// The state that was kept last, if any.
+    /// The state of a start that was kept last, if any.
     ///
     /// # Errors
     /// Where the file cannot be read.
-    pub fn load(&self) -> Result<Option<Vec<u8>>, EvaluationError> {
-        Ok(read_if_there(&self.state())?)
+    pub fn load(&self, start: usize) -> Result<Option<Vec<u8>>, EvaluationError> {
+        Ok(read_if_there(&self.state(start))?)
     }
 
-    /// Puts the state of a run in place of the last one, safely.
+    /// Puts the state of the run from a start in place of the last one, safely.
     ///
     /// # Errors
     /// Where the file cannot be written; the last state is then still there.
-    pub fn store(&self, ideal: &Ideal<'_>) -> Result<(), EvaluationError> {
+    pub fn store(&self, start: usize, ideal: &Ideal<'_>) -> Result<(), EvaluationError> {
         let bytes = ideal.to_bytes()?;
-        Ok(write_safely(&self.state(), |out| out.write_all(&bytes))?)
+        Ok(write_safely(&self.state(start), |out| out.write_all(&bytes))?)
     }
 
     /// Notes what was ordered, and how far it is.
@@ -151,36 +159,29 @@ impl KeptRun {
         Ok(write_json(&self.order(), order)?)
     }
 
-    /// Forgets the state, which is that of a start that came to its end or was given up.
-    pub fn forget_state(&self) {
-        // A file that stays behind is replaced by the next state.
-        let _ = std::fs::remove_file(self.state());
-    }
-
     /// Forgets the run.
     pub fn end(&self) {
-        self.forget_state();
-        let _ = std::fs::remove_file(self.order());
+        let starts = read_json::<KeptOrder>(&self.order()).map_or(1, |order| order.starts.len());
+        for file in (0..starts).map(|start| self.state(start)).chain([self.order()]) {
+            // One that stays behind is replaced by the next.
+            let _ = std::fs::remove_file(file);
+        }
         let _ = std::fs::remove_dir_all(self.comparison_folder());
     }
 
-    /// What was ordered here and neither accepted nor given up, and the state of the start that it is at; none where files
-    /// are missing or broken.
-    pub fn last(&self) -> Option<(KeptOrder, Option<KeptState>)> {
+    /// What was ordered here last, and the states of its starts, as far as they got; none where files are missing or broken.
+    pub fn last(&self) -> Option<(KeptOrder, Vec<Option<Vec<u8>>>)> {
         let mut order: KeptOrder = read_json(&self.order()).ok()?;
-        let read = || -> Option<KeptState> {
-            let bytes = self.load().ok()??;
-            let state = Ideal::state_in(&bytes).ok()?;
-            Some((bytes, state))
-        };
-        let mut state = read();
-        if order.ranked.len() > order.at && order.at + 1 < order.starts.len() {
-            // It ended between two starts.
-            (order.at, state) = (order.at + 1, None);
-        }
         let sound = order.at < order.starts.len()
             && order.starts.iter().all(|start| start.design.check().is_ok())
             && order.ranked.iter().all(|result| result.design.check().is_ok());
-        sound.then_some((order, state))
+        let read = |start| self.load(start).ok()?.filter(|bytes| Ideal::state_in(bytes).is_ok());
+        let states: Vec<_> = (0..order.starts.len()).map(read).collect();
+        let is_done = |at: usize| order.ranked.iter().any(|result| result.name == order.starts[at].name);
+        if sound && is_done(order.at) && states[order.at].is_none() && order.at + 1 < order.starts.len() {
+            // It ended between two starts.
+            order.at += 1;
+        }
+        sound.then_some((order, states))
     }
 }

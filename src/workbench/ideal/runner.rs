@@ -11,6 +11,7 @@ use super::run::{KeptOrder, KeptRun, run_ideal};
 use super::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::information::Estimate;
+use crate::optics::LensletArray;
 use crate::workbench::activity::{Activities, Entry};
 use crate::workbench::study::{Study, StudyCell, StudyError, StudyEvent};
 use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
@@ -25,10 +26,12 @@ const COMPARED_FOR: Duration = Duration::from_secs(20);
 /// What the thread of runs and the window have in common.
 pub(super) struct Shared {
     pub run: Mutex<Option<DesignRun>>,
-    /// The last state that a run can go on from.
-    pub kept: Mutex<Option<Vec<u8>>>,
     /// All starts of the last order.
     pub starts: Mutex<Vec<Start>>,
+    /// The last state of each that it can go on from.
+    pub states: Mutex<Vec<Option<Vec<u8>>>>,
+    /// The last mask of the run that is in a file of a person's.
+    pub saved: Mutex<Option<LensletArray>>,
     pub paused: Mutex<bool>,
     pub resumed: Condvar,
     pub stopped: AtomicBool,
@@ -132,39 +135,47 @@ impl Shared {
 
     fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {
         let starts = lock(&self.starts).clone();
-        let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
+        let (at, alone) = lock(&self.run).as_ref().map_or((0, false), |run| (run.start_number.0 - 1, run.alone));
+        let end = if alone { at + 1 } else { starts.len() };
         let mut failed = None;
-        for (index, start) in starts.iter().enumerate().skip(at) {
+        for (index, start) in starts.iter().enumerate().take(end).skip(at) {
             if index > at {
-                *lock(&self.kept) = None;
                 self.change(|run| {
-                    let (ranked, settings) = (std::mem::take(&mut run.ranked), run.settings.clone());
-                    let comparison = run.comparison.take();
-                    // Between two starts it may just have been paused.
-                    let (start_number, status) = ((index + 1, starts.len()), run.status.clone());
-                    let fresh = DesignRun::new(&start.design, settings, starts.len());
-                    *run = DesignRun { status, start_number, ranked, comparison, ..fresh };
+                    let fresh = DesignRun::new(&start.design, run.settings.clone(), starts.len());
+                    *run = DesignRun {
+                        // Between two starts it may just have been paused.
+                        status: run.status.clone(),
+                        start_number: (index + 1, starts.len()),
+                        ranked: std::mem::take(&mut run.ranked),
+                        failures: std::mem::take(&mut run.failures),
+                        comparison: run.comparison.take(),
+                        ..fresh
+                    };
                 });
             }
-            match self.run_one(start, settings) {
-                Err(error) if !error.is_cancelled() => failed = Some((start.name.clone(), error)),
+            match self.run_one((index, start), settings) {
+                Err(error) if !error.is_cancelled() => {
+                    self.note_failure(format!("{} failed: {error}", start.name));
+                    failed = Some(error);
+                }
                 done => done?,
             }
         }
         // What the others have found is worth showing.
         let has_results = lock(&self.run).as_ref().is_some_and(|run| !run.ranked.is_empty());
-        match failed {
-            Some((name, error)) if has_results => {
-                self.tell(&format!("{name} failed: {error}"), 1.0, None);
-                Ok(())
-            }
-            Some((_, error)) => Err(error),
-            None => Ok(()),
-        }
+        failed.filter(|_| !has_results).map_or(Ok(()), Err)
     }
 
-    fn run_one(&self, start: &Start, settings: &IdealSettings) -> Result<(), EvaluationError> {
-        let from = lock(&self.kept).clone();
+    fn note_failure(&self, sentence: String) {
+        self.change(|run| {
+            run.failures.retain(|other| *other != sentence);
+            run.failures.push(sentence);
+        });
+        self.keep_order();
+    }
+
+    fn run_one(&self, (at, start): (usize, &Start), settings: &IdealSettings) -> Result<(), EvaluationError> {
+        let from = lock(&self.states)[at].clone();
         let (mut told, mut shown) = (Instant::now(), None);
         let mut watch = |progress: &IdealProgress<'_>| {
             if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= TELL_EVERY {
@@ -175,21 +186,16 @@ impl Shared {
             self.go_on()
         };
         let folder = lock(&self.folder).clone();
-        if let Some(folder) = &folder
-            && from.is_none()
-        {
-            folder.forget_state();
-        }
         self.keep_order();
         let mut keep = |ideal: &Ideal<'_>| {
-            *lock(&self.kept) = Some(ideal.to_bytes()?);
+            lock(&self.states)[at] = Some(ideal.to_bytes()?);
             let record = Arc::new(IdealRecord::new(&start.design, ideal));
             self.change(|run| {
                 run.record = Some(record);
                 run.take_up(ideal.state());
             });
             if let Some(folder) = &folder {
-                self.note_kept(folder.store(ideal));
+                self.note_kept(folder.store(at, ideal));
             }
             Ok(())
         };
@@ -206,8 +212,8 @@ impl Shared {
             known
         } else {
             let (name, estimate) = (start.name.clone(), self.score_in_patches(&design)?);
-            let result =
-                RankedStart { name, design: Arc::clone(&design), estimate, sensor: None, record: Some(record) };
+            let (design, record) = (Arc::clone(&design), Some(record));
+            let result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record };
             self.change(|run| {
                 run.ranked.push(result.clone());
                 run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
@@ -216,15 +222,21 @@ impl Shared {
             self.keep_order();
             result
         };
-        if known.sensor.is_none() {
-            let sensor = match self.score_whole(&design, &known.estimate) {
-                Err(error) if error.is_cancelled() => return Err(error),
-                // The result stands without it.
-                scored => scored.ok().flatten(),
+        if !known.is_scored {
+            let scored = match known.sensor {
+                Some(sensor) => Ok(Some(sensor)),
+                None => self.score_whole(&design, &known.estimate),
             };
+            if scored.as_ref().is_err_and(EvaluationError::is_cancelled) {
+                return scored.map(|_| ());
+            }
+            // The result stands without it.
+            if let Err(error) = &scored {
+                self.note_failure(format!("{} has no number for the whole sensor: {error}", start.name));
+            }
             self.change(|run| {
                 if let Some(result) = run.ranked.iter_mut().find(|result| is_this(result)) {
-                    result.sensor = sensor;
+                    (result.sensor, result.is_scored) = (scored.ok().flatten(), true);
                 }
             });
             self.keep_order();
@@ -233,17 +245,13 @@ impl Shared {
     }
 
     /// Writes what was ordered and what came of it so far, but for the state of the start that the run is at.
-    fn keep_order(&self) {
+    pub fn keep_order(&self) {
         let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
-        if let (Some(folder), Some(DesignRun { settings, start_number, ranked, .. })) = (folder, run) {
-            let starts = lock(&self.starts).clone();
-            self.note_kept(folder.note(&KeptOrder {
-                starts,
-                settings,
-                at: start_number.0 - 1,
-                ranked,
-                budget_seconds: None,
-            }));
+        if let (Some(folder), Some(DesignRun { settings, start_number, alone, ranked, failures, .. })) = (folder, run) {
+            let (starts, saved) = (lock(&self.starts).clone(), lock(&self.saved).clone());
+            let (at, budget_seconds) = (start_number.0 - 1, None);
+            let order = KeptOrder { starts, settings, at, alone, ranked, failures, saved, budget_seconds };
+            self.note_kept(folder.note(&order));
         }
     }
 

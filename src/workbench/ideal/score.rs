@@ -134,11 +134,11 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
         }
         let layouts: Vec<&StudyCell> =
             cells.iter().copied().filter(|cell| cell.design != RESULT && cell.design != START).collect();
-        let told = over_layouts_by_density(result, &layouts).into_iter().chain(over_layouts_by_lower(result, &layouts));
-        sentences.extend(told.map(|told| format!("{place}, {told}")));
+        sentences.extend(over_layouts_by_density(result, &layouts).map(|told| format!("{place}, {told}")));
         if result.ceiling().zip(result.model_bits()).is_some_and(|(ceiling, bits)| bits > ceiling) {
             sentences.push(format!("{place}: the density model lies above what the objects hold; it proves nothing"));
         }
+        sentences.extend(over_layouts_by_lower(result, &layouts).map(|told| format!("{place}, {told}")));
     }
     sentences
 }
