@@ -1,14 +1,15 @@
 //! Frames of the window while a run of IDEAL goes on beside it: what one costs, and how many come in time for a screen of
-//! 60 pictures a second. The whole window is drawn by wgpu, on the graphics card where there is one, and read back.
+//! 60 pictures a second. The whole window is drawn by wgpu, on the graphics card where there is one, and waited for.
 
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-use eframe::egui_wgpu::{WgpuSetup, WgpuSetupCreateNew, wgpu};
-use egui::{Theme, Vec2};
+use eframe::egui_wgpu::{RenderState, ScreenDescriptor, WgpuSetup, WgpuSetupCreateNew, wgpu};
+use egui::{TexturesDelta, Theme, Vec2};
 use egui_kittest::kittest::Queryable;
-use egui_kittest::wgpu::{WgpuTestRenderer, create_render_state};
+use egui_kittest::wgpu::create_render_state;
 use egui_kittest::{Harness, TestRenderer};
+use image::RgbaImage;
 use lenslet_studio::optics::{Encoder, random_layout};
 use lenslet_studio::studio::Studio;
 use lenslet_studio::workbench::Design;
@@ -21,12 +22,72 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 60);
 const WATCHED: Duration = Duration::from_secs(15);
 const LENSLETS: usize = 25;
+/// Of the window, px.
+const SIZE: (u32, u32) = (1440, 900);
+
+/// Draws into a texture, as into the picture of a window; unlike that of egui's tests it reads nothing back, as no window does.
+struct Screen {
+    state: RenderState,
+    view: wgpu::TextureView,
+}
+
+impl Screen {
+    fn new(state: RenderState) -> Self {
+        let texture = state.device.create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width: SIZE.0, height: SIZE.1, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: state.target_format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        Self { view: texture.create_view(&wgpu::TextureViewDescriptor::default()), state }
+    }
+}
+
+impl TestRenderer for Screen {
+    fn handle_delta(&mut self, delta: &mut TexturesDelta) {
+        let (mut renderer, RenderState { device, queue, .. }) = (self.state.renderer.write(), &self.state);
+        for (id, images) in delta.set.drain() {
+            images.iter().for_each(|image| renderer.update_texture(device, queue, id, image));
+        }
+        for id in delta.free.drain() {
+            renderer.free_texture(&id);
+        }
+    }
+
+    fn render(&mut self, ctx: &egui::Context, output: &egui::FullOutput) -> Result<RgbaImage, String> {
+        let (mut renderer, RenderState { device, queue, .. }) = (self.state.renderer.write(), &self.state);
+        let pixels_per_point = ctx.pixels_per_point();
+        let screen = ScreenDescriptor { pixels_per_point, size_in_pixels: SIZE.into() };
+        let shapes = ctx.tessellate(output.shapes.clone(), pixels_per_point);
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let uploads = renderer.update_buffers(device, queue, &mut encoder, &shapes, &screen);
+        let load = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+        let attachment = wgpu::RenderPassColorAttachment {
+            view: &self.view,
+            resolve_target: None,
+            ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+            depth_slice: None,
+        };
+        let pass = wgpu::RenderPassDescriptor { color_attachments: &[Some(attachment)], ..Default::default() };
+        renderer.render(&mut encoder.begin_render_pass(&pass).forget_lifetime(), &shapes, &screen);
+        queue.submit(uploads.into_iter().chain([encoder.finish()]));
+        device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| error.to_string())?;
+        Ok(RgbaImage::new(1, 1))
+    }
+}
 
 type Window = Harness<'static, Option<Studio>>;
 
 fn open(renderer: impl TestRenderer + 'static) -> Window {
     let design = Design { encoder: Encoder::Lenslets(random_layout(LENSLETS, 1)), ..Design::default() };
-    let builder = Harness::builder().with_size(Vec2::new(1440.0, 900.0)).with_theme(Theme::Dark).renderer(renderer);
+    let builder = Harness::builder()
+        .with_size(Vec2::new(SIZE.0 as f32, SIZE.1 as f32))
+        .with_theme(Theme::Dark)
+        .renderer(renderer);
     builder.with_step_dt(FRAME.as_secs_f32()).build_ui_state(
         move |ui, studio: &mut Option<Studio>| {
             let open = || Studio::new(ui.ctx(), design.clone(), None).expect("a worker thread");
@@ -86,8 +147,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let setup = WgpuSetup::CreateNew(WgpuSetupCreateNew::without_display_handle());
     let state = create_render_state(setup, eframe::egui_wgpu::RendererOptions::default());
     let wgpu::AdapterInfo { name, driver, backend, .. } = state.adapter.get_info();
-    println!("1440 x 900 px on {name} ({driver}, {backend})");
-    let mut window = open(WgpuTestRenderer::from_render_state(state));
+    println!("{} x {} px on {name} ({driver}, {backend})", SIZE.0, SIZE.1);
+    let mut window = open(Screen::new(state));
     window.run_steps(8);
     watch(&mut window, "live estimate")?;
     click(&mut window, "Optimize");
