@@ -108,6 +108,9 @@ impl Studio {
         self.state.bench.set_threads(self.state.preferences.threads);
         self.state.folder = Some(folder.to_owned());
         self.left_behind = self.state.keep_unsaved();
+        if let Err(error) = self.state.bench.keep_estimates_in(&folder.join("estimates")) {
+            self.state.messages.push(Severity::Failure, error.to_string());
+        }
         match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(()) => match self.state.bench.run() {
                 Some(run) if run.status == RunStatus::Stopped => {

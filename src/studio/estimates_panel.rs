@@ -158,7 +158,11 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
         });
         let [rows, cols] = estimate.patch;
         let measured = result.value.order.measured.as_ref();
-        let age = if current || measured.is_some() { "" } else { ", of an earlier edit" };
+        let age = match (result.value.is_of_this_version(), current || measured.is_some()) {
+            (false, _) => ", by another version of the program",
+            (true, false) => ", of another design",
+            (true, true) => "",
+        };
         let minutes = estimate.seconds / 60.0;
         let of = if measured.is_some() { &estimate.objects } else { &estimate.encoder };
         ui.weak(format!("{of}, patch {rows} x {cols} px, {minutes:.1} min{age}"));
@@ -168,7 +172,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
         if estimate.above_ceiling() {
             ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
         }
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             let copy = ui.small_button("Copy JSON");
             name_widget(&copy, &format!("Copy estimate {}", index + 1));
             if copy.clicked()
@@ -191,6 +195,12 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             if export.clicked() {
                 let curve = columns(&result.value.curve);
                 state.dialogs.ask(Purpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
+            }
+            let delete = ui.small_button("Delete").on_hover_text("Forgets this estimate for good");
+            name_widget(&delete, &format!("Delete estimate {}", index + 1));
+            if delete.clicked() {
+                state.bench.delete_estimate(&result.value);
+                state.estimate_form.chosen = None;
             }
         });
     });

@@ -8,7 +8,8 @@ use super::closer::CloserOrder;
 use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimation::EstimateRequest;
-use super::estimator::{EstimateOrder, Estimates};
+use super::estimator::Estimates;
+use super::finished::{EstimateOrder, FinishedEstimate};
 use super::history::{History, Version};
 use super::ideal::Designer;
 use super::jobs::{Job, Outcome};
@@ -167,6 +168,19 @@ impl Workbench {
     pub fn order_estimate_of_images(&self, measured: MeasuredOrder, request: EstimateRequest) -> Result<(), String> {
         let (design, revision) = (Arc::clone(self.open_design()), self.revision);
         self.worker.estimator().order(EstimateOrder { design, revision, request, measured: Some(measured) })
+    }
+
+    /// Keeps finished estimates in a folder, and takes up those that are there.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    pub fn keep_estimates_in(&self, folder: &Path) -> Result<(), FormatError> {
+        self.worker.estimator().keep_in(folder)
+    }
+
+    /// Forgets a finished estimate, its file as well.
+    pub fn delete_estimate(&self, finished: &Arc<FinishedEstimate>) {
+        self.worker.estimator().delete(finished);
     }
 
     /// What is being done, waits to be done, or was done, oldest first.

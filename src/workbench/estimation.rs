@@ -4,6 +4,8 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::bead_bounds::{DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, share_of};
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
@@ -28,7 +30,8 @@ const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts ar
                                alone, which it can only lower";
 
 /// Which density model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum DensityModel {
     /// Stationary Gaussian, fitted to patches.
     Stationary,
@@ -109,7 +112,7 @@ impl DensityModel {
 }
 
 /// What is to be estimated, and how carefully.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EstimateRequest {
     /// The density model.
     pub model: DensityModel,
@@ -133,7 +136,7 @@ pub struct EstimateRequest {
 }
 
 /// Files of the weights of a `PixelCNN`, safetensors.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WeightsFiles {
     /// Weights that are scored as they are: nothing is fitted.
     pub from: Option<PathBuf>,

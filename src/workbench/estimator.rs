@@ -3,20 +3,22 @@
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use super::activity::{Activities, ActivityKind, Entry};
 use super::design::Design;
-use super::estimation::{DensityModel, EstimateRequest, estimate};
+use super::estimation::{DensityModel, estimate};
 use super::evaluation::Scene;
-use super::measured::MeasuredOrder;
+use super::finished::{EstimateOrder, FinishedEstimate, FinishedFolder};
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
-use super::worker::{Live, Stamped};
-use crate::information::{Estimate, FitLength};
+use super::worker::Stamped;
+use crate::formats::FormatError;
+use crate::information::FitLength;
 
 /// Points of the curve of a fit that are kept; beyond, every second one is dropped.
 const CURVE_POINTS: usize = 600;
@@ -24,19 +26,6 @@ const CURVE_POINTS: usize = 600;
 const MOST_ORDERS: usize = 50;
 /// Time between two tellings of progress.
 const TELL_EVERY: Duration = Duration::from_millis(100);
-
-/// An estimate that was asked for.
-#[derive(Clone, Debug)]
-pub struct EstimateOrder {
-    /// The design as it was then.
-    pub design: Arc<Design>,
-    /// Its revision.
-    pub revision: u64,
-    /// What is to be estimated.
-    pub request: EstimateRequest,
-    /// Images of a camera in place of the design's measurements, of which it has noise and seed alone.
-    pub measured: Option<MeasuredOrder>,
-}
 
 /// An order that is being computed.
 #[derive(Clone, Debug)]
@@ -53,29 +42,6 @@ pub struct RunningEstimate {
     pub curve: Vec<FitPoint>,
 }
 
-/// A finished order with the curves of its fits.
-#[derive(Clone, Debug)]
-pub struct FinishedEstimate {
-    /// What was asked for.
-    pub order: EstimateOrder,
-    /// The result.
-    pub estimate: Estimate,
-    /// Curves of the fits, oldest first.
-    pub curve: Vec<FitPoint>,
-}
-
-impl FinishedEstimate {
-    /// Whether it is of this design, whatever revision that has by now, and of its objects as they were read last.
-    pub fn is_of(&self, design: &Arc<Design>, live: &Live) -> bool {
-        if self.order.measured.is_some() {
-            return false;
-        }
-        let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
-        let is_same = Arc::ptr_eq(&self.order.design, design) || self.order.design == *design;
-        is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == self.estimate.objects_fingerprint)
-    }
-}
-
 /// What the thread has computed and is computing.
 #[derive(Clone, Default)]
 pub struct Estimates {
@@ -85,7 +51,7 @@ pub struct Estimates {
     pub live_failure: Option<(u64, String)>,
     /// The order in hand.
     pub running: Option<RunningEstimate>,
-    /// All orders that were finished, oldest first.
+    /// All orders that were finished, also on other days, oldest first.
     pub finished: Vec<Stamped<FinishedEstimate>>,
 }
 
@@ -98,6 +64,8 @@ struct Shared {
     mailbox: Mutex<Mailbox>,
     arrived: Condvar,
     estimates: Mutex<Estimates>,
+    /// Where finished orders outlive the program.
+    folder: Mutex<Option<FinishedFolder>>,
     threads: Threads,
     activities: Activities,
     /// Newest revision that is known; a live estimate of an older one is given up.
@@ -115,6 +83,8 @@ struct Shared {
 
 #[derive(Default)]
 struct Mailbox {
+    /// The folder was named: what it holds is read before anything else.
+    read: Option<FinishedFolder>,
     refine: Option<Refine>,
     /// Oldest first; the first one is in hand.
     orders: VecDeque<(EstimateOrder, Entry)>,
@@ -138,6 +108,7 @@ impl Estimator {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),
             estimates: Mutex::default(),
+            folder: Mutex::default(),
             threads,
             activities,
             newest: AtomicU64::new(0),
@@ -150,6 +121,26 @@ impl Estimator {
         let own = Arc::clone(&shared);
         std::thread::Builder::new().name("lenslet-estimator".into()).spawn(move || run(&own))?;
         Ok(Self { shared })
+    }
+
+    /// Keeps finished orders in a folder, and takes up those that are there, away from the window.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made.
+    pub fn keep_in(&self, folder: &Path) -> Result<(), FormatError> {
+        let folder = FinishedFolder::new(folder)?;
+        *lock(&self.shared.folder) = Some(folder.clone());
+        lock(&self.shared.mailbox).read = Some(folder);
+        self.shared.arrived.notify_one();
+        Ok(())
+    }
+
+    /// Forgets a finished order, its file as well.
+    pub fn delete(&self, finished: &Arc<FinishedEstimate>) {
+        lock(&self.shared.estimates).finished.retain(|other| !Arc::ptr_eq(&other.value, finished));
+        if let Some(folder) = &*lock(&self.shared.folder) {
+            folder.delete(finished);
+        }
     }
 
     /// A newer design is on its way: what is refined now is no longer of use.
@@ -230,12 +221,13 @@ impl Estimator {
 
 impl Drop for Estimator {
     fn drop(&mut self) {
-        // Nobody waits for the thread: it writes no files, and ends at its next step.
+        // Nobody waits for the thread: its files are whole or not there, and it ends at its next step.
         self.shared.set(&self.shared.quit, true);
     }
 }
 
 enum Task {
+    Read(FinishedFolder),
     Order(Box<EstimateOrder>, Entry),
     Refine(Refine),
 }
@@ -245,6 +237,10 @@ fn run(shared: &Shared) {
     let mut refiner = Refiner::default();
     while let Some(task) = next_task(shared) {
         let done = cores.run(|| match &task {
+            Task::Read(folder) => {
+                shared.take_up(folder);
+                Ok(None)
+            }
             Task::Order(order, entry) => shared.compute(order, entry).map(Some),
             Task::Refine(wanted) => {
                 shared.refine(&mut refiner, wanted);
@@ -271,6 +267,9 @@ fn next_task(shared: &Shared) -> Option<Task> {
     loop {
         if shared.quit.load(Ordering::Relaxed) {
             return None;
+        }
+        if let Some(folder) = mailbox.read.take() {
+            return Some(Task::Read(folder));
         }
         if let Some((order, entry)) = mailbox.orders.pop_front() {
             shared.cancelled.store(false, Ordering::Relaxed);
@@ -341,12 +340,22 @@ impl Shared {
             }
         };
         let estimate = estimated?;
-        let mut estimates = lock(&self.estimates);
-        let curve = estimates.running.take().map(|running| running.curve).unwrap_or_default();
-        let text = estimate.in_words();
-        let value = Arc::new(FinishedEstimate { order: order.clone(), estimate, curve });
-        estimates.finished.push(Stamped { revision: order.revision, value });
+        let curve = lock(&self.estimates).running.take().map(|running| running.curve).unwrap_or_default();
+        let mut text = estimate.in_words();
+        let mut finished = FinishedEstimate::new(order.clone(), estimate, curve);
+        if let Some(folder) = lock(&self.folder).as_ref()
+            && let Err(error) = folder.keep(&mut finished)
+        {
+            text = format!("{text}; it is not kept for another day: {error}");
+        }
+        lock(&self.estimates).finished.push(Stamped { revision: order.revision, value: Arc::new(finished) });
         Ok(text)
+    }
+
+    /// Takes up the orders that were finished on other days.
+    fn take_up(&self, folder: &FinishedFolder) {
+        let earlier = folder.read().into_iter().map(|finished| Stamped { revision: 0, value: Arc::new(finished) });
+        lock(&self.estimates).finished.splice(0..0, earlier);
     }
 
     fn refine(&self, refiner: &mut Refiner, wanted: &Refine) {

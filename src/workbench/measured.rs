@@ -8,6 +8,7 @@ use ndarray::{Array3, ArrayView3, Axis, s};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::estimation::network_trial;
@@ -104,7 +105,7 @@ impl MeasuredError {
 }
 
 /// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeasuredSource(PathBuf);
 
 impl FromStr for MeasuredSource {
@@ -135,7 +136,8 @@ impl fmt::Display for MeasuredSource {
 /// How grey levels become photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
 ///
 /// Sums keep the statistics of shot noise: the sum of Poisson counts is one, their mean is not.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::unsafe_derive_deserialize, reason = "the slicing macro of ndarray has unsafe code of its own")]
 pub struct Calibration {
     /// Grey levels per photon: the slope of variance against mean of flat images at many levels.
     pub gain: f64,
@@ -194,7 +196,7 @@ impl Calibration {
 }
 
 /// Which images an estimate is of, and how their grey levels are photons.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredOrder {
     /// Where they lie.
     pub source: MeasuredSource,

@@ -12,6 +12,7 @@ mod estimation;
 mod estimator;
 mod evaluation;
 mod export;
+mod finished;
 mod first;
 mod history;
 mod ideal;
@@ -43,11 +44,12 @@ pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
 pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
-pub use estimator::{EstimateOrder, Estimates, FinishedEstimate, RunningEstimate};
+pub use estimator::{Estimates, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
 pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
+pub use finished::{EstimateOrder, FinishedEstimate};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,

@@ -3,6 +3,8 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use crate::information::{DecoderProgress, FitProgress, InformationError, PosteriorProgress};
 
 /// What an estimate is doing and how far it is.
@@ -19,7 +21,7 @@ pub struct EstimateProgress {
 }
 
 /// A point of the curve of a fit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitPoint {
     /// What is fitted.
     pub model: FittedModel,
@@ -30,7 +32,8 @@ pub struct FitPoint {
 }
 
 /// What is fitted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum FittedModel {
     /// A density model of the measurements.
     Density,

@@ -1,5 +1,6 @@
 //! Estimates in the window: live, and ordered.
 
+use super::home::at_home;
 use super::*;
 use egui_kittest::kittest::NodeT;
 
@@ -56,7 +57,8 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
 
 #[test]
 fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
-    let mut window = open(Design::default());
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = at_home(folder.path());
     click(&mut window, "Estimates");
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
@@ -85,8 +87,26 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     );
     click(&mut window, "Estimate 1");
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
-    assert!(window.query_by_label_contains("of an earlier edit").is_some());
+    assert!(window.query_by_label_contains("of another design").is_some());
     assert!(window.query_by_label_contains("decoder, ").is_none());
+    drop(window);
+
+    // The other day it is there with all that belongs to it, until it is deleted.
+    let found = |window: &Window| studio(window).bench().estimates().finished;
+    let mut window = at_home(folder.path());
+    click(&mut window, "Discard");
+    click(&mut window, "Estimates");
+    wait_for(&mut window, "the estimate of the other day", |window| !found(window).is_empty());
+    let again = &found(&window)[0].value;
+    assert_eq!((&again.estimate, &again.curve), (&finished[0].value.estimate, &finished[0].value.curve));
+    assert_eq!(again.order.request, finished[0].value.order.request);
+    assert!(window.query_by_label_contains("of another design").is_none(), "the same design is open");
+    click(&mut window, "Delete estimate 1");
+    assert!(found(&window).is_empty());
+    drop(window);
+    let mut window = at_home(folder.path());
+    window.run_steps(60);
+    assert!(found(&window).is_empty(), "it is gone for good");
 }
 
 #[test]

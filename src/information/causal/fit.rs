@@ -3,6 +3,8 @@
 use std::ops::{ControlFlow, Range};
 use std::time::{Duration, Instant};
 
+use serde::{Deserialize, Serialize};
+
 use super::best::Best;
 use super::conditioning::Inputs;
 use super::keep::{Course, keep, restore};
@@ -28,7 +30,8 @@ const REMEMBERED: f64 = 100.0;
 const MAX_REFUSED: usize = 30;
 
 /// How long a fit takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum FitLength {
     /// So many steps; equal seeds then give equal bits on one machine.
     Steps(usize),
