@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
 use super::design_args::{SceneArgs, check_input_stays, open_design};
-use super::design_runs::{Ranking, climb, rank, write};
+use super::design_runs::{Ranking, climb, in_words, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates};
@@ -308,7 +308,7 @@ impl Arguments {
                 ranked
                     .iter()
                     .enumerate()
-                    .map(|(place, result)| format!("{}. {}: {}", place + 1, result.name, result.estimate.in_words())),
+                    .map(|(place, result)| format!("{}. {}: {}", place + 1, result.name, in_words(result))),
             );
             lines.extend(verdict);
             lines.push(format!("Written to {}", self.out.display()));

@@ -12,7 +12,7 @@ use super::output::{self, Meter};
 use crate::design::{IdealProgress, IdealSettings, time_left};
 use crate::workbench::{
     Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, run_ideal,
-    score_in_patches, spoken,
+    score_in_patches, score_whole, spoken,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -80,17 +80,27 @@ fn ranked_start(
     let record = climb(&start.design, settings, (&kept, folder))?;
     write(&record, folder)?;
     let (name, design) = (start.name.clone(), Arc::new(record.design()));
-    if let Some(result) = known.iter().find(|result| result.name == name && result.design == design) {
+    let is_known = |result: &&RankedStart| result.is_scored && result.name == name && result.design == design;
+    if let Some(result) = known.iter().find(is_known) {
         return Ok((record, result.clone()));
     }
     let meter = Meter::new();
-    let estimate = score_in_patches(&design, budget, &mut |progress: &EstimateProgress| {
+    let mut watch = |progress: &EstimateProgress| {
         meter.show(progress.done, progress.total, &progress.step);
         ControlFlow::Continue(())
-    })
-    .map_err(|error| about_objects(&design, error))?;
+    };
+    let failed = |error| about_objects(&design, error);
+    let estimate = score_in_patches(&design, budget, &mut watch).map_err(failed)?;
+    let sensor = score_whole(&design, &estimate, budget, &mut watch).map_err(failed)?;
     meter.finish();
-    Ok((record, RankedStart { name, design, estimate, sensor: None, is_scored: true, record: None }))
+    Ok((record, RankedStart { name, design, estimate, sensor, is_scored: true, record: None }))
+}
+
+/// A result in words, for people.
+pub(super) fn in_words(result: &RankedStart) -> String {
+    let sensor =
+        result.sensor.as_ref().map_or(String::new(), |sensor| format!("; whole sensor: {}", sensor.in_words()));
+    format!("{}{sensor}", result.estimate.in_words())
 }
 
 /// Runs from several starts in folders of `out`, each result judged by an estimate of this time, or of so many steps that it can be
@@ -105,16 +115,14 @@ pub(super) fn rank(
     // Results that were ranked before a power cut need not be estimated again.
     let known = order.last().filter(|(order, _)| order.budget_seconds == budget_seconds);
     let known = known.map_or_else(Vec::new, |(order, _)| order.ranked);
-    let (mut best, mut ranked, mut failed) = (None, Vec::<RankedStart>::new(), 0);
+    let (mut records, mut ranked, mut failed) = (Vec::new(), Vec::<RankedStart>::new(), 0);
     for (at, start) in starts.iter().enumerate() {
         let folder = out.join(format!("start-{}", at + 1));
         output::tell(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
         match ranked_start(start, settings, (&folder, budget), &known) {
             Ok((record, result)) => {
-                output::tell(format_args!("{}: {}", folder.display(), result.estimate.in_words()));
-                if ranked.iter().all(|other| result.worth() > other.worth()) {
-                    best = Some(record);
-                }
+                output::tell(format_args!("{}: {}", folder.display(), in_words(&result)));
+                records.push((result.name.clone(), record));
                 ranked.push(result);
             }
             // What the others find is worth having.
@@ -124,7 +132,7 @@ pub(super) fn rank(
             }
             Err(error) => return Err(error),
         }
-        ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
+        RankedStart::rank(&mut ranked);
         order.note(&KeptOrder {
             starts: starts.to_vec(),
             settings: settings.clone(),
@@ -136,7 +144,9 @@ pub(super) fn rank(
             budget_seconds,
         })?;
     }
-    let record = best.context("--starts: no run has come to its end")?;
+    let best = ranked.first().map(|best| &best.name);
+    let record = records.into_iter().find(|(name, _)| Some(name) == best).map(|(_, record)| record);
+    let record = record.context("--starts: no run has come to its end")?;
     Ok(Ranking { record, ranked, failed })
 }
 

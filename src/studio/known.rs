@@ -14,7 +14,8 @@ pub struct Known<'a> {
     pub live: Option<(Arc<LiveEstimate>, bool)>,
     /// What the run knows whose mask is shown.
     pub run: Option<RunBounds>,
-    /// All bounds that finished estimates know of the design as it is now, for the patch that the live numbers refer to.
+    /// All bounds that finished estimates and scores of runs know of the design as it is now, for the patch that the live numbers
+    /// refer to.
     pub bracket: Option<Bracket>,
     /// The smallest upper bound by finished estimates of one density model, for that patch.
     pub fitted: Option<NamedBound>,
@@ -27,7 +28,9 @@ impl<'a> Known<'a> {
         // A design that was left and came back is the same design.
         let design = state.bench.design();
         let is_of = |result: &&Stamped<FinishedEstimate>| result.value.is_of(design, &state.live);
-        let finished = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
+        let scores = || state.run.iter().flat_map(|run| run.scores_of(design, &state.live));
+        let ordered = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
+        let finished = || ordered().chain(scores());
         let brackets: Vec<_> =
             finished().filter_map(|estimate| Some((estimate.bracket.as_ref()?, estimate.patch))).collect();
         let of =

@@ -13,7 +13,7 @@ use super::messages::Severity;
 use super::state::State;
 use super::trails::TRAIL;
 use crate::design::{Frame, IdealEvent, Objective};
-use crate::information::Estimate;
+use crate::information::{Bracket, Estimate};
 use crate::workbench::{
     DesignRun, RankedStart, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict,
 };
@@ -266,11 +266,12 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
             };
             let text = format!("{}. {}: {bits}", place + 1, result.name);
-            let open = ui.button(text).on_hover_text(
+            let open = ui.button(text).on_hover_text(format!(
                 "Shows this design and the run that led to it. Its numbers, bits per pixel on objects that the run never saw, \
                  in patches and for the whole sensor, come from models of their own: a bracket, ranked by its lower bound, or \
-                 the live estimate where no lower bound is known.",
-            );
+                 the live estimate where no lower bound is known; for the whole sensor where that is known of all. In patches: {}",
+                with_intervals(estimate)
+            ));
             name_widget(&open, &format!("Result {}", place + 1));
             if open.clicked() {
                 show_result(state, run, place);
@@ -282,7 +283,8 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 state.copy_command(ui.ctx(), commands.collect::<Result<Vec<_>, _>>().map(|lines| lines.join("\n")));
             }
             if let Some(sensor) = &result.sensor {
-                ui.weak(format!("sensor {}", short(sensor))).on_hover_text("The same for whole measurements");
+                let told = format!("The same for whole measurements: {}", with_intervals(sensor));
+                ui.weak(format!("sensor {}", short(sensor))).on_hover_text(told);
             }
         });
     }
@@ -316,10 +318,10 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 ui.label(&design.name);
                 for &patch in &study.settings.patches {
                     let cell = study.cells.iter().find(|cell| cell.design == design.name && cell.patch == patch);
-                    let told = cell.and_then(|cell| cell.estimate.as_ref().map(short));
+                    let told = cell.and_then(|cell| cell.estimate.as_ref());
                     let failure = cell.and_then(|cell| cell.failure.clone());
                     match (told, failure) {
-                        (Some(bits), _) => ui.label(bits),
+                        (Some(told), _) => ui.label(short(told)).on_hover_text(with_intervals(told)),
                         (None, Some(sentence)) => ui.weak("failed").on_hover_text(sentence),
                         (None, None) => ui.weak("\u{2026}"),
                     };
@@ -331,6 +333,19 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             ui.label(sentence);
         }
     });
+}
+
+/// An estimate with the intervals of its bounds, 95 %.
+fn with_intervals(estimate: &Estimate) -> String {
+    let upper = |bits, of| format!("at most {} {}", rounded(bits), interval(of));
+    match &estimate.bracket {
+        Some(Bracket {
+            lower: Some(lower), lower_interval_95: Some(of_lower), upper: bits, upper_interval_95, ..
+        }) => {
+            format!("at least {} {}, {}", rounded(*lower), interval(*of_lower), upper(*bits, *upper_interval_95))
+        }
+        _ => upper(estimate.bits_per_pixel, estimate.interval_95),
+    }
 }
 
 /// An estimate in little room.

@@ -58,13 +58,17 @@ impl FinishedEstimate {
 
     /// Whether it is of this design, whatever revision that has by now, and of its objects as they were read last.
     pub fn is_of(&self, design: &Arc<Design>, live: &Live) -> bool {
-        if self.order.measured.is_some() || !self.is_of_this_version() {
-            return false;
-        }
-        let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
-        let is_same = Arc::ptr_eq(&self.order.design, design) || self.order.design == *design;
-        is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == self.estimate.objects_fingerprint)
+        self.order.measured.is_none()
+            && self.is_of_this_version()
+            && is_estimate_of((&self.estimate, &self.order.design), design, live)
     }
+}
+
+/// Whether an estimate of `known` is one of `design`, too, and of its objects as they were read last.
+pub(super) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), design: &Arc<Design>, live: &Live) -> bool {
+    let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
+    let is_same = Arc::ptr_eq(known, design) || known == design;
+    is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)
 }
 
 /// A folder with a file for each.

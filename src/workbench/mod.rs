@@ -53,7 +53,7 @@ pub use finished::{EstimateOrder, FinishedEstimate};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
-    run_ideal, score_in_patches, score_settings, verdict, worths,
+    run_ideal, score_in_patches, score_settings, score_whole, verdict, worths,
 };
 pub use jobs::{Job, Outcome};
 pub use live_bounds::Draws;

@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 use super::record::IdealRecord;
 use super::score::judge_of;
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
-use crate::information::{EngineChoice, Estimate, Estimator, NamedBound, Protocol};
+use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, random_layout};
 use crate::workbench::evaluation::Scene;
+use crate::workbench::finished::is_estimate_of;
 use crate::workbench::study::StudyRecord;
-use crate::workbench::{DensityModel, Design, EstimateRequest, WeightsFiles};
+use crate::workbench::{DensityModel, Design, EstimateRequest, Live, WeightsFiles};
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -126,6 +127,12 @@ pub(super) fn score_request(design: &Design, patch: Option<(usize, usize)>) -> E
     }
 }
 
+/// What a result is worth by an estimate, bits per pixel: the lower bound where there is one, which nobody can climb by being looked
+/// at loosely, and the estimate otherwise.
+fn worth(estimate: &Estimate) -> f64 {
+    estimate.lower().unwrap_or(estimate.bits_per_pixel)
+}
+
 impl RankedStart {
     /// What was asked of the estimates.
     pub fn requests(&self) -> Vec<EstimateRequest> {
@@ -133,10 +140,12 @@ impl RankedStart {
         std::iter::once(patches).chain(self.sensor.as_ref().map(|_| score_request(&self.design, None))).collect()
     }
 
-    /// What results are ranked by, bits per pixel: the lower bound where there is one, which nobody can climb by being
-    /// looked at loosely, and the estimate otherwise.
-    pub fn worth(&self) -> f64 {
-        self.estimate.lower().unwrap_or(self.estimate.bits_per_pixel)
+    /// Puts results in their order, the best first: by what they are worth for the whole sensor where that is known of all, for
+    /// patches count a point of the objects again in each of them, and in patches otherwise.
+    pub fn rank(results: &mut [Self]) {
+        let whole = results.iter().all(|result| result.sensor.is_some());
+        let worth = |result: &Self| worth(result.sensor.as_ref().filter(|_| whole).unwrap_or(&result.estimate));
+        results.sort_by(|one, other| worth(other).total_cmp(&worth(one)));
     }
 }
 
@@ -228,6 +237,16 @@ impl DesignRun {
             }
         };
         Some(RunBounds { is_of_mask: at.is_some(), lower, upper })
+    }
+
+    /// The scores of its results that are of this design and its objects as they were read last, by this version of the program.
+    pub fn scores_of(&self, design: &Arc<Design>, live: &Live) -> impl Iterator<Item = &Estimate> {
+        let is_of_today = |result: &&RankedStart| {
+            let version = result.record.as_ref().map(|record| &*record.program_version);
+            version == Some(NUMBERS_VERSION) && is_estimate_of((&result.estimate, &result.design), design, live)
+        };
+        let scored = self.ranked.iter().filter(is_of_today);
+        scored.flat_map(|result| std::iter::once(&result.estimate).chain(&result.sensor))
     }
 
     /// Whether it was stopped on its way.

@@ -46,6 +46,12 @@ pub(super) struct Shared {
     pub wake: Wake,
 }
 
+/// Puts the results of a run in their order; a comparison of another than the best goes.
+fn rank(run: &mut DesignRun) {
+    RankedStart::rank(&mut run.ranked);
+    run.comparison.take_if(|study| !is_about(study, &run.ranked[0].design.encoder));
+}
+
 impl Shared {
     pub fn change(&self, change: impl FnOnce(&mut DesignRun)) {
         if let Some(run) = lock(&self.run).as_mut() {
@@ -216,8 +222,7 @@ impl Shared {
             let result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record };
             self.change(|run| {
                 run.ranked.push(result.clone());
-                run.ranked.sort_by(|one, other| other.worth().total_cmp(&one.worth()));
-                run.comparison.take_if(|study| !is_about(study, &run.ranked[0].design.encoder));
+                rank(run);
             });
             self.keep_order();
             result
@@ -238,6 +243,7 @@ impl Shared {
                 if let Some(result) = run.ranked.iter_mut().find(|result| is_this(result)) {
                     (result.sensor, result.is_scored) = (scored.ok().flatten(), true);
                 }
+                rank(run);
             });
             self.keep_order();
         }
@@ -267,7 +273,7 @@ impl Shared {
 
     /// The same for whole measurements, where these are larger.
     fn score_whole(&self, design: &Design, patches: &Estimate) -> Result<Option<Estimate>, EvaluationError> {
-        score_whole(design, patches, &mut |progress| self.tell_score(" for the whole sensor", progress))
+        score_whole(design, patches, None, &mut |progress| self.tell_score(" for the whole sensor", progress))
     }
 
     fn tell_score(&self, place: &str, progress: &EstimateProgress) -> ControlFlow<()> {

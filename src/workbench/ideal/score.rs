@@ -30,22 +30,31 @@ pub fn score_in_patches(
     watch: Watch<'_>,
 ) -> Result<Estimate, EvaluationError> {
     let patch = imaging(design, &read(design, watch)?)?.patch(Some((PATCH, PATCH)));
-    let request = score_request(design, Some(patch));
+    estimate(design, &score_within(design, Some(patch), budget), watch)
+}
+
+/// [`score_request`] with fits of this time, where there is one.
+fn score_within(design: &Design, patch: Option<(usize, usize)>, budget: Option<Duration>) -> EstimateRequest {
+    let request = score_request(design, patch);
     let timed = budget.map(|_| DensityModel::new(judge_of(design), budget, EngineChoice::default()));
-    estimate(design, &EstimateRequest { model: timed.unwrap_or(request.model), ..request }, watch)
+    EstimateRequest { model: timed.unwrap_or(request.model), ..request }
 }
 
 /// The same for whole measurements, where they are larger than `patches` was for and no larger than models can be.
-pub(super) fn score_whole(
+///
+/// # Errors
+/// As [`estimate`].
+pub fn score_whole(
     design: &Design,
     patches: &Estimate,
+    budget: Option<Duration>,
     watch: Watch<'_>,
 ) -> Result<Option<Estimate>, EvaluationError> {
     let whole = imaging(design, &read(design, watch)?)?.patch(None);
     if whole == patches.patch.into() || whole.0 * whole.1 > MAX_PATCH_PIXELS {
         return Ok(None);
     }
-    estimate(design, &score_request(design, None), watch).map(Some)
+    estimate(design, &score_within(design, None, budget), watch).map(Some)
 }
 
 /// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
