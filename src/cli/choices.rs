@@ -165,6 +165,14 @@ impl EstimatorChoice {
 /// Most patches of one kind; those of 32 x 32 px then take 4 GB.
 const MOST_PATCHES: usize = 1_000_000;
 
+/// Refuses `--fresh` where no weights come with the program.
+pub(super) fn check_fresh(fresh: bool, estimator: Estimator) -> anyhow::Result<()> {
+    if fresh && !estimator.begins_with_weights() {
+        bail!("--fresh is for fits by --estimator live, full or bracket, others begin anew; leave it out");
+    }
+    Ok(())
+}
+
 /// Refuses more patches than memory holds.
 pub fn check_patches(train: usize, test: usize) -> anyhow::Result<()> {
     check_count("--patches-train", train, 0..=MOST_PATCHES)?;

@@ -13,7 +13,7 @@ use super::design_args::{SceneArgs, check_input_stays, open_design};
 use super::design_runs::{Ranking, climb, in_words, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
-use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates};
+use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::workbench::study::{PublishedSet, Study, StudyError, StudyRecord, StudySettings};
@@ -389,6 +389,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
         ),
     ];
+    lines.extend(gain_in_words(&record.frames, record.settings.objective).map(String::from));
     lines.push("Numbers of a run steer it and can mislead; what judges the design is an estimate of its own".into());
     let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
     if least < asked - ROUNDING_PX {

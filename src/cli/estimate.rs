@@ -5,7 +5,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_patches};
+use super::choices::{
+    BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches,
+};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::{Failure, output};
@@ -123,7 +125,7 @@ impl Arguments {
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let estimator = self.estimator.estimator();
         // Those that are made for the default protocol alone.
-        let ours = matches!(estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
+        let ours = estimator.begins_with_weights();
         let budget = self.budget.map(|choice| choice.0);
         if budget.is_some() && estimator.usual_budget().is_none() {
             return Err(anyhow::anyhow!(
@@ -154,10 +156,7 @@ impl Arguments {
         for file in [&self.resume, &self.save_weights].into_iter().flatten() {
             check_writable(file)?;
         }
-        if self.fresh && !ours {
-            let advice = "--fresh is for fits by --estimator live, full or bracket, others begin anew; leave it out";
-            return Err(anyhow::anyhow!(advice).into());
-        }
+        check_fresh(self.fresh, estimator)?;
         if let Some(steps) = self.steps {
             check_count("--steps", steps, 1..=MOST_STEPS)?;
             if !ours {

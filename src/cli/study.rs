@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_patches};
+use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_fresh, check_patches};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::{Failure, output};
@@ -245,6 +245,7 @@ impl Common {
             }
             settings.budget_seconds = Some(budget.0.as_secs_f64());
         }
+        check_fresh(self.fresh, settings.estimator)?;
         settings.patches_train = self.patches_train;
         settings.patches_test = self.patches_test;
         settings.fresh = self.fresh;

@@ -18,4 +18,4 @@ pub use ideal::{Ideal, OnIdeal};
 pub use imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed, mean_measurement, spots_on_sensor};
 pub use merge::{least_separation_px, merged, merged_result};
 pub use settings::{Free, IdealSettings, Objective, Preset, Rates};
-pub use state::{Doing, Frame, IdealEvent, IdealProgress, IdealState, time_left};
+pub use state::{Doing, Frame, IdealEvent, IdealProgress, IdealState, gain_in_words, time_left};

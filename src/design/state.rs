@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::movement::Momentum;
-use super::settings::IdealSettings;
+use super::settings::{IdealSettings, Objective};
 use crate::information::QuickLowerBound;
 use crate::optics::LensletArray;
 
@@ -33,6 +33,28 @@ pub struct Frame {
     pub effective_lenslets: f64,
     /// Seconds of computing since the start of the run.
     pub seconds: f64,
+}
+
+impl Frame {
+    /// The 95 % interval of its bound from below, where it has one.
+    fn lower(&self, objective: Objective) -> Option<[f64; 2]> {
+        match objective {
+            Objective::Posterior => Some(self.interval_95),
+            Objective::Density | Objective::PixelCnn => self.lower.map(|lower| lower.interval_95),
+        }
+    }
+}
+
+/// What a run says of its gain, by the intervals of its bounds from below at its first and its last mask; nothing where these are
+/// not two.
+pub fn gain_in_words(frames: &[Frame], objective: Objective) -> Option<&'static str> {
+    let mut known = frames.iter().filter_map(|frame| frame.lower(objective));
+    let (first, last) = (known.next()?, known.next_back()?);
+    Some(if last[0] > first[1] {
+        "The lower bound of the run confirms the gain over its start"
+    } else {
+        "The lower bound of the run does not confirm a gain over its start"
+    })
 }
 
 /// Something that a run had to do besides climbing.
@@ -205,4 +227,36 @@ pub fn time_left(state: &IdealState, settings: &IdealSettings, seconds: f64) -> 
     }
     let per_step = (seconds - first.seconds).max(0.0) / done as f64;
     Duration::try_from_secs_f64(per_step * (all - done.min(all)) as f64).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gain_is_confirmed_by_bounds_from_below_alone() {
+        let array = LensletArray { rows: 32, cols: 32, lenslets: Vec::new() };
+        let frame = |bits_per_pixel: f64, lower: Option<f64>| {
+            let around = |bits: f64| [bits - 0.01, bits + 0.01];
+            let lower =
+                lower.map(|bits| QuickLowerBound { bits_per_pixel: bits, interval_95: around(bits), samples: 256 });
+            Frame {
+                step: 0,
+                array: array.clone(),
+                bits_per_pixel,
+                interval_95: around(bits_per_pixel),
+                lower,
+                tamura: 1.0,
+                distinct_lenslets: 0,
+                effective_lenslets: 0.0,
+                seconds: 0.0,
+            }
+        };
+        let told = |frames: &[Frame], objective| gain_in_words(frames, objective).map(|told| told.contains("not"));
+        let frames = [frame(0.3, Some(0.2)), frame(0.5, None), frame(0.4, Some(0.215))];
+        assert_eq!(told(&frames, Objective::Posterior), Some(false));
+        assert_eq!(told(&frames, Objective::Density), Some(true), "the upper bound is no proof");
+        assert_eq!(told(&[frame(0.3, None), frame(0.5, None)], Objective::Density), None);
+        assert_eq!(told(&frames[..1], Objective::Posterior), None);
+    }
 }

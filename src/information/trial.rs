@@ -32,6 +32,11 @@ pub enum Estimator {
 }
 
 impl Estimator {
+    /// Whether it is of the program's own density model, which can begin with weights that come with the program.
+    pub fn begins_with_weights(self) -> bool {
+        matches!(self, Self::Live | Self::Full | Self::Bracket)
+    }
+
     /// Time for a fit where nothing else is asked for; none for estimators that are not fitted for a time.
     pub fn usual_budget(self) -> Option<Duration> {
         match self {

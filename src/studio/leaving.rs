@@ -86,8 +86,16 @@ pub fn going_on(state: &State) -> Option<String> {
         (false, _) => None,
     };
     let why = state.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be kept: {why}."));
-    let estimate = is_open(ActivityKind::Estimate)
-        .then_some("An estimate is being computed. What it has computed so far would be lost.");
+    let estimates =
+        open.iter().filter(|activity| activity.kind == ActivityKind::Estimate && activity.is_open()).count();
+    let estimate = match (estimates, state.bench.keeps_estimates()) {
+        (0, _) => None,
+        (1, true) => Some("An estimate is being computed. It is kept, and goes on in the next window."),
+        (_, true) => {
+            Some("An estimate is being computed. It is kept, and goes on in the next window; those that wait are not.")
+        }
+        (_, false) => Some("An estimate is being computed. What it has computed so far would be lost."),
+    };
     let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();
     (!sentences.is_empty()).then(|| sentences.join(" "))
 }

@@ -12,7 +12,7 @@ use super::lenslet_table::COUNTS;
 use super::messages::Severity;
 use super::state::State;
 use super::trails::TRAIL;
-use crate::design::{Frame, IdealEvent, Objective};
+use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
 use crate::information::{Bracket, Estimate};
 use crate::workbench::{
     DesignRun, RankedStart, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict,
@@ -238,6 +238,9 @@ fn other_plots(ui: &mut Ui, run: &DesignRun) {
 fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
     for line in IdealEvent::detours(&run.events) {
         ui.weak(line);
+    }
+    if let Some(sentence) = gain_in_words(&run.frames, run.settings.objective).filter(|_| !run.is_active()) {
+        ui.weak(sentence);
     }
     // The ceiling of this mask, in patches like those of the run.
     let is_shown = state.bench.design().encoder.lenslets() == Some(&*run.array);

@@ -170,12 +170,17 @@ impl Workbench {
         self.worker.estimator().order(EstimateOrder { design, revision, request, measured: Some(measured) })
     }
 
-    /// Keeps finished estimates in a folder, and takes up those that are there.
+    /// Keeps estimates in a folder, and takes up those that are there; the one that was interrupted goes on.
     ///
     /// # Errors
     /// Where the folder cannot be made.
     pub fn keep_estimates_in(&self, folder: &Path) -> Result<(), FormatError> {
         self.worker.estimator().keep_in(folder)
+    }
+
+    /// Whether the next program can go on with the estimate that is computed.
+    pub fn keeps_estimates(&self) -> bool {
+        self.worker.estimator().keeps_orders()
     }
 
     /// Forgets a finished estimate, its file as well.

@@ -3,21 +3,21 @@
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use super::activity::{Activities, ActivityKind, Entry};
 use super::design::Design;
-use super::estimation::{DensityModel, estimate};
+use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
-use super::finished::{EstimateOrder, FinishedEstimate, FinishedFolder};
+use super::finished::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
 use super::worker::Stamped;
-use crate::formats::FormatError;
+use crate::formats::{FormatError, create_folder};
 use crate::information::FitLength;
 
 /// Points of the curve of a fit that are kept; beyond, every second one is dropped.
@@ -65,7 +65,7 @@ struct Shared {
     arrived: Condvar,
     estimates: Mutex<Estimates>,
     /// Where finished orders outlive the program.
-    folder: Mutex<Option<FinishedFolder>>,
+    folder: Mutex<Option<EstimateFolder>>,
     threads: Threads,
     activities: Activities,
     /// Newest revision that is known; a live estimate of an older one is given up.
@@ -84,7 +84,7 @@ struct Shared {
 #[derive(Default)]
 struct Mailbox {
     /// The folder was named: what it holds is read before anything else.
-    read: Option<FinishedFolder>,
+    read: Option<PathBuf>,
     refine: Option<Refine>,
     /// Oldest first; the first one is in hand.
     orders: VecDeque<(EstimateOrder, Entry)>,
@@ -123,16 +123,20 @@ impl Estimator {
         Ok(Self { shared })
     }
 
-    /// Keeps finished orders in a folder, and takes up those that are there, away from the window.
+    /// Keeps orders in a folder. Those that are there are taken up away from the window, and the one that was interrupted goes on.
     ///
     /// # Errors
     /// Where the folder cannot be made.
     pub fn keep_in(&self, folder: &Path) -> Result<(), FormatError> {
-        let folder = FinishedFolder::new(folder)?;
-        *lock(&self.shared.folder) = Some(folder.clone());
-        lock(&self.shared.mailbox).read = Some(folder);
+        create_folder(folder)?;
+        lock(&self.shared.mailbox).read = Some(folder.to_path_buf());
         self.shared.arrived.notify_one();
         Ok(())
+    }
+
+    /// Whether the next program can go on with the order in hand.
+    pub fn keeps_orders(&self) -> bool {
+        lock(&self.shared.folder).as_ref().is_some_and(EstimateFolder::keeps_orders)
     }
 
     /// Forgets a finished order, its file as well.
@@ -181,12 +185,7 @@ impl Estimator {
         if mailbox.orders.len() >= MOST_ORDERS {
             return Err(format!("{MOST_ORDERS} estimates wait already; stop some, or let them come to their end"));
         }
-        let of = match &order.measured {
-            Some(measured) => measured.source.to_string(),
-            None => order.design.encoder.describe(),
-        };
-        let name = format!("Estimate ({}) of {of}", order.request.model.estimator());
-        let entry = self.shared.activities.add(ActivityKind::Estimate, name);
+        let entry = self.shared.activities.add(ActivityKind::Estimate, order.name());
         mailbox.orders.push_back((order, entry));
         drop(mailbox);
         self.shared.arrived.notify_one();
@@ -227,7 +226,7 @@ impl Drop for Estimator {
 }
 
 enum Task {
-    Read(FinishedFolder),
+    Read(PathBuf),
     Order(Box<EstimateOrder>, Entry),
     Refine(Refine),
 }
@@ -238,7 +237,7 @@ fn run(shared: &Shared) {
     while let Some(task) = next_task(shared) {
         let done = cores.run(|| match &task {
             Task::Read(folder) => {
-                shared.take_up(folder);
+                shared.take_up(EstimateFolder::open(folder.clone()));
                 Ok(None)
             }
             Task::Order(order, entry) => shared.compute(order, entry).map(Some),
@@ -247,7 +246,16 @@ fn run(shared: &Shared) {
                 Ok(None)
             }
         });
-        match (task, done.unwrap_or_else(|text| Err(Some(text)))) {
+        let done = done.unwrap_or_else(|text| Err(Some(text)));
+        if let (Task::Order(..), Some(folder)) = (&task, lock(&shared.folder).as_ref()) {
+            // One that was broken off by the end of the program is for the next.
+            if done.is_err() && shared.quit.load(Ordering::Relaxed) {
+                folder.leave();
+            } else {
+                folder.end();
+            }
+        }
+        match (task, done) {
             (Task::Order(_, entry), Ok(Some(text))) => entry.end(Ok(text)),
             (Task::Order(_, entry), Err(Some(text))) => entry.end(Err(text)),
             (Task::Refine(wanted), Err(Some(text))) => {
@@ -329,7 +337,10 @@ impl Shared {
             }
             ControlFlow::Continue(())
         };
-        let EstimateOrder { design, request, measured, .. } = order;
+        let EstimateOrder { design, measured, .. } = order;
+        let folder = lock(&self.folder).clone();
+        let keep = folder.as_ref().and_then(|folder| folder.begin(order));
+        let request = &EstimateRequest { keep, ..order.request.clone() };
         let told = |text: String, is_cancelled: bool| (!is_cancelled).then_some(text);
         let estimated = match measured {
             Some(measured) => measured
@@ -343,7 +354,7 @@ impl Shared {
         let curve = lock(&self.estimates).running.take().map(|running| running.curve).unwrap_or_default();
         let mut text = estimate.in_words();
         let mut finished = FinishedEstimate::new(order.clone(), estimate, curve);
-        if let Some(folder) = lock(&self.folder).as_ref()
+        if let Some(folder) = folder
             && let Err(error) = folder.keep(&mut finished)
         {
             text = format!("{text}; it is not kept for another day: {error}");
@@ -352,10 +363,15 @@ impl Shared {
         Ok(text)
     }
 
-    /// Takes up the orders that were finished on other days.
-    fn take_up(&self, folder: &FinishedFolder) {
+    /// Takes up the orders that were finished on other days, and the one that was interrupted.
+    fn take_up(&self, folder: EstimateFolder) {
         let earlier = folder.read().into_iter().map(|finished| Stamped { revision: 0, value: Arc::new(finished) });
         lock(&self.estimates).finished.splice(0..0, earlier);
+        if let Some(order) = folder.interrupted() {
+            let entry = self.activities.add(ActivityKind::Estimate, format!("{}, which was interrupted", order.name()));
+            lock(&self.mailbox).orders.push_front((order, entry));
+        }
+        *lock(&self.folder) = Some(folder);
     }
 
     fn refine(&self, refiner: &mut Refiner, wanted: &Refine) {

@@ -1,6 +1,8 @@
-//! Estimates that came to their end, in files of their own, so that they outlive the window.
+//! Estimates in files: those that came to their end, so that they outlive the window, and the one in hand, so that the next window
+//! goes on with it.
 
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -11,7 +13,7 @@ use super::estimation::EstimateRequest;
 use super::measured::MeasuredOrder;
 use super::progress::FitPoint;
 use super::worker::Live;
-use crate::formats::{FormatError, create_folder, read_json, write_json};
+use crate::formats::{FormatError, create_folder, lock_folder, read_json, write_json};
 use crate::information::{Estimate, NUMBERS_VERSION};
 
 /// An estimate that was asked for.
@@ -26,6 +28,17 @@ pub struct EstimateOrder {
     pub request: EstimateRequest,
     /// Images of a camera in place of the design's measurements, of which it has noise and seed alone.
     pub measured: Option<MeasuredOrder>,
+}
+
+impl EstimateOrder {
+    /// What it is, for people.
+    pub(super) fn name(&self) -> String {
+        let of = match &self.measured {
+            Some(measured) => measured.source.to_string(),
+            None => self.design.encoder.describe(),
+        };
+        format!("Estimate ({}) of {of}", self.request.model.estimator())
+    }
 }
 
 /// A finished order with the curves of its fits.
@@ -71,26 +84,38 @@ pub(super) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), desig
     is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)
 }
 
-/// A folder with a file for each.
+/// A folder with a file for each, and with the order in hand.
 #[derive(Clone, Debug)]
-pub(super) struct FinishedFolder(PathBuf);
+pub(super) struct EstimateFolder {
+    folder: PathBuf,
+    /// Held so that no other program takes up the order in hand; none where another one holds it.
+    lock: Option<Arc<Option<File>>>,
+}
 
-impl FinishedFolder {
+/// An order in hand as it stands in its file.
+#[derive(Serialize, Deserialize)]
+struct Pending {
+    program_version: String,
+    /// Programs that ended in the midst of it without being closed, one after the other.
+    crashes: usize,
+    order: EstimateOrder,
+}
+
+impl EstimateFolder {
     /// Most estimates that are read; older ones stay in their files.
     const MOST: usize = 100;
+    /// Programs that may have ended in the midst of an order before it is given up: it may be what ends them.
+    const MOST_CRASHES: usize = 3;
 
-    /// The folder, which is made if need be.
-    ///
-    /// # Errors
-    /// Where it cannot be made.
-    pub fn new(folder: &Path) -> Result<Self, FormatError> {
-        create_folder(folder)?;
-        Ok(Self(folder.to_path_buf()))
+    /// A folder that is there.
+    pub fn open(folder: PathBuf) -> Self {
+        let lock = lock_folder(&folder).ok().map(Arc::new);
+        Self { folder, lock }
     }
 
-    /// The newest of them, oldest first. What cannot be read is left as it is.
+    /// The newest finished estimates, oldest first. What cannot be read is left as it is.
     pub fn read(&self) -> Vec<FinishedEstimate> {
-        let Ok(entries) = std::fs::read_dir(&self.0) else { return Vec::new() };
+        let Ok(entries) = std::fs::read_dir(&self.folder) else { return Vec::new() };
         let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
         files.retain(|file| file.extension().is_some_and(|ending| ending == "json"));
         // Sorted by name they are in the order in which they came.
@@ -111,7 +136,7 @@ impl FinishedFolder {
     pub fn keep(&self, estimate: &mut FinishedEstimate) -> Result<(), FormatError> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("{:024}-{}.json", now.as_nanos(), std::process::id());
-        write_json(&self.0.join(&name), estimate)?;
+        write_json(&self.folder.join(&name), estimate)?;
         estimate.file = Some(name);
         Ok(())
     }
@@ -120,7 +145,70 @@ impl FinishedFolder {
     pub fn delete(&self, estimate: &FinishedEstimate) {
         if let Some(name) = &estimate.file {
             // One that is gone already need not go.
-            let _ = std::fs::remove_file(self.0.join(name));
+            let _ = std::fs::remove_file(self.folder.join(name));
         }
     }
+
+    /// Whether the next program can go on with the order in hand.
+    pub fn keeps_orders(&self) -> bool {
+        self.lock.is_some()
+    }
+
+    fn pending(&self) -> PathBuf {
+        self.folder.join("pending")
+    }
+
+    /// Notes that an order is in hand. What comes back is the file for what it has come to, where it can be kept.
+    pub fn begin(&self, order: &EstimateOrder) -> Option<PathBuf> {
+        self.lock.as_ref()?;
+        let folder = self.pending();
+        create_folder(&folder).ok()?;
+        let crashes = self.read_pending().map_or(0, |pending| pending.crashes);
+        self.write_pending(&Pending { program_version: NUMBERS_VERSION.into(), crashes, order: order.clone() })?;
+        Some(folder.join(STATE))
+    }
+
+    fn read_pending(&self) -> Option<Pending> {
+        read_json(&self.pending().join(ORDER)).ok()
+    }
+
+    fn write_pending(&self, pending: &Pending) -> Option<()> {
+        write_json(&self.pending().join(ORDER), pending).ok()
+    }
+
+    /// Notes that the program is closed in the midst of an order.
+    pub fn leave(&self) {
+        if let Some(pending) = self.lock.as_ref().and_then(|_| self.read_pending()) {
+            // Otherwise it counts as a crash.
+            self.write_pending(&Pending { crashes: 0, ..pending });
+        }
+    }
+
+    /// Notes that no order is in hand.
+    pub fn end(&self) {
+        if self.lock.is_some() {
+            // What stays behind is replaced by the next order.
+            let _ = std::fs::remove_dir_all(self.pending());
+        }
+    }
+
+    /// The order that was in hand when the last program ended. What it had come to by another version is of no use any more.
+    pub fn interrupted(&self) -> Option<EstimateOrder> {
+        self.lock.as_ref()?;
+        let pending = self.read_pending()?;
+        let crashes = pending.crashes + 1;
+        let is_sound = pending.order.design.check().is_ok() && crashes <= Self::MOST_CRASHES;
+        if !is_sound || pending.program_version != NUMBERS_VERSION {
+            self.end();
+        }
+        let order = pending.order.clone();
+        is_sound.then(|| {
+            self.write_pending(&Pending { crashes, ..pending });
+            order
+        })
+    }
 }
+
+/// Files of the order in hand: the order, and what it has come to.
+const ORDER: &str = "order.json";
+const STATE: &str = "state";

@@ -36,6 +36,7 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --estimator pixelcnn --budget 1s --save-weights none/fit", "none"),
         ("estimate --estimator live --engine cpu", "--estimator pixelcnn"),
         ("estimate --fresh", "--estimator live, full or bracket"),
+        ("study grid --estimator gaussian --fresh --out study", "--estimator live, full or bracket"),
         ("estimate --estimator live --protocol paper", "leave it out for live"),
         ("estimate --estimator bracket --trials 2", "fitted once"),
         ("estimate --estimator live --noise none", "unbounded without noise"),

@@ -3,6 +3,7 @@
 use super::home::at_home;
 use super::*;
 use egui_kittest::kittest::NodeT;
+use lenslet_studio::information::Estimator;
 
 /// Steps frames until `done`, for at most so many seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
@@ -107,6 +108,35 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     let mut window = at_home(folder.path());
     window.run_steps(60);
     assert!(found(&window).is_empty(), "it is gone for good");
+}
+
+#[test]
+fn an_estimate_in_hand_goes_on_in_the_next_window() {
+    let folder = tempfile::tempdir().unwrap();
+    let pending = folder.path().join("estimates/pending/order.json");
+    let mut window = at_home(folder.path());
+    click(&mut window, "Estimates");
+    click(&mut window, "Estimator");
+    click(&mut window, "Full");
+    type_number(&mut window, "Steps of the fit", "60");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    assert!(pending.exists());
+    assert!(studio(&window).bench().keeps_estimates());
+    drop(window);
+
+    let mut window = at_home(folder.path());
+    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
+    let finished = studio(&window).bench().estimates().finished;
+    assert_eq!((finished.len(), finished[0].value.order.request.model.estimator()), (1, Estimator::Full));
+    wait_for(&mut window, "the end", |_| !pending.exists());
+
+    // One that is cancelled does not come again.
+    click(&mut window, "Estimates");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    click(&mut window, "Cancel estimate");
+    wait_for(&mut window, "the end", |_| !pending.exists());
 }
 
 #[test]
