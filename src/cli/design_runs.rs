@@ -89,10 +89,14 @@ fn ranked_start(
         meter.show(progress.done, progress.total, &progress.step);
         ControlFlow::Continue(())
     };
-    let failed = |error| about_objects(&design, error);
-    let estimate = score_in_patches(&design, budget, &mut watch).map_err(failed)?;
-    let sensor = score_whole(&design, &estimate, budget, &mut watch).map_err(failed)?;
+    let estimate = score_in_patches(&design, budget, &mut watch).map_err(|error| about_objects(&design, error))?;
+    let sensor = score_whole(&design, &estimate, budget, &mut watch);
     meter.finish();
+    // The result stands without it.
+    let sensor = sensor.unwrap_or_else(|error| {
+        output::tell(format_args!("{}: no number for the whole sensor: {error}", folder.display()));
+        None
+    });
     Ok((record, RankedStart { name, design, estimate, sensor, is_scored: true, record: None }))
 }
 

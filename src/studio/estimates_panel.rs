@@ -84,6 +84,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.add(ProgressBar::new(share).desired_height(8.0));
         fit_plot(ui, &running.curve, 150.0);
     }
+    if state.estimates.gone.is_some() {
+        let back = ui.small_button("Bring back the deleted estimate");
+        if back.on_hover_text("Until the window is closed").clicked() {
+            state.bench.bring_back_estimate();
+            state.estimate_form.chosen = None;
+        }
+    }
     if finished.is_empty() && running.is_none() {
         ui.weak("An estimate runs beside your work: edit on, its result keeps the design it belongs to.");
         return;
@@ -196,7 +203,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
                 let curve = columns(&result.value.curve);
                 state.dialogs.ask(Purpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
             }
-            let delete = ui.small_button("Delete").on_hover_text("Forgets this estimate for good");
+            let delete = ui.small_button("Delete").on_hover_text("Forgets this estimate when the window is closed");
             name_widget(&delete, &format!("Delete estimate {}", index + 1));
             if delete.clicked() {
                 state.bench.delete_estimate(&result.value);

@@ -183,7 +183,12 @@ impl Workbench {
         self.worker.estimator().keeps_orders()
     }
 
-    /// Forgets a finished estimate, its file as well.
+    /// Puts the finished estimate that was deleted last where it was.
+    pub fn bring_back_estimate(&self) {
+        self.worker.estimator().bring_back();
+    }
+
+    /// Forgets a finished estimate, its file as well, until it is [brought back](Workbench::bring_back_estimate).
     pub fn delete_estimate(&self, finished: &Arc<FinishedEstimate>) {
         self.worker.estimator().delete(finished);
     }

@@ -53,6 +53,8 @@ pub struct Estimates {
     pub running: Option<RunningEstimate>,
     /// All orders that were finished, also on other days, oldest first.
     pub finished: Vec<Stamped<FinishedEstimate>>,
+    /// The one that was deleted last and can be brought back, and its place.
+    pub gone: Option<(usize, Stamped<FinishedEstimate>)>,
 }
 
 /// Handle of the thread; dropping it stops what it does; the thread then ends by itself.
@@ -139,12 +141,28 @@ impl Estimator {
         lock(&self.shared.folder).as_ref().is_some_and(EstimateFolder::keeps_orders)
     }
 
-    /// Forgets a finished order, its file as well.
+    /// Forgets a finished order, its file as well, until it is [brought back](Estimator::bring_back).
     pub fn delete(&self, finished: &Arc<FinishedEstimate>) {
-        lock(&self.shared.estimates).finished.retain(|other| !Arc::ptr_eq(&other.value, finished));
+        let mut estimates = lock(&self.shared.estimates);
+        let Some(place) = estimates.finished.iter().position(|other| Arc::ptr_eq(&other.value, finished)) else {
+            return;
+        };
+        let gone = estimates.finished.remove(place);
+        estimates.gone = Some((place, gone));
         if let Some(folder) = &*lock(&self.shared.folder) {
             folder.delete(finished);
         }
+    }
+
+    /// Puts the finished order that was deleted last where it was.
+    pub fn bring_back(&self) {
+        let mut estimates = lock(&self.shared.estimates);
+        let Some((place, finished)) = estimates.gone.take() else { return };
+        if let Some(folder) = &*lock(&self.shared.folder) {
+            folder.bring_back(&finished.value);
+        }
+        let place = place.min(estimates.finished.len());
+        estimates.finished.insert(place, finished);
     }
 
     /// A newer design is on its way: what is refined now is no longer of use.

@@ -116,8 +116,13 @@ impl EstimateFolder {
     /// The newest finished estimates, oldest first. What cannot be read is left as it is.
     pub fn read(&self) -> Vec<FinishedEstimate> {
         let Ok(entries) = std::fs::read_dir(&self.folder) else { return Vec::new() };
+        let has = |file: &PathBuf, ending| file.extension().is_some_and(|found| found == ending);
         let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-        files.retain(|file| file.extension().is_some_and(|ending| ending == "json"));
+        for file in files.iter().filter(|file| self.lock.is_some() && has(file, DELETED)) {
+            // One that stays behind goes the next time.
+            let _ = std::fs::remove_file(file);
+        }
+        files.retain(|file| has(file, "json"));
         // Sorted by name they are in the order in which they came.
         files.sort();
         let newest = files.iter().skip(files.len().saturating_sub(Self::MOST));
@@ -141,12 +146,27 @@ impl EstimateFolder {
         Ok(())
     }
 
-    /// Deletes the file of one.
+    /// Deletes the file of one, which can be brought back until the folder is opened the next time.
     pub fn delete(&self, estimate: &FinishedEstimate) {
-        if let Some(name) = &estimate.file {
+        if let Some((file, deleted)) = self.files_of(estimate) {
             // One that is gone already need not go.
-            let _ = std::fs::remove_file(self.folder.join(name));
+            let _ = std::fs::rename(file, deleted);
         }
+    }
+
+    /// Brings back the file of one that was deleted.
+    pub fn bring_back(&self, estimate: &FinishedEstimate) {
+        if let Some((file, deleted)) = self.files_of(estimate) {
+            // Without it the estimate lasts as long as the window.
+            let _ = std::fs::rename(deleted, file);
+        }
+    }
+
+    /// The file of an estimate, and the same once it was deleted.
+    fn files_of(&self, estimate: &FinishedEstimate) -> Option<(PathBuf, PathBuf)> {
+        let file = self.folder.join(estimate.file.as_ref()?);
+        let deleted = file.with_extension(DELETED);
+        Some((file, deleted))
     }
 
     /// Whether the next program can go on with the order in hand.
@@ -212,3 +232,5 @@ impl EstimateFolder {
 /// Files of the order in hand: the order, and what it has come to.
 const ORDER: &str = "order.json";
 const STATE: &str = "state";
+/// Ending of the files of estimates that were deleted.
+const DELETED: &str = "deleted";

@@ -104,6 +104,13 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     assert!(window.query_by_label_contains("of another design").is_none(), "the same design is open");
     click(&mut window, "Delete estimate 1");
     assert!(found(&window).is_empty());
+    click(&mut window, "Bring back the deleted estimate");
+    assert_eq!(found(&window).len(), 1);
+    drop(window);
+    let mut window = at_home(folder.path());
+    click(&mut window, "Estimates");
+    wait_for(&mut window, "what was brought back", |window| !found(window).is_empty());
+    click(&mut window, "Delete estimate 1");
     drop(window);
     let mut window = at_home(folder.path());
     window.run_steps(60);
