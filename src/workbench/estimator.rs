@@ -240,6 +240,10 @@ impl Drop for Estimator {
     fn drop(&mut self) {
         // Nobody waits for the thread: its files are whole or not there, and it ends at its next step.
         self.shared.set(&self.shared.quit, true);
+        let is_computing = lock(&self.shared.estimates).running.is_some();
+        if let Some(folder) = lock(&self.shared.folder).as_ref().filter(|_| is_computing) {
+            folder.leave();
+        }
     }
 }
 
@@ -267,9 +271,7 @@ fn run(shared: &Shared) {
         let done = done.unwrap_or_else(|text| Err(Some(text)));
         if let (Task::Order(..), Some(folder)) = (&task, lock(&shared.folder).as_ref()) {
             // One that was broken off by the end of the program is for the next.
-            if done.is_err() && shared.quit.load(Ordering::Relaxed) {
-                folder.leave();
-            } else {
+            if done.is_ok() || !shared.quit.load(Ordering::Relaxed) {
                 folder.end();
             }
         }
@@ -385,9 +387,15 @@ impl Shared {
     fn take_up(&self, folder: EstimateFolder) {
         let earlier = folder.read().into_iter().map(|finished| Stamped { revision: 0, value: Arc::new(finished) });
         lock(&self.estimates).finished.splice(0..0, earlier);
-        if let Some(order) = folder.interrupted() {
+        if let Some((order, given_up)) = folder.interrupted() {
             let entry = self.activities.add(ActivityKind::Estimate, format!("{}, which was interrupted", order.name()));
-            lock(&self.mailbox).orders.push_front((order, entry));
+            match given_up {
+                None => lock(&self.mailbox).orders.push_front((order, entry)),
+                Some(why) => {
+                    entry.begin();
+                    entry.end(Err(why));
+                }
+            }
         }
         *lock(&self.folder) = Some(folder);
     }

@@ -212,20 +212,25 @@ impl EstimateFolder {
         }
     }
 
-    /// The order that was in hand when the last program ended. What it had come to by another version is of no use any more.
-    pub fn interrupted(&self) -> Option<EstimateOrder> {
+    /// The order that was in hand when the last program ended, and why it is given up, if it is. What it had come to by another
+    /// version is of no use any more.
+    pub fn interrupted(&self) -> Option<(EstimateOrder, Option<String>)> {
         self.lock.as_ref()?;
-        let pending = self.read_pending()?;
-        let crashes = pending.crashes + 1;
-        let is_sound = pending.order.design.check().is_ok() && crashes <= Self::MOST_CRASHES;
-        if !is_sound || pending.program_version != NUMBERS_VERSION {
+        let Pending { program_version, crashes, order } = self.read_pending()?;
+        let crashes = crashes + 1;
+        let given_up = match order.design.check() {
+            Err(error) => Some(error.to_string()),
+            Ok(()) if crashes > Self::MOST_CRASHES => {
+                Some(format!("the program has ended in the midst of it {crashes} times; start it again if you like"))
+            }
+            Ok(()) => None,
+        };
+        if given_up.is_some() || program_version != NUMBERS_VERSION {
             self.end();
+        } else {
+            self.write_pending(&Pending { program_version, crashes, order: order.clone() });
         }
-        let order = pending.order.clone();
-        is_sound.then(|| {
-            self.write_pending(&Pending { crashes, ..pending });
-            order
-        })
+        Some((order, given_up))
     }
 }
 

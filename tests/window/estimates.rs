@@ -131,6 +131,11 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
     assert!(pending.exists());
     assert!(studio(&window).bench().keeps_estimates());
     drop(window);
+    let crashes = |path: &std::path::Path| {
+        let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        order["crashes"].as_u64().unwrap()
+    };
+    assert_eq!(crashes(&pending), 0, "the window was closed");
 
     let mut window = at_home(folder.path());
     wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
@@ -142,8 +147,21 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
     click(&mut window, "Estimates");
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    let order = std::fs::read_to_string(&pending).unwrap();
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "the end", |_| !pending.exists());
+    drop(window);
+
+    // One in the midst of which program after program has ended is given up, and that is told.
+    std::fs::create_dir_all(pending.parent().unwrap()).unwrap();
+    std::fs::write(&pending, order.replacen("\"crashes\": 0", "\"crashes\": 3", 1)).unwrap();
+    assert_eq!(crashes(&pending), 3);
+    let mut window = at_home(folder.path());
+    wait_for(&mut window, "the word", |window| {
+        let all = studio(window).bench().activities();
+        all.iter().any(|activity| format!("{:?}", activity.state).contains("ended in the midst of it 4 times"))
+    });
+    assert!(!pending.exists() && studio(&window).bench().estimates().running.is_none());
 }
 
 #[test]

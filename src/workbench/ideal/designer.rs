@@ -37,6 +37,7 @@ impl Designer {
                 resumed: Condvar::new(),
                 stopped: AtomicBool::new(false),
                 folder: Mutex::default(),
+                order: Mutex::default(),
                 keep_failure: Mutex::default(),
                 threads,
                 activities,
@@ -92,7 +93,9 @@ impl Designer {
     /// Notes that a mask of the run is in a file of a person's.
     pub fn note_saved(&self, mask: &LensletArray) {
         *lock(&self.shared.saved) = Some(mask.clone());
-        self.shared.keep_order();
+        let shared = Arc::clone(&self.shared);
+        // The window does not wait for it. Where there is no thread the mask is asked about once more.
+        let _ = std::thread::Builder::new().name("lenslet-order".into()).spawn(move || shared.keep_order());
     }
 
     /// The last of its masks that is in a file of a person's.

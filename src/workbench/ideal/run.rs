@@ -53,6 +53,9 @@ pub(super) fn start_of(design: &Design) -> Result<&LensletArray, EvaluationError
     design.encoder.lenslets().ok_or_else(|| EvaluationError::NoLenslets { mask: design.encoder.describe() })
 }
 
+/// Ending of the files of states.
+const STATE: &str = "safetensors";
+
 /// A folder that holds the last states of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptRun {
@@ -105,7 +108,7 @@ impl KeptRun {
     /// The file of the state of a start, by its index.
     fn state(&self, start: usize) -> PathBuf {
         let number = if start == 0 { String::new() } else { format!("-{}", start + 1) };
-        self.folder.join(format!("run{number}.safetensors"))
+        self.folder.join(format!("run{number}.{STATE}"))
     }
 
     fn comparison_folder(&self) -> PathBuf {
@@ -161,8 +164,9 @@ impl KeptRun {
 
     /// Forgets the run.
     pub fn end(&self) {
-        let starts = read_json::<KeptOrder>(&self.order()).map_or(1, |order| order.starts.len());
-        for file in (0..starts).map(|start| self.state(start)).chain([self.order()]) {
+        let found = std::fs::read_dir(&self.folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+        let states = found.filter(|file| file.extension().is_some_and(|ending| ending == STATE));
+        for file in states.chain([self.order()]) {
             // One that stays behind is replaced by the next.
             let _ = std::fs::remove_file(file);
         }

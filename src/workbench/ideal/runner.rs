@@ -37,6 +37,8 @@ pub(super) struct Shared {
     pub stopped: AtomicBool,
     /// Where states survive the program.
     pub folder: Mutex<Option<KeptRun>>,
+    /// Held while the order is written there.
+    pub order: Mutex<()>,
     /// Why the last state or order was not written there.
     pub keep_failure: Mutex<Option<String>>,
     pub threads: Threads,
@@ -252,6 +254,8 @@ impl Shared {
 
     /// Writes what was ordered and what came of it so far, but for the state of the start that the run is at.
     pub fn keep_order(&self) {
+        // Whoever writes last writes what is newest.
+        let _turn = lock(&self.order);
         let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
         if let (Some(folder), Some(DesignRun { settings, start_number, alone, ranked, failures, .. })) = (folder, run) {
             let (starts, saved) = (lock(&self.starts).clone(), lock(&self.saved).clone());
