@@ -14,9 +14,7 @@ use super::state::State;
 use super::trails::TRAIL;
 use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
 use crate::information::{Bracket, Estimate};
-use crate::workbench::{
-    DesignRun, RankedStart, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict,
-};
+use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
 
 /// Height of what stands above the curve of a run, its numbers and the slider, in points.
 const ABOVE_PLOT: f32 = 84.0;
@@ -48,13 +46,17 @@ pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun, room: f32) {
     other_plots(ui, run);
 }
 
-/// Takes up what has become of the run. The best result of several starts is shown when they have come to their end.
+/// Takes up what has become of the run. When it has come to its end its result is shown, of several starts the best: that is the mask
+/// which was scored, without dark lenslets.
 pub fn take_up(state: &mut State) {
     let was_followed = state.bench.is_following();
     state.run = state.bench.take_up_run();
-    let is_of_several = |run: &&DesignRun| run.status == RunStatus::Finished && run.start_number.1 > 1 && !run.alone;
-    if was_followed && let Some(run) = state.run.as_ref().filter(is_of_several).cloned() {
-        show_result(state, &run, 0);
+    let has_ended = |run: &&DesignRun| run.status == RunStatus::Finished;
+    if was_followed && let Some(run) = state.run.as_ref().filter(has_ended).cloned() {
+        let place = if run.alone || run.start_number.1 == 1 { place_of(&run, &run) } else { Some(0) };
+        if let Some(place) = place {
+            show_result(state, &run, place);
+        }
     }
 }
 
@@ -72,10 +74,13 @@ fn show_result(state: &mut State, run: &DesignRun, place: usize) {
 
 /// The place of the result that is looked at, the best where none was chosen.
 pub fn place_of_chosen(state: &State, run: &DesignRun) -> usize {
-    let record = |run: &DesignRun| run.record.as_ref().map(Arc::as_ptr);
-    let chosen = state.optimize_form.chosen.as_deref().and_then(record);
-    let is_chosen = |result: &RankedStart| result.record.as_ref().map(Arc::as_ptr) == chosen;
-    chosen.and_then(|_| run.ranked.iter().position(is_chosen)).unwrap_or(0)
+    state.optimize_form.chosen.as_deref().and_then(|chosen| place_of(run, chosen)).unwrap_or(0)
+}
+
+/// The place among the results of `all` of the one that a run has led to.
+fn place_of(all: &DesignRun, run: &DesignRun) -> Option<usize> {
+    let record = run.record.as_ref()?;
+    all.ranked.iter().position(|result| result.record.as_ref().is_some_and(|other| Arc::ptr_eq(other, record)))
 }
 
 /// What a mask is worth.
