@@ -137,16 +137,8 @@ pub(super) fn rank(
             Err(error) => return Err(error),
         }
         RankedStart::rank(&mut ranked);
-        order.note(&KeptOrder {
-            starts: starts.to_vec(),
-            settings: settings.clone(),
-            at,
-            alone: false,
-            ranked: ranked.clone(),
-            failures: Vec::new(),
-            saved: None,
-            budget_seconds,
-        })?;
+        let begun = KeptOrder::new(starts.to_vec(), settings.clone());
+        order.note(&KeptOrder { at, ranked: ranked.clone(), budget_seconds, ..begun })?;
     }
     let best = ranked.first().map(|best| &best.name);
     let record = records.into_iter().find(|(name, _)| Some(name) == best).map(|(_, record)| record);

@@ -258,16 +258,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     };
     let ranked: Vec<RankedStart> = starts.iter().enumerate().map(found).collect();
     let (starts, settings, ranked) = (starts, settings.clone(), ranked.clone());
-    let order = KeptOrder {
-        starts,
-        settings,
-        at: 1,
-        alone: false,
-        ranked: ranked.clone(),
-        failures: Vec::new(),
-        saved: None,
-        budget_seconds: None,
-    };
+    let order = KeptOrder { at: 1, ranked: ranked.clone(), ..KeptOrder::new(starts, settings) };
     kept.note(&order).unwrap();
 
     let mut window = at_home(folder.path());

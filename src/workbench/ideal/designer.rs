@@ -337,16 +337,7 @@ mod tests {
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
 
         // It ended when the first had been scored and the second had not begun.
-        let order = KeptOrder {
-            starts,
-            settings,
-            at: 0,
-            alone: false,
-            ranked: ranked.clone(),
-            failures: Vec::new(),
-            saved: None,
-            budget_seconds: None,
-        };
+        let order = KeptOrder { ranked: ranked.clone(), ..KeptOrder::new(starts, settings) };
         kept.note(&order).unwrap();
         let designer = self::designer(&kept);
         let run = designer.run().unwrap();

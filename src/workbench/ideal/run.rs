@@ -87,6 +87,22 @@ pub struct KeptOrder {
     pub budget_seconds: Option<f64>,
 }
 
+impl KeptOrder {
+    /// An order of which nothing is done yet.
+    pub fn new(starts: Vec<Start>, settings: IdealSettings) -> Self {
+        Self {
+            starts,
+            settings,
+            at: 0,
+            alone: false,
+            ranked: Vec::new(),
+            failures: Vec::new(),
+            saved: None,
+            budget_seconds: None,
+        }
+    }
+}
+
 impl KeptRun {
     /// The run in `folder`, which is made if need be.
     ///
