@@ -9,7 +9,7 @@ use anyhow::Context;
 
 use super::choices::about_objects;
 use super::output::{self, Meter};
-use crate::design::{IdealProgress, IdealSettings, time_left};
+use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::workbench::{
     Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, run_ideal,
     score_in_patches, score_whole, spoken,
@@ -34,7 +34,8 @@ pub(super) fn climb(
         ControlFlow::Continue(())
     };
     let reading = |_| ControlFlow::Continue(());
-    let record = run_ideal(design, settings, from.as_deref(), &reading, &mut |ideal| kept.store(0, ideal), &mut watch)
+    let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
+    let record = run_ideal(design, settings, from.as_deref(), &reading, keep, &mut watch)
         .map_err(|error| about_objects(design, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     meter.finish();

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use super::activity::{Activities, ActivityKind, Entry};
 use super::design::Design;
+use super::estimate_files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
-use super::finished::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use super::progress::{EstimateProgress, FitPoint};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
@@ -66,7 +66,7 @@ struct Shared {
     mailbox: Mutex<Mailbox>,
     arrived: Condvar,
     estimates: Mutex<Estimates>,
-    /// Where finished orders outlive the program.
+    /// Where orders outlive the program, finished ones and the one in hand.
     folder: Mutex<Option<EstimateFolder>>,
     threads: Threads,
     activities: Activities,

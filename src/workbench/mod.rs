@@ -8,11 +8,11 @@ mod closer;
 mod colormap;
 mod command;
 mod design;
+mod estimate_files;
 mod estimation;
 mod estimator;
 mod evaluation;
 mod export;
-mod finished;
 mod first;
 mod history;
 mod ideal;
@@ -43,13 +43,13 @@ pub use closer::{Closer, CloserKey, CloserOrder};
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
+pub use estimate_files::{EstimateOrder, FinishedEstimate};
 pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 pub use estimator::{Estimates, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
 pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
-pub use finished::{EstimateOrder, FinishedEstimate};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,

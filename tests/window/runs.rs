@@ -249,7 +249,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     let go_on = || std::ops::ControlFlow::Continue(());
     let kept = KeptRun::in_folder(&folder.path().join("run")).unwrap();
     let found = |(at, start): (usize, &Start)| {
-        let keep = &mut |ideal: &Ideal<'_>| kept.store(at, ideal);
+        let keep = &mut |ideal: &Ideal<'_>| kept.store(at, &ideal.to_bytes()?);
         let record = run_ideal(&start.design, &settings, None, &|_| go_on(), keep, &mut |_| go_on()).unwrap();
         let design = std::sync::Arc::new(record.design());
         let estimate = estimate(&design, &request, &mut |_| go_on()).unwrap();

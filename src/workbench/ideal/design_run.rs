@@ -10,8 +10,8 @@ use super::score::judge_of;
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
 use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, random_layout};
+use crate::workbench::estimate_files::is_estimate_of;
 use crate::workbench::evaluation::Scene;
-use crate::workbench::finished::is_estimate_of;
 use crate::workbench::study::StudyRecord;
 use crate::workbench::{DensityModel, Design, EstimateRequest, Live, WeightsFiles};
 

@@ -165,9 +165,8 @@ impl KeptRun {
     ///
     /// # Errors
     /// Where the file cannot be written; the last state is then still there.
-    pub fn store(&self, start: usize, ideal: &Ideal<'_>) -> Result<(), EvaluationError> {
-        let bytes = ideal.to_bytes()?;
-        Ok(write_safely(&self.state(start), |out| out.write_all(&bytes))?)
+    pub fn store(&self, start: usize, state: &[u8]) -> Result<(), EvaluationError> {
+        Ok(write_safely(&self.state(start), |out| out.write_all(state))?)
     }
 
     /// Notes what was ordered, and how far it is.
@@ -195,7 +194,9 @@ impl KeptRun {
         let sound = order.at < order.starts.len()
             && order.starts.iter().all(|start| start.design.check().is_ok())
             && order.ranked.iter().all(|result| result.design.check().is_ok());
-        let read = |start| self.load(start).ok()?.filter(|bytes| Ideal::state_in(bytes).is_ok());
+        // The others are looked at where one of them is to go on.
+        let is_wanted = |start: usize, bytes: &[u8]| start != order.at || Ideal::state_in(bytes).is_ok();
+        let read = |start| self.load(start).ok()?.filter(|bytes| is_wanted(start, bytes));
         let states: Vec<_> = (0..order.starts.len()).map(read).collect();
         let is_done = |at: usize| order.ranked.iter().any(|result| result.name == order.starts[at].name);
         if sound && is_done(order.at) && states[order.at].is_none() && order.at + 1 < order.starts.len() {

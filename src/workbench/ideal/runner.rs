@@ -196,15 +196,16 @@ impl Shared {
         let folder = lock(&self.folder).clone();
         self.keep_order();
         let mut keep = |ideal: &Ideal<'_>| {
-            lock(&self.states)[at] = Some(ideal.to_bytes()?);
+            let state = ideal.to_bytes()?;
             let record = Arc::new(IdealRecord::new(&start.design, ideal));
             self.change(|run| {
                 run.record = Some(record);
                 run.take_up(ideal.state());
             });
             if let Some(folder) = &folder {
-                self.note_kept(folder.store(at, ideal));
+                self.note_kept(folder.store(at, &state));
             }
+            lock(&self.states)[at] = Some(state);
             Ok(())
         };
         let record = run_ideal(&start.design, settings, from.as_deref(), &|_| self.go_on(), &mut keep, &mut watch)?;
