@@ -11,8 +11,8 @@ use super::choices::about_objects;
 use super::output::{self, Meter};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::workbench::{
-    Design, EstimateProgress, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design, run_ideal,
-    score_in_patches, score_whole, spoken,
+    Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design,
+    run_ideal, score_in_patches, score_whole, spoken,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -35,7 +35,7 @@ pub(super) fn climb(
     };
     let reading = |_| ControlFlow::Continue(());
     let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
-    let record = run_ideal(design, settings, from.as_deref(), &reading, keep, &mut watch)
+    let record = run_ideal(design, settings, from.as_deref().map(GoOn::newest), &reading, keep, &mut watch)
         .map_err(|error| about_objects(design, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     meter.finish();

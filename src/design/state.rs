@@ -1,6 +1,7 @@
 //! Where a run of IDEAL has come to.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -93,6 +94,13 @@ pub enum IdealEvent {
         /// Steps of the mask that was taken up.
         to: usize,
     },
+    /// It was told to go on from an earlier mask. Those after that stay among its frames, but it does not return to them.
+    Rewound {
+        /// Steps of the mask so far.
+        step: usize,
+        /// Steps of the mask that was taken up.
+        to: usize,
+    },
     /// The density model had lost track of the mask: one that began anew knew more and took its place; the rates were halved.
     Refitted {
         /// Steps of the mask so far.
@@ -101,6 +109,14 @@ pub enum IdealEvent {
 }
 
 impl IdealEvent {
+    /// The steps after which the run had masks that it came back from by this, from the first to the last.
+    pub fn given_up(&self) -> Option<RangeInclusive<usize>> {
+        match *self {
+            Self::Returned { step, to } | Self::Rewound { step, to } => Some(to + 1..=step),
+            _ => None,
+        }
+    }
+
     /// What a run had to do besides climbing, for people: a line for each kind of event that came, and how often.
     pub fn detours(events: &[Self]) -> Vec<String> {
         let told = |what: &str, is: fn(&Self) -> bool| {
@@ -112,6 +128,7 @@ impl IdealEvent {
                 matches!(event, Self::Relit { .. })
             }),
             told("Returns to an earlier mask that told more", |event| matches!(event, Self::Returned { .. })),
+            told("Returns to a mask that was chosen", |event| matches!(event, Self::Rewound { .. })),
             told("Steps without finite numbers, which were refused", |event| matches!(event, Self::Refused { .. })),
             told("Models that had lost track of the mask and made room for one that began anew", |event| {
                 matches!(event, Self::Refitted { .. })

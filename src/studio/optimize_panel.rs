@@ -59,6 +59,13 @@ impl Default for OptimizeForm {
 }
 
 impl OptimizeForm {
+    /// Steps that a run is to take which came to its end.
+    pub fn further_steps(&self, run: &DesignRun) -> usize {
+        // Steps for another objective say nothing of this run.
+        let of_run = Some(&run.settings).filter(|settings| settings.objective != self.settings.objective);
+        of_run.unwrap_or(&self.settings).steps
+    }
+
     /// Settings that suit the objects.
     fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
         // What was chosen for beads says nothing of other objects.
@@ -156,14 +163,8 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             "Go on".to_owned()
         };
         if ui.button(text).on_hover_text("Takes the run further, from where it was left").clicked() {
-            let form = &state.optimize_form.settings;
-            // Steps for another objective say nothing of this run.
-            let of_run = Some(&last.settings).filter(|settings| settings.objective != form.objective);
-            let steps = of_run.unwrap_or(form).steps;
-            match state.bench.extend_run(steps, place) {
-                Ok(()) => (state.optimize_form.frame, state.optimize_form.chosen) = (None, None),
-                Err(refusal) => state.messages.push(Severity::Failure, refusal),
-            }
+            let done = state.bench.extend_run(state.optimize_form.further_steps(last), place, None);
+            run_view::went_on(state, done);
         }
     });
 }

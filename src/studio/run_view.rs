@@ -26,11 +26,11 @@ const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
 const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
 
 /// Shows the run, or the one that led to the result that was chosen; `room` points of height are seen without scrolling.
-pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun, room: f32) {
+pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
     let chosen = state.optimize_form.chosen.clone();
-    let run = chosen.as_deref().unwrap_or(last);
-    ranking(ui, state, last);
-    comparison(ui, state, last);
+    let run = chosen.as_deref().unwrap_or(all);
+    ranking(ui, state, all);
+    comparison(ui, state, all);
     if run.frames.is_empty() {
         if run.is_active() {
             ui.weak("The first fit takes some seconds.");
@@ -41,6 +41,9 @@ pub fn show(ui: &mut Ui, state: &mut State, last: &DesignRun, room: f32) {
     let shown = state.optimize_form.frame.unwrap_or(last).min(last);
     value(ui, state, run, shown);
     rewind(ui, state, run, shown);
+    if chosen.is_none() || all.status == RunStatus::Finished {
+        go_on_from(ui, state, all, run, shown);
+    }
     information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
     notes(ui, state, run);
     other_plots(ui, run);
@@ -177,6 +180,33 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
             state.bench.follow_run(run.is_active());
         }
     });
+}
+
+/// Lets a run that waits, was stopped or has ended go on from an earlier mask that is shown.
+fn go_on_from(ui: &mut Ui, state: &mut State, all: &DesignRun, run: &DesignRun, shown: usize) {
+    if shown + 1 >= run.frames.len() || all.status == RunStatus::Running || all.is_being_scored() {
+        return;
+    }
+    let text = format!("Go on from step {}", run.frames[shown].step);
+    let hint = "The run takes up this mask again and goes on from it, where with Go on or Resume it would go on from the newest. \
+                The masks after it stay in the curve";
+    if ui.button(text).on_hover_text(hint).clicked() {
+        let done = if all.status == RunStatus::Paused {
+            state.bench.resume_run_from(shown)
+        } else {
+            let (steps, place) = (state.optimize_form.further_steps(all), place_of_chosen(state, all));
+            state.bench.extend_run(steps, place, Some(shown))
+        };
+        went_on(state, done);
+    }
+}
+
+/// Shows the run that goes on, or why it does not.
+pub fn went_on(state: &mut State, done: Result<(), String>) {
+    match done {
+        Ok(()) => (state.optimize_form.frame, state.optimize_form.chosen) = (None, None),
+        Err(refusal) => state.messages.push(Severity::Failure, refusal),
+    }
 }
 
 /// A curve over the steps of a run.

@@ -1,5 +1,7 @@
 //! The ways that lenslets took in a run, over the picture of its mask.
 
+use std::ops::RangeInclusive;
+
 use egui::{Color32, Stroke, Ui};
 
 use super::state::State;
@@ -41,8 +43,8 @@ fn way<'a>(
     let last = before.last().map_or(0, |frame| frame.step);
     // Masks that the run came back from are not on the way.
     let given_up = |at: usize| {
-        let of = |event: &IdealEvent| matches!(*event, IdealEvent::Returned { step, to } if step <= last && (to + 1..=step).contains(&at));
-        events.iter().any(of)
+        let until_then = |steps: &RangeInclusive<usize>| *steps.end() <= last;
+        events.iter().filter_map(IdealEvent::given_up).filter(until_then).any(|steps| steps.contains(&at))
     };
     // A lenslet that got light elsewhere took no way there.
     let relit = |event: &IdealEvent| match *event {
@@ -104,6 +106,8 @@ mod tests {
         let returned = IdealEvent::Returned { step: 30, to: 10 };
         assert_eq!(visited(&frames(6), std::slice::from_ref(&returned), None), [0.0, 1.0, 4.0, 5.0]);
         assert_eq!(visited(&frames(6), std::slice::from_ref(&returned), Some(2)), [0.0, 1.0, 2.0]);
+        let rewound = IdealEvent::Rewound { step: 30, to: 10 };
+        assert_eq!(visited(&frames(6), &[rewound], None), [0.0, 1.0, 4.0, 5.0], "by whomever");
         // What had come to light between is as it was before.
         let events = [IdealEvent::Relit { step: 20, lenslet: 0 }, returned];
         assert_eq!(visited(&frames(6), &events, None), [0.0, 1.0, 4.0, 5.0]);

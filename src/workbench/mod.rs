@@ -52,7 +52,7 @@ pub use evaluation::{
 pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
-    DesignRun, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
+    DesignRun, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
     run_ideal, score_in_patches, score_settings, score_whole, verdict, worths,
 };
 pub use jobs::{Job, Outcome};

@@ -71,17 +71,17 @@ fn estimate_flags(request: &EstimateRequest) -> String {
 /// takes as many commands, each of which goes on where the one before has ended.
 ///
 /// # Errors
-/// As [`look_command`]; where the run was told on its way to take another number of steps, which no command does.
+/// As [`look_command`]; where the run was told on its way to take another number of steps or to go back, which no command does.
 pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
-    let replanned = events.iter().find_map(|event| match event {
-        IdealEvent::Replanned { step, before } => Some((step, before)),
+    let told = events.iter().find_map(|event| match event {
+        IdealEvent::Replanned { step, before } => {
+            Some(format!("at step {step} of {before} this run was told to take another number of steps"))
+        }
+        IdealEvent::Rewound { step, to } => Some(format!("at step {step} this run was told to go back to step {to}")),
         _ => None,
     });
-    if let Some((step, before)) = replanned {
-        return Err(format!(
-            "at step {step} of {before} this run was told to take another number of steps, which no command repeats; its record \
-             tells what it did"
-        ));
+    if let Some(told) = told {
+        return Err(format!("{told}, which no command repeats; its record tells what it did"));
     }
     let ends = events.iter().filter_map(|event| match event {
         IdealEvent::Extended { step } => Some(*step),
@@ -240,5 +240,7 @@ mod tests {
         assert!(steps.len() == 2 && steps[0].starts_with("40 ") && steps[1].starts_with("90 "), "{text}");
         let refusal = run_command(&published, &settings, &[IdealEvent::Replanned { step: 5, before: 40 }]).unwrap_err();
         assert!(refusal.contains("step 5 of 40"), "{refusal}");
+        let refusal = run_command(&published, &settings, &[IdealEvent::Rewound { step: 40, to: 20 }]).unwrap_err();
+        assert!(refusal.contains("go back to step 20"), "{refusal}");
     }
 }

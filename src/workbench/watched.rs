@@ -48,12 +48,23 @@ impl Workbench {
     }
 
     /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps. Of several starts that
-    /// came to their end the one goes on that led to the result at this place.
+    /// came to their end the one goes on that led to the result at this place. It goes on from its newest mask, or from that of an
+    /// earlier frame (`rewind_to`), counted from 0; those after it stay among the frames.
     ///
     /// # Errors
     /// One sentence where there is none.
-    pub fn extend_run(&mut self, steps: usize, place: usize) -> Result<(), String> {
-        self.designer.extend(steps, place)?;
+    pub fn extend_run(&mut self, steps: usize, place: usize, rewind_to: Option<usize>) -> Result<(), String> {
+        self.designer.extend(steps, place, rewind_to)?;
+        self.watched.following = true;
+        Ok(())
+    }
+
+    /// Lets a run that waits go on from the mask of an earlier frame, counted from 0.
+    ///
+    /// # Errors
+    /// One sentence where none waits, or its result is being scored.
+    pub fn resume_run_from(&mut self, frame: usize) -> Result<(), String> {
+        self.designer.resume_from(frame)?;
         self.watched.following = true;
         Ok(())
     }

@@ -79,8 +79,16 @@ fn a_run_is_started_watched_rewound_and_undone() {
     std::thread::sleep(std::time::Duration::from_millis(400));
     window.run_steps(4);
     assert!(studio(&window).bench().run().unwrap().step <= paused + 1);
-    click(&mut window, "Resume run");
+    // An earlier mask is looked at, and the run goes on from it.
+    click(&mut window, "Back to start");
+    assert_eq!(lenslets(&window), before);
+    click(&mut window, "Go on from step 0");
     wait_for(&mut window, "more steps", |window| studio(window).bench().run().unwrap().step > paused + 1);
+    window.get_by_label_contains("Returns to a mask that was chosen: 1");
+    assert!(studio(&window).bench().is_following() && window.query_by_label("Go on from step 0").is_none());
+    click(&mut window, "Pause run");
+    click(&mut window, "Resume run");
+    wait_for(&mut window, "more steps", |window| studio(window).bench().run().unwrap().step > paused + 2);
 
     click(&mut window, "Stop run");
     wait_for(&mut window, "the end", |window| {

@@ -21,9 +21,13 @@ impl Ideal<'_> {
     }
 
     /// Whether it is time to see whether a model that was fitted again and again still knows more than one that begins anew: a
-    /// model that lags behind by a little more in every round is not found out otherwise.
+    /// model that lags behind by a little more in every round is not found out otherwise, and neither is one that was fitted to
+    /// the masks which the run has been told to leave.
     pub(super) fn is_due_for_audit(&self, is_last: bool) -> bool {
-        is_last || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
+        let step = self.state.step;
+        let is_rewound =
+            self.state.events.iter().any(|event| matches!(event, IdealEvent::Rewound { step: at, .. } if *at == step));
+        is_last || is_rewound || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
     }
 
     /// Whether a value says more of the model than of the mask: no mask gains so much in one round, or becomes so much more
@@ -89,6 +93,10 @@ mod tests {
         let [before, after] = &ideal.state.frames[..] else { panic!("two frames") };
         assert!((after.bits_per_pixel - before.bits_per_pixel).abs() < 0.1, "{before:?} {after:?}");
         assert_eq!(ideal.state.step, 2);
+        // Where it is told to go back, the model was fitted to other masks.
+        assert!(!ideal.is_due_for_audit(false));
+        ideal.rewind_to(0).unwrap();
+        assert!(ideal.is_due_for_audit(false));
     }
 
     /// A guide that knows nothing after a fit from the beginning.

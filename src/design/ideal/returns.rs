@@ -12,7 +12,8 @@ const MOST_LOSS: f64 = 0.006;
 
 impl Ideal<'_> {
     /// The best mask so far that has the lenslets which are left, where values can only be too low. Masks at which the run had
-    /// ended before were measured more closely; they count by what they were worth when it went on.
+    /// ended before were measured more closely; they count by what they were worth when it went on. Masks that somebody told the
+    /// run to leave do not count.
     fn best(&self) -> Option<&Frame> {
         if self.guide.can_overrate() {
             return None;
@@ -20,7 +21,10 @@ impl Ideal<'_> {
         let (state, frames) = (&self.state, &self.state.frames);
         let is_whole = |frame: &Frame| state.pruned.iter().all(|&index| frame.array.lenslets[index].weight == 0.0);
         let went_on = |at: usize| frames.get(at + 1).is_some_and(|next| next.step == frames[at].step);
-        let alike = frames.iter().enumerate().filter(|&(at, frame)| is_whole(frame) && !went_on(at));
+        let left = |event: &IdealEvent| event.given_up().filter(|_| matches!(event, IdealEvent::Rewound { .. }));
+        let was_left = |frame: &Frame| state.events.iter().filter_map(left).any(|steps| steps.contains(&frame.step));
+        let alike =
+            frames.iter().enumerate().filter(|&(at, frame)| is_whole(frame) && !went_on(at) && !was_left(frame));
         alike.map(|(_, frame)| frame).max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
     }
 
@@ -34,13 +38,38 @@ impl Ideal<'_> {
         self.return_to(array, to)
     }
 
+    /// Lets the run go on from the mask of an earlier frame, counted from 0; the last one, and any beyond it, leaves the run where
+    /// it is. Steps count on, so that nothing of the way is lost and none of its draws come again.
+    ///
+    /// # Errors
+    /// Where the guide does not turn to that mask.
+    pub fn rewind_to(&mut self, frame: usize) -> Result<(), IdealError> {
+        if frame + 1 >= self.state.frames.len() {
+            return Ok(());
+        }
+        let (array, to) = (self.state.frames[frame].array.clone(), self.state.frames[frame].step);
+        self.take_up(array)?;
+        let state = &mut self.state;
+        // The rest of its round was for another mask; what was taken out after this one is there again.
+        state.due = 0;
+        state.pruned.retain(|&index| state.array.lenslets[index].weight == 0.0);
+        state.events.push(IdealEvent::Rewound { step: state.step, to });
+        Ok(())
+    }
+
     fn return_to(&mut self, array: LensletArray, to: usize) -> Result<(), IdealError> {
+        self.take_up(array)?;
+        self.state.events.push(IdealEvent::Returned { step: self.state.step, to });
+        Ok(())
+    }
+
+    /// Puts a mask in place of that of the run, which has to learn of it anew.
+    fn take_up(&mut self, array: LensletArray) -> Result<(), IdealError> {
         self.guide.follow(&array, true)?;
         let state = &mut self.state;
         state.array = array;
         state.momentum.forget_all();
         state.followed = false;
-        state.events.push(IdealEvent::Returned { step: state.step, to });
         Ok(())
     }
 
@@ -74,6 +103,44 @@ mod tests {
     use crate::design::imaging::Imaging;
     use crate::optics::{Lenslet, Spot};
     use crate::sensor::Noise;
+
+    #[test]
+    fn a_run_goes_on_from_the_mask_that_somebody_chose() {
+        let set = few_beads();
+        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 0.8, 0.5));
+        let begun = || short(&imaging, &lenslets, 6);
+        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let mut ideal = begun();
+        (0..3).for_each(|_| advance(&mut ideal));
+        let (step, frames) = (ideal.state.step, ideal.state.frames.clone());
+        let blurred = {
+            let mut array = frames[0].array.clone();
+            array.lenslets.iter_mut().for_each(|lenslet| lenslet.spot = Spot::Isotropic(5.0));
+            array
+        };
+        // The newest mask is where it is anyway.
+        ideal.rewind_to(frames.len() - 1).unwrap();
+        assert_eq!(ideal.state.events, []);
+        // One that tells less than those after it: whoever chose it has left those.
+        (ideal.state.frames[0].array, ideal.state.frames[0].bits_per_pixel) = (blurred.clone(), 0.0);
+        ideal.state.pruned = vec![1];
+        ideal.rewind_to(0).unwrap();
+        let rewound = IdealEvent::Rewound { step, to: frames[0].step };
+        assert_eq!((&ideal.state.array, ideal.state.step), (&blurred, step));
+        assert_eq!((&ideal.state.events[..], ideal.state.pruned.len()), (std::slice::from_ref(&rewound), 0));
+        let bytes = ideal.to_bytes().unwrap();
+        advance(&mut ideal);
+        let [.., before, now] = &ideal.state.frames[..] else { panic!("more than one frame") };
+        assert_eq!((before, &now.array, now.step), (frames.last().unwrap(), &blurred, step));
+        assert!(now.bits_per_pixel < before.bits_per_pixel - MOST_LOSS, "and it is not taken back to them");
+        assert_eq!(ideal.state.events, [rewound]);
+        assert!(ideal.state.array != blurred && ideal.state.step > step, "it climbs from there");
+        // Between two states it does the same.
+        let mut resumed = begun().resumed(&bytes).unwrap();
+        advance(&mut resumed);
+        assert_eq!(resumed.state.array, ideal.state.array);
+    }
 
     #[test]
     fn a_mask_that_lost_information_is_given_up_for_the_best_one() {

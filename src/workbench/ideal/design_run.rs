@@ -213,6 +213,11 @@ impl DesignRun {
         matches!(self.status, RunStatus::Running | RunStatus::Paused)
     }
 
+    /// Whether it has come to its end but for the score of its result.
+    pub fn is_being_scored(&self) -> bool {
+        self.status != RunStatus::Finished && self.step >= self.settings.steps
+    }
+
     /// What is known of a design whose mask is one at a refit, or the newest one, for patches of this shape (rows, cols).
     pub fn bounds_of(&self, design: &Design, patch: (usize, usize)) -> Option<RunBounds> {
         let start = &self.start;

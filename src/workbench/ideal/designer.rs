@@ -18,6 +18,9 @@ const NO_RESULT: &str = "there is no result to compare yet";
 /// Why a run is not started.
 const BUSY: &str = "one run goes on at a time; stop it first";
 
+/// Why a run does not go on from an earlier mask.
+const UNSCORED: &str = "the run has come to its end, and its result is being scored; let that come to its end first";
+
 /// The thread of runs; dropping it lets the run end at its next step.
 pub(in crate::workbench) struct Designer {
     shared: Arc<Shared>,
@@ -36,6 +39,7 @@ impl Designer {
                 paused: Mutex::default(),
                 resumed: Condvar::new(),
                 stopped: AtomicBool::new(false),
+                rewind_to: Mutex::default(),
                 folder: Mutex::default(),
                 order: Mutex::default(),
                 keep_failure: Mutex::default(),
@@ -124,18 +128,23 @@ impl Designer {
             folder.end();
         }
         *lock(&self.shared.states) = vec![None; starts.len()];
+        *lock(&self.shared.rewind_to) = None;
         *lock(&self.shared.saved) = None;
         *lock(&self.shared.starts) = starts;
         self.run_on(run)
     }
 
     /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps. Of several starts that
-    /// came to their end the one goes on that led to the result at this place.
+    /// came to their end the one goes on that led to the result at this place. It goes on from its newest mask, or from that of an
+    /// earlier frame (`rewind_to`).
     ///
     /// # Errors
     /// One sentence where there is none, or it still goes on.
-    pub fn extend(&self, steps: usize, place: usize) -> Result<(), String> {
+    pub fn extend(&self, steps: usize, place: usize, rewind_to: Option<usize>) -> Result<(), String> {
         let Some(mut run) = self.run() else { return Err("there is no run to go on with".into()) };
+        if rewind_to.is_some() && run.is_being_scored() {
+            return Err(UNSCORED.into());
+        }
         // One that was stopped first takes the steps that it was to take, and is scored.
         if run.status == RunStatus::Finished {
             if run.start_number.1 > 1 {
@@ -144,7 +153,27 @@ impl Designer {
             run.settings.steps = run.step + steps;
         }
         run.status = RunStatus::Running;
+        if self.is_active() {
+            return Err(BUSY.into());
+        }
+        *lock(&self.shared.rewind_to) = rewind_to;
         self.run_on(run)
+    }
+
+    /// Lets a run that waits go on from the mask of an earlier frame.
+    ///
+    /// # Errors
+    /// One sentence where none waits, or its result is being scored.
+    pub fn resume_from(&self, frame: usize) -> Result<(), String> {
+        match self.run() {
+            Some(run) if run.status == RunStatus::Paused && run.is_being_scored() => Err(UNSCORED.into()),
+            Some(run) if run.status == RunStatus::Paused => {
+                *lock(&self.shared.rewind_to) = Some(frame);
+                self.pause(false);
+                Ok(())
+            }
+            _ => Err("no run waits".into()),
+        }
     }
 
     /// Of several starts the one that led to a result.
@@ -250,7 +279,7 @@ mod tests {
     use super::super::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
     use super::super::run::run_ideal;
     use super::*;
-    use crate::design::{IdealProgress, Objective, Preset};
+    use crate::design::{IdealEvent, IdealProgress, Objective, Preset};
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
@@ -319,6 +348,57 @@ mod tests {
     }
 
     #[test]
+    fn a_run_goes_on_from_an_earlier_mask_where_it_waits_or_was_stopped() {
+        let start = Start::random(&Design::default(), 3, 1);
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            steps: 4_000,
+            refit_every: 2,
+            first_fit: 30,
+            refit: 4,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
+        let designer = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
+        designer.start(vec![start], settings).unwrap();
+        let deadline = Instant::now() + Duration::from_mins(5);
+        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| {
+            while !designer.run().is_some_and(|run| done(&run)) && Instant::now() < deadline {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            designer.run().unwrap()
+        };
+        let rewinds = |run: &DesignRun| {
+            let to = run.events.iter().filter_map(|event| match event {
+                IdealEvent::Rewound { to, .. } => Some(*to),
+                _ => None,
+            });
+            to.collect::<Vec<_>>()
+        };
+        assert!(designer.resume_from(0).is_err(), "it does not wait");
+        wait_for(&|run| run.frames.len() > 3);
+        designer.pause(true);
+        let paused = wait_for(&|run| run.status == RunStatus::Paused);
+        designer.resume_from(1).unwrap();
+        let run = wait_for(&|run| !rewinds(run).is_empty() && run.step > paused.step + 2);
+        assert_eq!((rewinds(&run), &run.status), (vec![paused.frames[1].step], &RunStatus::Running));
+        assert_eq!(run.frames[..3], paused.frames[..3], "nothing of the way is lost");
+        let again = |run: &DesignRun, index: usize| {
+            let mask = &run.frames[index].array;
+            run.frames.iter().filter(|frame| frame.array == *mask).count()
+        };
+        assert_eq!(again(&run, 1), 2, "the mask is measured again");
+
+        designer.stop();
+        let stopped = wait_for(&|run| !run.is_active());
+        assert_eq!(stopped.status, RunStatus::Stopped);
+        designer.extend(1, 0, Some(0)).unwrap();
+        let run = wait_for(&|run| rewinds(run).len() > 1 && run.step > stopped.step);
+        assert_eq!((rewinds(&run)[1], run.settings.steps, again(&run, 0)), (0, 4_000, 2));
+        designer.stop();
+        wait_for(&|run| !run.is_active());
+    }
+
+    #[test]
     fn what_several_starts_have_found_outlives_the_program() {
         let folder = tempfile::tempdir().unwrap();
         let kept = KeptRun::in_folder(folder.path()).unwrap();
@@ -346,7 +426,7 @@ mod tests {
         assert_eq!(run.start.encoder, Encoder::Lenslets(random_layout(3, 2)));
 
         // It goes on with the second, and ends in the midst of it.
-        designer.extend(1, 0).unwrap();
+        designer.extend(1, 0, None).unwrap();
         let deadline = Instant::now() + Duration::from_mins(5);
         while kept.load(1).unwrap().is_none() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(20));

@@ -20,15 +20,31 @@ use crate::workbench::{Design, EvaluationError};
 /// Takes a state of a run, which lies between two of its rounds.
 pub(super) type Keep<'a> = &'a mut dyn FnMut(&Ideal<'_>) -> Result<(), EvaluationError>;
 
-/// Lets the mask of a design climb the information of its measurements, from the start or from a state (`from`) of the same
-/// run; `reading` hears how far the objects are read, `keep` gets the run after every round.
+/// Where a run goes on.
+#[derive(Clone, Copy, Debug)]
+pub struct GoOn<'a> {
+    /// A state of the same run.
+    pub state: &'a [u8],
+    /// An earlier mask to go on from, by its frame; the newest one where there is none.
+    pub rewind_to: Option<usize>,
+}
+
+impl<'a> GoOn<'a> {
+    /// From where the run has come to.
+    pub fn newest(state: &'a [u8]) -> Self {
+        Self { state, rewind_to: None }
+    }
+}
+
+/// Lets the mask of a design climb the information of its measurements, from the start or from where the same run goes on
+/// (`from`); `reading` hears how far the objects are read, `keep` gets the run after every round.
 ///
 /// # Errors
 /// Where design, objects, noise and settings allow no run, a state is of another one, or `reading` or `watch` break off.
 pub fn run_ideal(
     design: &Design,
     settings: &IdealSettings,
-    from: Option<&[u8]>,
+    from: Option<GoOn<'_>>,
     reading: &dyn Fn(Progress) -> ControlFlow<()>,
     keep: Keep<'_>,
     watch: OnIdeal<'_>,
@@ -37,9 +53,13 @@ pub fn run_ideal(
     let set = open_set_with(design, reading)?.of_training();
     let imaging = imaging(design, &set)?;
     let mut ideal = Ideal::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
-    if let Some(bytes) = from {
-        ideal = ideal.resumed(bytes)?;
+    if let Some(GoOn { state, rewind_to }) = from {
+        ideal = ideal.resumed(state)?;
         ideal.extend_to(settings.steps);
+        if let Some(frame) = rewind_to {
+            ideal.rewind_to(frame)?;
+            keep(&ideal)?;
+        }
     }
     while !ideal.is_finished() {
         ideal.advance(watch)?;

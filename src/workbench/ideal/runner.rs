@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::design_run::{DesignRun, RankedStart, RunStatus, Start};
 use super::record::IdealRecord;
-use super::run::{KeptOrder, KeptRun, run_ideal};
+use super::run::{GoOn, KeptOrder, KeptRun, run_ideal};
 use super::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::information::Estimate;
@@ -35,6 +35,8 @@ pub(super) struct Shared {
     pub paused: Mutex<bool>,
     pub resumed: Condvar,
     pub stopped: AtomicBool,
+    /// The frame of an earlier mask that the run is to go on from, by whoever runs it.
+    pub rewind_to: Mutex<Option<usize>>,
     /// Where states survive the program.
     pub folder: Mutex<Option<KeptRun>>,
     /// Held while the order is written there.
@@ -183,7 +185,6 @@ impl Shared {
     }
 
     fn run_one(&self, (at, start): (usize, &Start), settings: &IdealSettings) -> Result<(), EvaluationError> {
-        let from = lock(&self.states)[at].clone();
         let (mut told, mut shown) = (Instant::now(), None);
         let mut watch = |progress: &IdealProgress<'_>| {
             if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= TELL_EVERY {
@@ -191,7 +192,7 @@ impl Shared {
                 told = Instant::now();
                 self.publish(progress, settings);
             }
-            self.go_on()
+            self.go_on_unless_rewound()
         };
         let folder = lock(&self.folder).clone();
         self.keep_order();
@@ -208,7 +209,15 @@ impl Shared {
             lock(&self.states)[at] = Some(state);
             Ok(())
         };
-        let record = run_ideal(&start.design, settings, from.as_deref(), &|_| self.go_on(), &mut keep, &mut watch)?;
+        let reading = |_| self.go_on_unless_rewound();
+        let record = loop {
+            let (state, rewind_to) = (lock(&self.states)[at].clone(), lock(&self.rewind_to).take());
+            let from = state.as_deref().map(|state| GoOn { state, rewind_to });
+            match run_ideal(&start.design, settings, from, &reading, &mut keep, &mut watch) {
+                Err(error) if error.is_cancelled() && self.is_to_rewind() => {}
+                done => break done?,
+            }
+        };
         let (design, record) = (Arc::new(record.design()), Arc::new(record));
         self.change(|run| {
             run.record = Some(Arc::clone(&record));
@@ -296,6 +305,19 @@ impl Shared {
             paused = self.resumed.wait(paused).unwrap_or_else(PoisonError::into_inner);
         }
         if self.stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    /// The same for what a run does, which is left as well where it is to go on from an earlier mask.
+    fn go_on_unless_rewound(&self) -> ControlFlow<()> {
+        match self.go_on() {
+            ControlFlow::Continue(()) if self.is_to_rewind() => ControlFlow::Break(()),
+            answer => answer,
+        }
+    }
+
+    /// Whether it is to go on from an earlier mask, rather than to end.
+    fn is_to_rewind(&self) -> bool {
+        lock(&self.rewind_to).is_some() && !self.stopped.load(Ordering::Relaxed)
     }
 
     fn tell(&self, step: &str, share: f64, left: Option<Duration>) {
