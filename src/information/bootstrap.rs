@@ -15,7 +15,7 @@ const FIRST_STREAM: u64 = 1 << 48;
 /// 95 % interval of the mean of `cross_entropy` minus the mean of `entropy_y_given_x`, both per test patch and in one
 /// unit (bits per pixel).
 ///
-/// As published (Kabuli et al. 2026): 100 bootstraps of either mean, independent of each other; the 2.5 and 97.5
+/// As published (Kabuli et al. 2026), and under the paper's protocol alone: 100 bootstraps of either mean, independent of each other; the 2.5 and 97.5
 /// percentiles of all 100 x 100 differences. It covers the choice of test patches only, neither the training patches
 /// nor the fit, and treats the two terms as independent although they come from the same patches: where bright patches
 /// raise both, as shot noise does, it covers more than it says (0.99 of repeated tests instead of 0.95 in
@@ -38,11 +38,11 @@ pub fn bootstrap_interval(
     Ok([percentile(&differences, 0.025), percentile(&differences, 0.975)])
 }
 
-/// 95 % interval of the mean of `information`, the difference `log2 p(y|x) - log2 q(y)` of each test patch in bits per
-/// pixel: the 2.5 and 97.5 percentiles of 1000 bootstraps.
+/// 95 % interval of the mean of `information`, what each test patch tells in bits per pixel: its cross-entropy less the entropy
+/// of its noise, or `log2 p(y|x) - log2 q(y)`; the 2.5 and 97.5 percentiles of 1000 bootstraps.
 ///
-/// Noise moves both logarithms of a patch alike, so their difference scatters less than either, and what they share is
-/// not counted twice as in [`bootstrap_interval`]. It covers the choice of test patches only, neither the training
+/// Bright patches raise both terms alike, and noise moves both logarithms alike, so that the difference scatters less than
+/// either, and what they share is not counted twice as in [`bootstrap_interval`]. It covers the choice of test patches only, neither the training
 /// patches nor the fit. With a single patch both ends are the estimate itself.
 ///
 /// # Errors

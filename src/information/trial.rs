@@ -98,7 +98,8 @@ pub struct Trial {
 const FEW_PICTURES: usize = 20;
 
 impl Trial {
-    /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each.
+    /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each. The interval is
+    /// that of their differences ([`paired_interval`]), under the paper's protocol of either by itself ([`bootstrap_interval`]).
     ///
     /// `seconds` is the time it took; `notes` say what a reader must know.
     ///
@@ -116,25 +117,6 @@ impl Trial {
             return Err(InformationError::PatchCount { noisy, clean });
         }
         Self::new(settings, cross_entropy, entropy_y_given_x, seconds, notes)
-    }
-
-    /// A trial whose two terms were taken at the same measurements: `information` holds
-    /// `log2 p(y|x) - log2 q(y)`, and `entropy_y_given_x` the entropy of the noise, in bits per pixel for each held-out
-    /// patch. The interval is that of the differences ([`paired_interval`]).
-    ///
-    /// # Errors
-    /// As [`Trial::from_patches`].
-    pub fn from_paired(
-        settings: TrialSettings,
-        information: &[f64],
-        entropy_y_given_x: &[f64],
-        seconds: f64,
-        notes: Vec<String>,
-    ) -> Result<Self, InformationError> {
-        let cross_entropy: Vec<f64> = information.iter().zip(entropy_y_given_x).map(|(i, h)| i + h).collect();
-        let mut trial = Self::from_patches(settings, &cross_entropy, entropy_y_given_x, seconds, notes)?;
-        trial.interval_95 = paired_interval(information, settings.seed)?;
-        Ok(trial)
     }
 
     /// The trial of a bound that needs no samples; `entropy_y_given_x` holds bits per pixel for each clean image and
@@ -164,9 +146,13 @@ impl Trial {
                 return Err(InformationError::NotFinite { what, patch });
             }
         }
-        let interval_95 = bootstrap_interval(entropy_y, entropy_y_given_x, settings.seed)?;
         // A bound without samples has one entropy for all patches.
-        let information = entropy_y.iter().cycle().zip(entropy_y_given_x).map(|(y, noise)| y - noise).collect();
+        let information: Vec<f64> =
+            entropy_y.iter().cycle().zip(entropy_y_given_x).map(|(y, noise)| y - noise).collect();
+        let interval_95 = match settings.protocol {
+            Protocol::Default => paired_interval(&information, settings.seed)?,
+            Protocol::Paper => bootstrap_interval(entropy_y, entropy_y_given_x, settings.seed)?,
+        };
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let (patches_test, entropy_y, entropy_y_given_x) =
             (entropy_y_given_x.len(), mean(entropy_y), mean(entropy_y_given_x));
@@ -212,7 +198,8 @@ impl Trial {
         self.entropy_y - self.entropy_y_given_x
     }
 
-    /// Its 95 % interval (low, high), bits per pixel; see [`bootstrap_interval`] and [`Trial::sharing`] for what it covers.
+    /// Its 95 % interval (low, high), bits per pixel; see [`paired_interval`], [`bootstrap_interval`] and [`Trial::sharing`] for
+    /// what it covers.
     pub fn interval_95(&self) -> [f64; 2] {
         self.interval_95
     }

@@ -1,5 +1,6 @@
 //! Information from an endless stream of patches by the causal density model.
 
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use ndarray::{Array3, Axis, Zip, s};
@@ -105,12 +106,9 @@ pub fn causal_estimate(
         seed: request.seed,
     };
     let seconds = started.elapsed().as_secs_f64();
-    let trial = if request.test.clean.is_some() {
-        Trial::from_paired(settings, &information, &entropy_y_given_x, seconds, notes)?
-    } else {
-        let cross_entropy: Vec<f64> = information.iter().zip(&entropy_y_given_x).map(|(i, h)| i + h).collect();
-        Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?
-    };
+    // Both logarithms of a patch are taken at its measurement; what they tell together stays as it is.
+    let cross_entropy: Vec<f64> = information.iter().zip(&entropy_y_given_x).map(|(i, h)| i + h).collect();
+    let trial = Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?;
     Ok((trial, model))
 }
 
@@ -123,15 +121,8 @@ fn score_in_parts(
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = request.test.noisy.len_of(Axis(0));
     let entropy = NoiseEntropy::new(request.noise, Protocol::Default)?;
-    let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
-    for first in (0..total).step_by(SCORED_AT_ONCE) {
-        let part = s![first..total.min(first + SCORED_AT_ONCE), .., ..];
-        let noisy = request.test.noisy.slice(part).to_owned();
-        let clean = request.test.clean.as_ref().map(|clean| clean.slice(part).to_owned());
-        let (bits, entropies) = score(model, &entropy, &PatchBatch { noisy, clean })?;
-        information.extend(bits);
-        entropy_y_given_x.extend(entropies);
-        let progress = FitProgress {
+    score_while(model, &entropy, request.test, &mut |scored| {
+        on_progress(&FitProgress {
             epoch: 1,
             epochs: 1,
             step,
@@ -139,9 +130,31 @@ fn score_in_parts(
             best_bits: None,
             elapsed: started.elapsed(),
             remaining: None,
-            scored: Some((information.len(), total)),
-        };
-        if on_progress(&progress).is_break() {
+            scored: Some((scored, total)),
+        })
+    })
+}
+
+/// As [`score`], part by part: after each `watch` hears how many patches are scored, and may break off.
+///
+/// # Errors
+/// As [`score`], and [`InformationError::Cancelled`] where it does.
+pub fn score_while(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+    watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let total = test.noisy.len_of(Axis(0));
+    let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
+    for first in (0..total).step_by(SCORED_AT_ONCE) {
+        let part = s![first..total.min(first + SCORED_AT_ONCE), .., ..];
+        let noisy = test.noisy.slice(part).to_owned();
+        let clean = test.clean.as_ref().map(|clean| clean.slice(part).to_owned());
+        let (bits, entropies) = score(model, entropy, &PatchBatch { noisy, clean })?;
+        information.extend(bits);
+        entropy_y_given_x.extend(entropies);
+        if watch(information.len()).is_break() {
             return Err(InformationError::Cancelled);
         }
     }

@@ -23,7 +23,7 @@ mod start;
 mod stream;
 
 pub use conditioning::Moments;
-pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score};
+pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score, score_while};
 pub use first::{FirstFitProgress, FirstScene, FirstWeights, OnFirstFit};
 pub use fit::{CausalFit, FitLength};
 pub use model::CausalModel;
