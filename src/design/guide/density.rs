@@ -1,5 +1,7 @@
 //! A density model of the measurements, whose cross-entropy bounds the information from above.
 
+use std::ops::ControlFlow;
+
 use ndarray::{Array3, ArrayView3, Axis, Slice, concatenate};
 
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
@@ -8,7 +10,7 @@ use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use crate::information::{
     CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, HeldDensity, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, Protocol, score,
+    PatchBatch, PatchStream, Protocol, score_while,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
@@ -148,9 +150,11 @@ impl Guide for DensityGuide<'_> {
         Ok(true)
     }
 
-    fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
+    fn value(&self, array: &LensletArray, _last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
         let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
-        let (information, _) = score(&self.model, &self.entropy, &PatchBatch { noisy, clean: Some(clean) })?;
+        let test = PatchBatch { noisy, clean: Some(clean) };
+        let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let (information, _) = score_while(&self.model, &self.entropy, &test, watch)?;
         self.held_out.value(&information)
     }
 
@@ -182,6 +186,21 @@ mod tests {
     use std::cell::Cell;
 
     use super::*;
+    use crate::objects::{ObjectOptions, ObjectSet};
+    use crate::sensor::Noise;
+
+    #[test]
+    fn a_value_is_left_between_two_parts_of_its_patches() {
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
+        let guide = DensityGuide::new(&imaging, &start, &Limits::default(), ((6, 6), 1)).unwrap();
+        let left = Cell::new(2);
+        let value = guide.value(&start, false, &|| left.replace(left.get() - 1) > 1);
+        assert!(matches!(value, Err(IdealError::Information(InformationError::Cancelled))));
+        assert_eq!(left.get(), 0);
+    }
 
     /// Knows the mean of what it is given.
     struct Mean;
