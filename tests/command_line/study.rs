@@ -216,9 +216,22 @@ fn brackets_hold_bounds_from_both_sides_and_are_drawn() {
     }
     let table = written(&bench, "a/study.md");
     assert!(
-        table.contains("| lower bound | upper bound | from | density bound | Gaussian bound | ceiling |"),
+        table.contains(
+            "| lower bound | by the decoder | upper bound | from | density bound | Gaussian bound | ceiling |"
+        ),
         "{table}"
     );
+    let table = written(&bench, "a/study.csv");
+    let columns: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    for (row, cell) in table.lines().skip(1).zip(cells(&study)) {
+        let row: Vec<&str> = row.split(',').collect();
+        let at = |name: &str| row[columns.iter().position(|&column| column == name).unwrap()];
+        let number = |name: &str| at(name).parse::<f64>().unwrap();
+        assert_eq!(at("lower_from"), cell["estimate"]["lower_from"].as_str().unwrap());
+        let below = ["decoder_bound_bits_per_px", "posterior_sampling_lower_bits_per_px"].map(number);
+        assert_eq!(below[0].max(below[1]), number("lower_bits_per_px"), "{row:?}");
+        assert!(number("posterior_sampling_upper_bits_per_px") >= number("bits_per_px"), "{row:?}");
+    }
 }
 
 #[test]

@@ -107,6 +107,12 @@ impl StudyCell {
         bounds.iter().find(|bound| bound.from == name).map(|bound| bound.bits_per_pixel)
     }
 
+    /// The lower bound by one means ("decoder", of whichever kind, or "posterior sampling") of a bracket, bits per pixel.
+    pub fn lower_from(&self, means: &str) -> Option<f64> {
+        let bounds = &self.estimate.as_ref()?.bracket.as_ref()?.lower_bounds;
+        bounds.iter().find(|bound| bound.from.ends_with(means)).map(|bound| bound.bits_per_pixel)
+    }
+
     /// The ceiling, bits per pixel, where the entropy of the objects is known.
     pub fn ceiling(&self) -> Option<f64> {
         self.estimate.as_ref()?.ceiling

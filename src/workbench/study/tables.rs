@@ -5,7 +5,7 @@ use super::settings::{StudyKind, StudySettings, patch_name};
 use crate::objects::ObjectSource;
 
 /// Columns of the CSV table; information and intervals in bits per pixel. What is not known is empty.
-pub(super) const CSV_HEADER: [&str; 24] = [
+pub(super) const CSV_HEADER: [&str; 28] = [
     "objects",
     "density_beads_per_px",
     "design",
@@ -20,6 +20,10 @@ pub(super) const CSV_HEADER: [&str; 24] = [
     "lower_bits_per_px",
     "lower_low_95_bits_per_px",
     "lower_high_95_bits_per_px",
+    "lower_from",
+    "decoder_bound_bits_per_px",
+    "posterior_sampling_lower_bits_per_px",
+    "posterior_sampling_upper_bits_per_px",
     "density_bound_bits_per_px",
     "gaussian_bound_bits_per_px",
     "ceiling_bits_per_px",
@@ -64,6 +68,10 @@ pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String>
         number(cell.lower()),
         number(lower_interval.map(|[low, _]| low)),
         number(lower_interval.map(|[_, high]| high)),
+        bracket.and_then(|bracket| bracket.lower_from.clone()).unwrap_or_default(),
+        number(cell.lower_from("decoder")),
+        number(cell.lower_from("posterior sampling")),
+        number(cell.upper_from("posterior sampling")),
         number(cell.upper_from("density")),
         number(cell.upper_from("gaussian")),
         number(cell.ceiling()),
@@ -182,11 +190,12 @@ fn patches_row(record: &StudyRecord, cell: &StudyCell) -> Vec<String> {
     ]
 }
 
-const BRACKET: [&str; 11] = [
+const BRACKET: [&str; 12] = [
     "objects",
     "design",
     "patch",
     "lower bound",
+    "by the decoder",
     "upper bound",
     "from",
     "density bound",
@@ -202,6 +211,7 @@ fn bracket_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         cell.design.clone(),
         patch_name(cell.patch),
         lower(cell),
+        bits(cell.lower_from("decoder")),
         estimate(cell),
         upper_from(cell),
         bits(cell.upper_from("density")),
