@@ -91,9 +91,7 @@ pub fn going_on(state: &State) -> Option<String> {
     let estimate = match (estimates, state.bench.keeps_estimates()) {
         (0, _) => None,
         (1, true) => Some("An estimate is being computed. It is kept, and goes on in the next window."),
-        (_, true) => {
-            Some("An estimate is being computed. It is kept, and goes on in the next window; those that wait are not.")
-        }
+        (_, true) => Some("Estimates are being computed. They are kept, and go on in the next window."),
         (_, false) => Some("An estimate is being computed. What it has computed so far would be lost."),
     };
     let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();

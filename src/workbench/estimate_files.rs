@@ -1,5 +1,5 @@
-//! Estimates in files: those that came to their end, so that they outlive the window, and the one in hand, so that the next window
-//! goes on with it.
+//! Estimates in files: those that came to their end, so that they outlive the window, and the one in hand with those that wait for it,
+//! so that the next window goes on with them.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -84,7 +84,7 @@ pub(super) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), desig
     is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)
 }
 
-/// A folder with a file for each, and with the order in hand.
+/// A folder with a file for each, with the order in hand and with those that wait.
 #[derive(Clone, Debug)]
 pub(super) struct EstimateFolder {
     folder: PathBuf,
@@ -196,6 +196,27 @@ impl EstimateFolder {
         write_json(&self.pending().join(ORDER), pending).ok()
     }
 
+    /// Notes which orders wait for the one in hand.
+    pub fn note_waiting(&self, orders: &[EstimateOrder]) {
+        if self.lock.is_none() {
+            return;
+        }
+        let file = self.folder.join(WAITING);
+        // What cannot be written lasts as long as the window.
+        let _ = if orders.is_empty() {
+            std::fs::remove_file(file).map_err(|_| ())
+        } else {
+            write_json(&file, &orders).map_err(|_| ())
+        };
+    }
+
+    /// The orders that waited when the last program ended.
+    pub fn waiting(&self) -> Vec<EstimateOrder> {
+        let orders: Vec<EstimateOrder> =
+            self.lock.as_ref().and_then(|_| read_json(&self.folder.join(WAITING)).ok()).unwrap_or_default();
+        orders.into_iter().filter(|order| order.design.check().is_ok()).collect()
+    }
+
     /// Notes that the program is closed in the midst of an order.
     pub fn leave(&self) {
         if let Some(pending) = self.lock.as_ref().and_then(|_| self.read_pending()) {
@@ -237,5 +258,7 @@ impl EstimateFolder {
 /// Files of the order in hand: the order, and what it has come to.
 const ORDER: &str = "order.json";
 const STATE: &str = "state";
+/// File of the orders that wait for it; not one of the finished ones, which end differently.
+const WAITING: &str = "waiting";
 /// Ending of the files of estimates that were deleted.
 const DELETED: &str = "deleted";

@@ -68,6 +68,8 @@ struct Shared {
     estimates: Mutex<Estimates>,
     /// Where orders outlive the program, finished ones and the one in hand.
     folder: Mutex<Option<EstimateFolder>>,
+    /// Held while it is written there which orders wait.
+    noting: Mutex<()>,
     threads: Threads,
     activities: Activities,
     /// Newest revision that is known; a live estimate of an older one is given up.
@@ -88,8 +90,10 @@ struct Mailbox {
     /// The folder was named: what it holds is read before anything else.
     read: Option<PathBuf>,
     refine: Option<Refine>,
-    /// Oldest first; the first one is in hand.
+    /// Those that wait, oldest first.
     orders: VecDeque<(EstimateOrder, Entry)>,
+    /// They are others than those in the file of waiting orders.
+    is_to_be_noted: bool,
 }
 
 /// A design whose live estimate is wanted.
@@ -111,6 +115,7 @@ impl Estimator {
             arrived: Condvar::new(),
             estimates: Mutex::default(),
             folder: Mutex::default(),
+            noting: Mutex::default(),
             threads,
             activities,
             newest: AtomicU64::new(0),
@@ -205,6 +210,7 @@ impl Estimator {
         }
         let entry = self.shared.activities.add(ActivityKind::Estimate, order.name());
         mailbox.orders.push_back((order, entry));
+        mailbox.is_to_be_noted = true;
         drop(mailbox);
         self.shared.arrived.notify_one();
         Ok(())
@@ -224,6 +230,7 @@ impl Estimator {
         let before = mailbox.orders.len();
         mailbox.orders.retain(|(_, entry)| entry.number() != number);
         let waited = mailbox.orders.len() < before;
+        mailbox.is_to_be_noted |= waited;
         drop(mailbox);
         if !waited && lock(&self.shared.estimates).running.as_ref().is_some_and(|running| running.number == number) {
             self.cancel();
@@ -244,6 +251,7 @@ impl Drop for Estimator {
         if let Some(folder) = lock(&self.shared.folder).as_ref().filter(|_| is_computing) {
             folder.leave();
         }
+        self.shared.note_waiting();
     }
 }
 
@@ -285,6 +293,9 @@ fn run(shared: &Shared) {
             _ => {}
         }
         lock(&shared.estimates).running = None;
+        if !shared.quit.load(Ordering::Relaxed) {
+            shared.note_waiting();
+        }
         (shared.wake)();
     }
 }
@@ -300,6 +311,7 @@ fn next_task(shared: &Shared) -> Option<Task> {
             return Some(Task::Read(folder));
         }
         if let Some((order, entry)) = mailbox.orders.pop_front() {
+            mailbox.is_to_be_noted = true;
             shared.cancelled.store(false, Ordering::Relaxed);
             lock(&shared.estimates).running = Some(RunningEstimate {
                 number: entry.number(),
@@ -343,6 +355,7 @@ impl Shared {
             }
             if told.elapsed() >= TELL_EVERY {
                 told = Instant::now();
+                self.note_waiting();
                 if let Some(running) = &mut lock(&self.estimates).running {
                     running.curve.extend(progress.fit);
                     thin_out(&mut running.curve);
@@ -360,6 +373,8 @@ impl Shared {
         let EstimateOrder { design, measured, .. } = order;
         let folder = lock(&self.folder).clone();
         let keep = folder.as_ref().and_then(|folder| folder.begin(order));
+        // It waits no more.
+        self.note_waiting();
         let request = &EstimateRequest { keep, ..order.request.clone() };
         let told = |text: String, is_cancelled: bool| (!is_cancelled).then_some(text);
         let estimated = match measured {
@@ -383,20 +398,45 @@ impl Shared {
         Ok(text)
     }
 
-    /// Takes up the orders that were finished on other days, and the one that was interrupted.
+    /// Writes which orders wait, where that is not written yet.
+    fn note_waiting(&self) {
+        // Whoever is here last writes what is newest.
+        let _turn = lock(&self.noting);
+        let Some(folder) = lock(&self.folder).clone() else { return };
+        let orders: Vec<EstimateOrder> = {
+            let mut mailbox = lock(&self.mailbox);
+            if !std::mem::take(&mut mailbox.is_to_be_noted) {
+                return;
+            }
+            mailbox.orders.iter().map(|(order, _)| order.clone()).collect()
+        };
+        folder.note_waiting(&orders);
+    }
+
+    /// Takes up the orders that were finished on other days, the one that was interrupted and those that waited for it.
     fn take_up(&self, folder: EstimateFolder) {
         let earlier = folder.read().into_iter().map(|finished| Stamped { revision: 0, value: Arc::new(finished) });
         lock(&self.estimates).finished.splice(0..0, earlier);
+        let mut orders = VecDeque::new();
         if let Some((order, given_up)) = folder.interrupted() {
             let entry = self.activities.add(ActivityKind::Estimate, format!("{}, which was interrupted", order.name()));
             match given_up {
-                None => lock(&self.mailbox).orders.push_front((order, entry)),
+                None => orders.push_back((order, entry)),
                 Some(why) => {
                     entry.begin();
                     entry.end(Err(why));
                 }
             }
         }
+        for order in folder.waiting() {
+            let entry = self.activities.add(ActivityKind::Estimate, order.name());
+            orders.push_back((order, entry));
+        }
+        let mut mailbox = lock(&self.mailbox);
+        // What was asked for since is for later.
+        orders.append(&mut mailbox.orders);
+        mailbox.orders = orders;
+        drop(mailbox);
         *lock(&self.folder) = Some(folder);
     }
 

@@ -3,7 +3,8 @@
 use super::home::at_home;
 use super::*;
 use egui_kittest::kittest::NodeT;
-use lenslet_studio::information::Estimator;
+use lenslet_studio::information::{EngineChoice, Estimator};
+use lenslet_studio::workbench::DensityModel;
 
 /// Steps frames until `done`, for at most so many seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
@@ -130,6 +131,11 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
     assert!(pending.exists());
     assert!(studio(&window).bench().keeps_estimates());
+    // Another one waits for it.
+    type_number(&mut window, "Steps of the fit", "50");
+    click(&mut window, "Start estimate");
+    let waiting = folder.path().join("estimates/waiting");
+    wait_for(&mut window, "the note of it", |_| waiting.exists());
     drop(window);
     let crashes = |path: &std::path::Path| {
         let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
@@ -138,10 +144,12 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
     assert_eq!(crashes(&pending), 0, "the window was closed");
 
     let mut window = at_home(folder.path());
-    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
-    let finished = studio(&window).bench().estimates().finished;
-    assert_eq!((finished.len(), finished[0].value.order.request.model.estimator()), (1, Estimator::Full));
-    wait_for(&mut window, "the end", |_| !pending.exists());
+    wait_for(&mut window, "both estimates", |window| studio(window).bench().estimates().finished.len() == 2);
+    let models: Vec<DensityModel> =
+        studio(&window).bench().estimates().finished.iter().map(|found| found.value.order.request.model).collect();
+    let full = |steps| DensityModel::new(Estimator::Full, None, EngineChoice::default()).of_steps(steps);
+    assert_eq!(models, [full(60), full(50)]);
+    wait_for(&mut window, "the end", |_| !pending.exists() && !waiting.exists());
 
     // One that is cancelled does not come again.
     click(&mut window, "Estimates");
