@@ -8,8 +8,9 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 use clap::ValueEnum;
 
+use super::output;
 use crate::information::Estimator;
-use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, import_psf, random_layout};
+use crate::optics::{Diffuser, Encoder, depth_layout, fit_lenslets, heuristic_layout, import_psf, random_layout};
 use crate::workbench::{Design, EvaluationError};
 
 /// An encoder named by `--lenslets`.
@@ -25,6 +26,8 @@ pub enum EncoderChoice {
     Diffuser(usize),
     /// `psf:FILE`, or `psf:FILE@32` resampled to 32 pixels.
     Psf(PathBuf, Option<usize>),
+    /// `fit:FILE`, or `fit:FILE@32`: lenslets whose PSF is like that picture.
+    Fit(PathBuf, Option<usize>),
     /// `design:FILE`: the mask of a design file.
     Design(PathBuf),
 }
@@ -39,8 +42,7 @@ impl EncoderChoice {
     }
 }
 
-const CHOICES: &str =
-    "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), or design:FILE";
+const CHOICES: &str = "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), fit:FILE, or design:FILE";
 
 impl FromStr for EncoderChoice {
     type Err = String;
@@ -57,22 +59,24 @@ impl FromStr for EncoderChoice {
             "random" => count(1..=crate::optics::LensletArray::MAX_LENSLETS).map(Self::Random),
             "depth" => count(1..=5).map(Self::Depth),
             "diffuser" => count(1..=Diffuser::GRID).map(Self::Diffuser),
-            "psf" if !rest.is_empty() => Ok(match rest.rsplit_once('@') {
-                // An @ may be part of a path, too.
-                Some((path, side)) if !path.is_empty() && side.bytes().all(|byte| byte.is_ascii_digit()) => {
-                    let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
-                    Self::Psf(
-                        path.into(),
-                        Some(side.ok_or_else(|| {
-                            format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @")
-                        })?),
-                    )
-                }
-                _ => Self::Psf(rest.into(), None),
-            }),
+            "psf" if !rest.is_empty() => picture(text, rest).map(|(path, side)| Self::Psf(path, side)),
+            "fit" if !rest.is_empty() => picture(text, rest).map(|(path, side)| Self::Fit(path, side)),
             "design" if !rest.is_empty() => Ok(Self::Design(rest.into())),
             _ => Err(wrong()),
         }
+    }
+}
+
+/// The file of a picture, and the pixels a side that it is resampled to: `FILE` or `FILE@32`.
+fn picture(text: &str, named: &str) -> Result<(PathBuf, Option<usize>), String> {
+    match named.rsplit_once('@') {
+        // An @ may be part of a path, too.
+        Some((path, side)) if !path.is_empty() && side.bytes().all(|byte| byte.is_ascii_digit()) => {
+            let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
+            let wrong = || format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @");
+            Ok((path.into(), Some(side.ok_or_else(wrong)?)))
+        }
+        _ => Ok((named.into(), None)),
     }
 }
 
@@ -85,6 +89,11 @@ impl EncoderChoice {
             Self::Depth(count) => Encoder::Lenslets(depth_layout(*count)),
             Self::Diffuser(aperture_px) => Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed }),
             Self::Psf(path, side) => Encoder::Image(import_psf(path, *side)?),
+            Self::Fit(path, side) => {
+                let fitted = fit_lenslets(&Encoder::Image(import_psf(path, *side)?))?;
+                output::tell(format_args!("{}: {}", path.display(), fitted.in_words()));
+                Encoder::Lenslets(fitted.array)
+            }
             Self::Design(path) => Design::open(path)?.encoder,
         })
     }

@@ -25,7 +25,7 @@ pub struct Arguments {
     /// Design file to start from, or - for standard input; flags replace its entries.
     design: Option<PathBuf>,
 
-    /// The mask to start from: random:COUNT, heuristic:1 to 9, depth:1 to 5, or design:FILE [default: random:25, or the
+    /// The mask to start from: random:COUNT, heuristic:1 to 9, depth:1 to 5, fit:FILE, or design:FILE [default: random:25, or the
     /// mask of DESIGN].
     #[arg(long, value_name = "MASK")]
     start: Option<EncoderChoice>,
@@ -251,7 +251,10 @@ impl Arguments {
         }
         design.check()?;
         if !matches!(design.encoder, Encoder::Lenslets(_)) {
-            bail!("{} has no lenslets to move; give --start random:25 or another array", design.encoder.describe());
+            bail!(
+                "{} has no lenslets to move; give --start fit:FILE for lenslets that are fitted to a PSF, or random:25",
+                design.encoder.describe()
+            );
         }
         Ok(design)
     }

@@ -22,7 +22,7 @@ pub struct DesignArgs {
     design: Option<PathBuf>,
 
     /// The mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (psf:FILE@32 resamples),
-    /// or design:FILE.
+    /// fit:FILE for lenslets that are fitted to a PSF picture, or design:FILE.
     #[arg(long, value_name = "MASK")]
     lenslets: Option<EncoderChoice>,
 

@@ -2,6 +2,7 @@
 
 mod diffuser;
 mod encoder;
+mod fit;
 mod import;
 mod layouts;
 mod lenslets;
@@ -10,6 +11,7 @@ mod psf;
 
 pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
 pub use encoder::{Encoder, PsfImage};
+pub use fit::{FittedLenslets, LensletFitError, fit_lenslets};
 pub use import::{PsfError, import_psf, normalised_psf};
 pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
 pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};

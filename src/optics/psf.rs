@@ -147,17 +147,17 @@ impl Precision {
 }
 
 /// One spot where it is not negligible, normalised to unit sum on the grid.
-struct SampledSpot {
-    rows: Range<usize>,
-    cols: Range<usize>,
-    values: Array2<f64>,
+pub(super) struct SampledSpot {
+    pub rows: Range<usize>,
+    pub cols: Range<usize>,
+    pub values: Array2<f64>,
 }
 
 impl SampledSpot {
     /// Standard deviations after which a Gaussian is below the rounding of `f64` (exp(-50) = 2e-22).
     const REACH: f64 = 10.0;
 
-    fn new(lenslet: &Lenslet, rows: usize, cols: usize) -> Self {
+    pub fn new(lenslet: &Lenslet, rows: usize, cols: usize) -> Self {
         let (xx, _, yy) = lenslet.spot.covariance();
         let rows = Self::window(lenslet.y, yy.sqrt(), rows);
         let cols = Self::window(lenslet.x, xx.sqrt(), cols);

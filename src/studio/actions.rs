@@ -32,6 +32,8 @@ pub enum Action {
     OpenObjects,
     /// Imports a PSF.
     ImportPsf,
+    /// Fits lenslets to the PSF of a mask that has none.
+    FitLenslets,
     /// Exports PSF and design.
     ExportDesign,
     /// Exports objects and measurements.
@@ -189,6 +191,7 @@ impl Action {
             Self::SaveAs,
             Self::OpenObjects,
             Self::ImportPsf,
+            Self::FitLenslets,
             Self::ExportDesign,
             Self::ExportMeasurements,
             Self::Undo,
@@ -234,6 +237,7 @@ impl Action {
             Self::SaveAs => "Save design as...",
             Self::OpenObjects => "Open objects...",
             Self::ImportPsf => "Import PSF...",
+            Self::FitLenslets => "Fit lenslets to this PSF",
             Self::ExportDesign => "Export design...",
             Self::ExportMeasurements => "Export measurements...",
             Self::Undo => "Undo",
@@ -279,6 +283,7 @@ impl Action {
             Self::Accept | Self::OpenMask | Self::LookAway => state.bench.is_looking(),
             Self::Delete => !state.selection.is_empty(),
             Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
+            Self::FitLenslets => !state.bench.is_looking() && state.bench.design().encoder.lenslets().is_none(),
             Self::ExportMeasurements => state.current_measurements().is_some(),
             Self::ExportLive => state.live_estimate().is_some(),
             _ => true,
@@ -365,6 +370,7 @@ impl Action {
             Self::SaveAs => ask(Purpose::SaveAs),
             Self::OpenObjects => ask(Purpose::OpenObjects),
             Self::ImportPsf => ask(Purpose::ImportPsf),
+            Self::FitLenslets => state.bench.fit_lenslets(),
             Self::ExportDesign => ask(Purpose::ExportDesign),
             Self::ExportMeasurements => ask(Purpose::ExportMeasurements),
             Self::Undo | Self::Redo => {

@@ -413,7 +413,7 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
                 state.messages.push(Severity::Notice, notice);
             }
         }
-        Ok(Outcome::PsfImported { .. }) => state.selection.clear(),
+        Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.selection.clear(),
         Ok(Outcome::Exported { .. }) => state.guide.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
             state.snapshots.take_up_measurement(*number, measurement.clone());

@@ -116,6 +116,7 @@ pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
         }
     });
     entry(ui, state, Action::ImportPsf);
+    entry(ui, state, Action::FitLenslets);
 }
 
 /// A menu entry for an action.

@@ -151,7 +151,12 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     details(ui, state);
     ui.horizontal_wrapped(|ui| {
         let start = ui.add_enabled(can_start(state), egui::Button::new("Start run"));
-        if start.on_disabled_hover_text("This design has no lenslets to move; start from random ones").clicked() {
+        if start
+            .on_disabled_hover_text(
+                "This design has no lenslets to move; fit some to its PSF (Presets), or start from random ones",
+            )
+            .clicked()
+        {
             state.guard(&ui.ctx().clone(), Leave::Run);
         }
         let Some(last) = last.filter(|run| !run.is_active()) else { return };

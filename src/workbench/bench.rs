@@ -20,6 +20,7 @@ use super::watched::WatchedRun;
 use super::worker::{Live, Worker};
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
+use crate::optics::Encoder;
 
 /// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
 ///
@@ -405,6 +406,11 @@ impl Workbench {
         self.submit(Job::ImportPsf { path, side, document: self.document });
     }
 
+    /// Fits lenslets to the PSF of a mask that has none; they take its place, unless that is changed before.
+    pub fn fit_lenslets(&self) {
+        self.submit(Job::FitLenslets { encoder: self.open_design().encoder.clone(), replaces: self.contents });
+    }
+
     /// Whether a job has not been answered yet.
     pub fn has_open_jobs(&self) -> bool {
         self.worker.has_open_jobs()
@@ -420,6 +426,14 @@ impl Workbench {
                     "{} was not opened: the design has been changed meanwhile. Open it again.",
                     path.display()
                 )),
+                Ok(Outcome::LensletsFitted { replaces, .. }) if *replaces != self.contents => Some(
+                    "The fitted lenslets are not used: the design has been changed meanwhile. Fit them again.".into(),
+                ),
+                Ok(Outcome::LensletsFitted { fitted, .. }) => {
+                    let encoder = Encoder::Lenslets(fitted.array.clone());
+                    let command = Command::ReplaceEncoder { name: "fitted lenslets".into(), encoder };
+                    self.apply(&command).err().map(|error| error.to_string())
+                }
                 Ok(Outcome::Opened { design, path, .. }) => {
                     self.open(Design::clone(design), path.clone());
                     None

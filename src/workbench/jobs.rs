@@ -15,7 +15,7 @@ use super::live_record::LiveRecord;
 use super::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::formats::write_png_rgb;
 use crate::objects::ObjectSource;
-use crate::optics::{Encoder, import_psf};
+use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 
 /// Work that the window hands to the worker.
 #[derive(Clone, Debug)]
@@ -62,6 +62,13 @@ pub enum Job {
         side: Option<usize>,
         /// Number of the document that it is for.
         document: u64,
+    },
+    /// Fits lenslets to the PSF of a mask that has none.
+    FitLenslets {
+        /// The mask.
+        encoder: Encoder,
+        /// Number of the contents that they are for.
+        replaces: u64,
     },
     /// Writes the PSF in every format, the design and the lenslets into a folder.
     ExportDesign {
@@ -177,6 +184,13 @@ pub enum Outcome {
         /// Number of the document that was open when it was asked for.
         document: u64,
     },
+    /// Lenslets were fitted to a PSF.
+    LensletsFitted {
+        /// They, and how good they are.
+        fitted: FittedLenslets,
+        /// Number of the contents that they are for.
+        replaces: u64,
+    },
     /// Files were written.
     Exported {
         /// The files.
@@ -199,6 +213,7 @@ impl Outcome {
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
             Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
+            Self::LensletsFitted { fitted, .. } => fitted.in_words(),
             Self::PsfImported { encoder, .. } => format!("Using {}", encoder.describe()),
             Self::Exported { files } => match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
@@ -220,6 +235,7 @@ impl Job {
             Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
+            Self::FitLenslets { encoder, .. } => format!("Fit lenslets to {}", encoder.describe()),
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
             Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
             Self::ExportView { path, .. }
@@ -258,6 +274,10 @@ impl Job {
             Self::ImportPsf { path, side, document } => {
                 let image = import_psf(path, *side).map_err(|error| error.to_string())?;
                 Ok(Outcome::PsfImported { encoder: Encoder::Image(image), document: *document })
+            }
+            Self::FitLenslets { encoder, replaces } => {
+                let fitted = fit_lenslets(encoder).map_err(|error| error.to_string())?;
+                Ok(Outcome::LensletsFitted { fitted, replaces: *replaces })
             }
             Self::ExportDesign { design, folder } => {
                 let files = export::export_design(design, folder).map_err(|error| error.to_string())?;

@@ -119,6 +119,18 @@ fn values_at_the_ends_of_their_ranges_are_computed() {
 }
 
 #[test]
+fn lenslets_are_fitted_to_a_picture() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:4 --out a");
+    let told = text(&bench.run("export --lenslets fit:a/psf.tiff --out b".split_whitespace()).stderr);
+    assert!(told.contains("4 lenslets stand for the PSF, 0.0 % of whose light is elsewhere"), "{told}");
+    let rows = |folder: &str| std::fs::read_to_string(bench.path(format!("{folder}/lenslets.csv"))).unwrap();
+    assert_eq!(rows("b").lines().count(), rows("a").lines().count());
+    let told = bench.refused("design --start psf:a/psf.npy --out run");
+    assert!(told.contains("--start fit:FILE"), "{told}");
+}
+
+#[test]
 fn paths_may_have_spaces_and_any_letters() {
     let bench = Bench::new();
     let folder = bench.path("lens let ü 光 'a' \"b\" @32");

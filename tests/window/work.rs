@@ -119,6 +119,31 @@ fn numbers_of_an_earlier_edit_say_so_and_are_not_exported() {
 }
 
 #[test]
+fn lenslets_are_fitted_to_a_psf_that_was_imported() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let before = lenslets(&window);
+    let psf = studio(&window).bench().design().psf(1).unwrap().index_axis_move(ndarray::Axis(0), 0);
+    let file = folder.path().join("psf.npy");
+    lenslet_studio::formats::write_array(&file, psf.mapv(|light| light as f32).view()).unwrap();
+    click(&mut window, "Presets");
+    assert!(window.get_by_label("Fit lenslets to this PSF").accesskit_node().is_disabled(), "it has lenslets");
+    click(&mut window, "Import PSF...");
+    answer(&mut window, &file, "Import");
+    settle(&mut window);
+    assert!(lenslets(&window).is_empty());
+    menu(&mut window, &["Presets", "Fit lenslets to this PSF"]);
+    wait_for(&mut window, "the lenslets", |window| !lenslets(window).is_empty());
+    window.get_by_label_contains("9 lenslets stand for the PSF, 0.0 % of whose light is elsewhere");
+    for lenslet in &before {
+        let near = |found: &&Lenslet| (found.x - lenslet.x).hypot(found.y - lenslet.y) < 0.05;
+        assert_eq!(lenslets(&window).iter().filter(near).count(), 1, "{lenslet:?}");
+    }
+    menu(&mut window, &["Edit", "Undo use fitted lenslets"]);
+    assert!(lenslets(&window).is_empty(), "the picture is there again");
+}
+
+#[test]
 #[cfg(unix)]
 fn the_live_estimate_is_repeated_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,0 +1,374 @@
+//! Lenslets in place of a picture of a PSF, so that what was measured or designed elsewhere can be edited and optimized.
+//!
+//! Round Gaussian spots are taken up one by one where they explain most of what is left (matching pursuit, Mallat and Zhang 1993),
+//! and all of them are fitted together by damped least squares (Marquardt 1963).
+
+use std::ops::Range;
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use ndarray::{Array1, Array2, ArrayView2, Axis, s};
+use thiserror::Error;
+
+use super::encoder::Encoder;
+use super::lenslets::{Lenslet, LensletArray, Spot};
+use super::psf::SampledSpot;
+
+/// Widths that a spot can begin with, px; those of published lenslets lie between the first two.
+const WIDTHS: [f64; 6] = [0.7, 1.0, 1.5, 2.3, 3.5, 5.5];
+/// Narrowest and widest spot, px.
+const NARROWEST: f64 = 0.3;
+/// Share of the squared PSF below which one more spot explains noise.
+const LEAST_GAIN: f64 = 1e-5;
+/// Share of the light that may be elsewhere in a good fit.
+const GOOD: f64 = 1e-3;
+/// Share of the light below which a spot is left out.
+const DARK: f64 = 1e-4;
+/// Steps of the fit after each new spot, and in the end.
+const STEPS: usize = 4;
+const LAST_STEPS: usize = 60;
+/// Share of the squared error by which a step has to lower it for another one.
+const LEAST_STEP: f64 = 1e-5;
+/// Parameters of a spot: column, row and logarithm of the width, and weight.
+const PARAMETERS: usize = 4;
+
+/// Lenslets whose PSF is like a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedLenslets {
+    /// The lenslets, round ones, the brightest first.
+    pub array: LensletArray,
+    /// Share of the light that their PSF has at other pixels than the picture, 0 to 1: half the sum of all differences.
+    pub misplaced: f64,
+}
+
+/// Why no lenslets are fitted.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum LensletFitError {
+    /// The picture has more pixels than are fitted in some seconds.
+    #[error(
+        "lenslets are fitted to a PSF of at most {max} pixels a side, found {rows} x {cols}; resample it when it is imported",
+        max = FittedLenslets::MOST_SIDE
+    )]
+    Shape {
+        /// Rows found.
+        rows: usize,
+        /// Columns found.
+        cols: usize,
+    },
+    /// There is nothing that a spot could be.
+    #[error("no lenslet explains this PSF: it has no light, or the same everywhere")]
+    NoSpot,
+}
+
+impl FittedLenslets {
+    /// Most lenslets of a fit.
+    pub const MOST: usize = 64;
+    /// Largest side of a picture, px.
+    pub const MOST_SIDE: usize = 256;
+
+    /// What has come of it, for people.
+    pub fn in_words(&self) -> String {
+        let count = self.array.lenslets.len();
+        let (lenslets, stand) = if count == 1 { ("lenslet", "stands") } else { ("lenslets", "stand") };
+        format!("{count} {lenslets} {stand} for the PSF, {:.1} % of whose light is elsewhere", 100.0 * self.misplaced)
+    }
+
+    /// Fits at most so many lenslets to a PSF, shape (rows, cols), not negative.
+    ///
+    /// # Errors
+    /// Where the picture is too large, or no spot explains any of it.
+    pub fn of(psf: ArrayView2<'_, f64>, most: usize) -> Result<Self, LensletFitError> {
+        let (rows, cols) = psf.dim();
+        if rows.max(cols) > Self::MOST_SIDE {
+            return Err(LensletFitError::Shape { rows, cols });
+        }
+        let total = psf.sum();
+        if !(total > 0.0 && total.is_finite()) {
+            return Err(LensletFitError::NoSpot);
+        }
+        let psf = psf.mapv(|light| light / total);
+        let energy = squared(&psf);
+        let mut fit = Fit { psf: &psf, spots: Vec::new(), damping: 1e-3 };
+        while fit.spots.len() < most.min(Self::MOST) {
+            let left = fit.left();
+            let Some((spot, gain)) = best_spot(&left) else { break };
+            if gain < LEAST_GAIN * energy || 0.5 * left.mapv(f64::abs).sum() < GOOD {
+                break;
+            }
+            fit.spots.push(spot);
+            fit.improve(STEPS);
+        }
+        fit.improve(LAST_STEPS);
+        let light: f64 = fit.spots.iter().map(|spot| spot.weight).sum();
+        fit.spots.retain(|spot| spot.weight > DARK * light);
+        if fit.spots.is_empty() {
+            return Err(LensletFitError::NoSpot);
+        }
+        fit.spots.sort_by(|one, other| other.weight.total_cmp(&one.weight));
+        let light: f64 = fit.spots.iter().map(|spot| spot.weight).sum();
+        fit.spots.iter_mut().for_each(|spot| spot.weight /= light);
+        let misplaced = 0.5 * fit.left().mapv(f64::abs).sum();
+        Ok(Self { array: LensletArray { rows, cols, lenslets: fit.spots }, misplaced })
+    }
+}
+
+/// Lenslets in place of a mask that is a picture or a diffuser.
+///
+/// # Errors
+/// As [`FittedLenslets::of`].
+pub fn fit_lenslets(encoder: &Encoder) -> Result<FittedLenslets, LensletFitError> {
+    let psf = encoder.psf(1).map_err(|_| LensletFitError::NoSpot)?;
+    FittedLenslets::of(psf.index_axis(Axis(0), 0), FittedLenslets::MOST)
+}
+
+fn squared(picture: &Array2<f64>) -> f64 {
+    picture.iter().map(|value| value * value).sum()
+}
+
+/// The spot that explains most of a picture, and by how much it lowers its square.
+fn best_spot(left: &Array2<f64>) -> Option<(Lenslet, f64)> {
+    let mut best: Option<(Lenslet, f64)> = None;
+    for sigma in WIDTHS {
+        let reach = (4.0 * sigma).ceil() as usize;
+        let profile: Vec<f64> =
+            (0..=2 * reach).map(|at| (-0.5 * ((at as f64 - reach as f64) / sigma).powi(2)).exp()).collect();
+        let sum: f64 = profile.iter().sum();
+        let profile: Array1<f64> = profile.into_iter().map(|value| value / sum).collect();
+        let seen = blurred(&blurred(left, &profile, Axis(0)), &profile, Axis(1));
+        // The square of a spot is the same wherever it is whole.
+        let square = profile.dot(&profile).powi(2);
+        for ((row, col), &product) in seen.indexed_iter() {
+            let gain = product.max(0.0).powi(2) / square;
+            if gain > best.as_ref().map_or(0.0, |&(_, most)| most) {
+                best = Some((Lenslet::round(col as f64, row as f64, sigma, product / square), gain));
+            }
+        }
+    }
+    best
+}
+
+/// A picture convolved with a profile along an axis, with nothing beyond its border.
+fn blurred(picture: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f64> {
+    let (length, reach) = (picture.len_of(axis), profile.len() / 2);
+    let mut blurred = Array2::zeros(picture.dim());
+    for (into, mut line) in blurred.axis_iter_mut(axis).enumerate() {
+        for from in into.saturating_sub(reach)..length.min(into + reach + 1) {
+            line.scaled_add(profile[reach + from - into], &picture.index_axis(axis, from));
+        }
+    }
+    blurred
+}
+
+/// A fit on its way.
+struct Fit<'a> {
+    /// Sum 1.
+    psf: &'a Array2<f64>,
+    /// Their weights are shares of the light of the picture.
+    spots: Vec<Lenslet>,
+    /// Of the next step.
+    damping: f64,
+}
+
+/// A spot where it is not negligible, and how it changes with each of its parameters.
+struct Slopes {
+    rows: Range<usize>,
+    cols: Range<usize>,
+    by: [Array2<f64>; PARAMETERS],
+}
+
+impl Slopes {
+    fn of(lenslet: &Lenslet, (rows, cols): (usize, usize)) -> Self {
+        let SampledSpot { rows, cols, values } = SampledSpot::new(lenslet, rows, cols);
+        let variance = lenslet.spot.mean_sigma().powi(2);
+        let scores = |at: (usize, usize)| {
+            let (dx, dy) = ((cols.start + at.1) as f64 - lenslet.x, (rows.start + at.0) as f64 - lenslet.y);
+            [dx / variance, dy / variance, (dx * dx + dy * dy) / variance]
+        };
+        // The sum of a spot stays 1, so that the mean of each score is taken off.
+        let mut means = [0.0; PARAMETERS - 1];
+        for (at, value) in values.indexed_iter() {
+            means.iter_mut().zip(scores(at)).for_each(|(mean, score)| *mean += value * score);
+        }
+        let by = |index: usize| {
+            Array2::from_shape_fn(values.dim(), |at| lenslet.weight * values[at] * (scores(at)[index] - means[index]))
+        };
+        let by = [by(0), by(1), by(2), values.clone()];
+        Self { rows, cols, by }
+    }
+
+    /// Sums of products of the slopes of two spots, over the pixels that both have.
+    fn products(&self, other: &Self) -> [[f64; PARAMETERS]; PARAMETERS] {
+        let shared = |one: &Range<usize>, other: &Range<usize>| one.start.max(other.start)..one.end.min(other.end);
+        let (rows, cols) = (shared(&self.rows, &other.rows), shared(&self.cols, &other.cols));
+        if rows.is_empty() || cols.is_empty() {
+            return [[0.0; PARAMETERS]; PARAMETERS];
+        }
+        let part = |of: &Self, index: usize| {
+            let rows = rows.start - of.rows.start..rows.end - of.rows.start;
+            of.by[index].slice(s![rows, cols.start - of.cols.start..cols.end - of.cols.start]).to_owned()
+        };
+        let (ones, others) =
+            ([0, 1, 2, 3].map(|index| part(self, index)), [0, 1, 2, 3].map(|index| part(other, index)));
+        ones.each_ref().map(|one| others.each_ref().map(|other| (one * other).sum()))
+    }
+}
+
+impl Fit<'_> {
+    /// What the spots leave of the picture.
+    fn left(&self) -> Array2<f64> {
+        let mut left = self.psf.clone();
+        let (rows, cols) = left.dim();
+        for lenslet in &self.spots {
+            let SampledSpot { rows, cols, values } = SampledSpot::new(lenslet, rows, cols);
+            left.slice_mut(s![rows, cols]).scaled_add(-lenslet.weight, &values);
+        }
+        left
+    }
+
+    /// Takes steps towards the least squared error.
+    fn improve(&mut self, steps: usize) {
+        if self.spots.is_empty() {
+            return;
+        }
+        let mut left = self.left();
+        let mut error = squared(&left);
+        for _ in 0..steps {
+            let slopes: Vec<Slopes> = self.spots.iter().map(|spot| Slopes::of(spot, left.dim())).collect();
+            let count = PARAMETERS * slopes.len();
+            let mut square = Mat::<f64>::zeros(count, count);
+            for (i, one) in slopes.iter().enumerate() {
+                for (j, other) in slopes[..=i].iter().enumerate() {
+                    for (a, row) in one.products(other).into_iter().enumerate() {
+                        for (b, product) in row.into_iter().enumerate() {
+                            square[(PARAMETERS * i + a, PARAMETERS * j + b)] = product;
+                        }
+                    }
+                }
+            }
+            let towards = Mat::from_fn(count, 1, |index, _| {
+                let Slopes { rows, cols, by } = &slopes[index / PARAMETERS];
+                (&by[index % PARAMETERS] * &left.slice(s![rows.clone(), cols.clone()])).sum()
+            });
+            let before = (self.spots.clone(), error);
+            for _ in 0..8 {
+                self.spots.clone_from(&before.0);
+                self.step(&square, &towards);
+                left = self.left();
+                error = squared(&left);
+                if error < before.1 {
+                    self.damping = (self.damping / 5.0).max(1e-9);
+                    break;
+                }
+                self.damping = (self.damping * 4.0).min(1e9);
+            }
+            if error >= before.1 {
+                self.spots = before.0;
+                return;
+            }
+            if before.1 - error < LEAST_STEP * before.1 {
+                return;
+            }
+        }
+    }
+
+    /// One damped step; `square` holds the products of all slopes (its lower half), `towards` those with what is left.
+    fn step(&mut self, square: &Mat<f64>, towards: &Mat<f64>) {
+        let count = square.nrows();
+        // A spot without light has no slopes by place and width.
+        let damped = Mat::from_fn(count, count, |i, j| {
+            square[(i, j)] + if i == j { self.damping * square[(i, i)] + 1e-12 } else { 0.0 }
+        });
+        let Ok(factor) = damped.llt(Side::Lower) else { return };
+        let step = factor.solve(towards);
+        let (rows, cols) = self.psf.dim();
+        let widest = rows.max(cols) as f64;
+        for (index, spot) in self.spots.iter_mut().enumerate() {
+            let by = |parameter: usize| step[(PARAMETERS * index + parameter, 0)];
+            // No further than where the slopes still tell something.
+            spot.x = (spot.x + by(0).clamp(-1.0, 1.0)).clamp(-0.5, cols as f64 - 0.5);
+            spot.y = (spot.y + by(1).clamp(-1.0, 1.0)).clamp(-0.5, rows as f64 - 0.5);
+            let sigma = spot.spot.mean_sigma() * by(2).clamp(-0.5, 0.5).exp();
+            spot.spot = Spot::Isotropic(sigma.clamp(NARROWEST, widest));
+            spot.weight = (spot.weight + by(3)).max(0.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{Diffuser, heuristic_layout, random_layout, render_psf};
+
+    fn psf_of(array: &LensletArray) -> Array2<f64> {
+        render_psf(array, 1).unwrap().index_axis_move(Axis(0), 0)
+    }
+
+    #[test]
+    fn lenslets_are_found_again() {
+        let mut array = heuristic_layout(9);
+        for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
+            lenslet.x += 0.37 * index as f64 / 9.0;
+            lenslet.weight = 1.0 + index as f64;
+            lenslet.spot = Spot::Isotropic(0.8 + 0.1 * index as f64);
+        }
+        let array = array.with_unit_weight();
+        let found = FittedLenslets::of(psf_of(&array).view(), 64).unwrap();
+        assert!(found.misplaced < 1e-3, "{}", found.misplaced);
+        assert_eq!(found.array.lenslets.len(), 9, "{:?}", found.array);
+        for (one, other) in found.array.lenslets.iter().zip(array.lenslets.iter().rev()) {
+            assert!((one.x - other.x).hypot(one.y - other.y) < 0.01, "{one:?} {other:?}");
+            assert!((one.weight - other.weight).abs() < 1e-3, "{one:?} {other:?}");
+            assert!((one.spot.mean_sigma() - other.spot.mean_sigma()).abs() < 0.01, "{one:?} {other:?}");
+        }
+        assert!((found.array.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pictures_of_lenslets_that_overlap_are_explained() {
+        for seed in 1..=3 {
+            let found = FittedLenslets::of(psf_of(&random_layout(25, seed)).view(), 64).unwrap();
+            assert!(found.misplaced < 0.01, "{}", found.misplaced);
+            found.array.check().unwrap();
+        }
+    }
+
+    #[test]
+    fn what_lenslets_cannot_be_is_told_as_a_share_of_the_light() {
+        let caustics = Diffuser { aperture_px: 32, seed: 1 }.render();
+        let share = |most| FittedLenslets::of(caustics.view(), most).unwrap();
+        let (few, many) = (share(4), share(64));
+        assert!(many.misplaced < few.misplaced && many.misplaced > 0.01, "{} {}", few.misplaced, many.misplaced);
+        assert!(few.array.lenslets.len() <= 4 && few.misplaced < 1.0);
+        let rendered = psf_of(&many.array);
+        let caustics = &caustics / caustics.sum();
+        assert!((0.5 * (&rendered - &caustics).mapv(f64::abs).sum() - many.misplaced).abs() < 1e-9);
+    }
+
+    #[test]
+    fn noise_of_a_camera_makes_no_lenslets() {
+        let array = heuristic_layout(4);
+        let clean = psf_of(&array);
+        let brightest = clean.fold(0.0_f64, |most, &light| most.max(light));
+        // Grey levels of eight bits, one more or less here and there.
+        let grey =
+            |light: f64, at: usize| ((light / brightest * 250.0).round() + (at * 7919 % 11 / 10) as f64).max(0.0);
+        let psf = Array2::from_shape_fn(clean.dim(), |(row, col)| grey(clean[(row, col)], row * 32 + col));
+        let found = FittedLenslets::of(psf.view(), 64).unwrap();
+        for lenslet in &array.lenslets {
+            let near = found.array.lenslets.iter().filter(|one| (one.x - lenslet.x).hypot(one.y - lenslet.y) < 0.3);
+            let light: f64 = near.map(|one| one.weight).sum();
+            assert!(light > 0.17, "{lenslet:?} {:?}", found.array);
+        }
+    }
+
+    #[test]
+    fn a_picture_without_spots_is_refused() {
+        let refused = |psf: Array2<f64>| FittedLenslets::of(psf.view(), 64).unwrap_err();
+        assert_eq!(refused(Array2::zeros((8, 8))), LensletFitError::NoSpot);
+        assert!(refused(Array2::ones((8, 257))).to_string().contains("at most 256 pixels a side, found 8 x 257"));
+        // One pixel is a spot, too.
+        let found = FittedLenslets::of(Array2::ones((1, 1)).view(), 64).unwrap();
+        assert_eq!((found.array.lenslets.len(), found.array.rows), (1, 1));
+        assert!(found.misplaced < 1e-9);
+    }
+}
