@@ -18,6 +18,9 @@ use crate::sensor::{Convolver, Noise};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design.
 const WARM_RATE: f64 = 0.5;
+/// Share of such a fit after which its rates have fallen a first time: some seconds after an edit the estimate is then near to
+/// where it will settle, which it is not while rates are high.
+const EARLY: f64 = 0.17;
 /// Held-out patches of the first score, which is to come soon, of those in between, and of the last.
 pub(super) const SCORED_FIRST: usize = 32;
 pub(super) const SCORED: usize = 96;
@@ -107,7 +110,7 @@ impl<'a> Subject<'a> {
 
     pub fn fit(&self, planned: usize, warm: bool) -> CausalFit {
         let fit = CausalFit::new(FitLength::Steps(planned), self.seed());
-        if warm { CausalFit { rate: WARM_RATE * fit.rate, ..fit } } else { fit }
+        if warm { CausalFit { rate: WARM_RATE * fit.rate, early: EARLY, ..fit } } else { fit }
     }
 
     pub fn score(

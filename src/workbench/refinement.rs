@@ -29,6 +29,8 @@ const PACED: usize = 8;
 const PLANNED: (f64, f64) = (200.0, 100_000.0);
 /// Times from the beginning of a fit to its first scores; later ones follow at times that grow by [`GROWTH`].
 const SCORES: [Duration; 3] = [Duration::from_millis(150), Duration::from_millis(1200), Duration::from_millis(3600)];
+/// Time from which on a score of a fit that settles early waits for that.
+const WAITS: Duration = Duration::from_secs(2);
 const GROWTH: f64 = 1.7;
 /// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
 const FIRST_GRADIENT: Duration = Duration::from_secs(2);
@@ -169,6 +171,9 @@ impl Refiner {
         let mut scores = SCORES.into_iter();
         let (mut next, mut next_followed) = (scores.next().unwrap_or_default(), FIRST_FOLLOWED);
         let mut few = Some(test.first(SCORED_FIRST));
+        // The smallest so far on the same patches: while rates are high again the fit is not where it was when they had fallen.
+        let mut least: Option<LiveEstimate> = None;
+        let early = fit.early_end();
         // Time beside the steps.
         let mut aside = Duration::ZERO;
         let mut failure = None;
@@ -178,22 +183,29 @@ impl Refiner {
             }
             let pace = progress.elapsed.saturating_sub(aside).as_secs_f64() / progress.step as f64;
             // The last step has the last score, which is on more patches.
-            if progress.elapsed >= next && progress.step < planned {
+            let waits = progress.step < early && progress.elapsed >= WAITS;
+            let is_due = progress.step == early || (progress.elapsed >= next && !waits);
+            if is_due && progress.step < planned {
                 let remaining = Duration::from_secs_f64(pace * (planned - progress.step) as f64);
                 let before = Instant::now();
                 match score(&snapshot(), few.as_ref().unwrap_or(&test), progress.step, Some(remaining)) {
                     Ok(mut estimate) => {
-                        few = None;
+                        if few.take().is_none() {
+                            let known = least.take().filter(|least| least.bits_per_pixel <= estimate.bits_per_pixel);
+                            let LiveEstimate { seconds, remaining, .. } = estimate;
+                            estimate = known.map_or(estimate, |known| LiveEstimate { seconds, remaining, ..known });
+                            least = Some(estimate.clone());
+                        }
                         publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             beads.decode(LOWER_SAMPLES, stop);
                             publish(with_bounds(&beads, estimate.clone()));
                         }
                         if progress.elapsed >= FIRST_GRADIENT {
-                            estimate.gradient = pull(design, &imaging, &snapshot());
+                            estimate.gradient = pull(design, &imaging, &estimate.model);
                             publish(with_bounds(&beads, estimate.clone()));
                         }
-                        if progress.elapsed >= next_followed {
+                        if progress.elapsed >= next_followed && progress.step >= early {
                             next_followed = Duration::MAX;
                             beads.follow(FOLLOWED, stop);
                             publish(with_bounds(&beads, estimate));

@@ -159,9 +159,7 @@ impl Conditioning {
         self.roots = start.roots;
         self.photons = start.photons;
         self.far = in_order_of(&start.far, self.far);
-        let ((low, high), (start_low, start_high)) = (self.levels.range(), levels.range());
-        let serves = (low - start_low).abs() <= 1e-3 * start_low.abs().max(1.0);
-        if serves && high <= start_high && high >= 0.6 * start_high {
+        if levels.serve(&self.levels) {
             self.levels = levels.clone();
         }
         self

@@ -18,6 +18,8 @@ use crate::network::{Averaging, Optimizer, rate_schedule};
 pub(super) const BATCH: usize = 2;
 /// Largest learning rate.
 pub(super) const RATE: f64 = 1.2e-2;
+/// Factor of the rate until a fit has settled early: there is no time to come back from where a high one leads.
+const EARLY_RATE: f64 = 0.5;
 /// Largest norm of a gradient.
 pub(super) const MAX_NORM: f64 = 1.0;
 /// Patches that are drawn at a time.
@@ -58,6 +60,9 @@ pub struct CausalFit {
     pub batch: usize,
     /// Largest learning rate.
     pub rate: f64,
+    /// Share of the fit after which rates have fallen a first time, so that it could end there; they rise once more then. 0 where
+    /// they fall once.
+    pub early: f64,
     /// Largest norm of a gradient; longer ones are shortened to it.
     pub max_norm: f64,
     /// When it ends.
@@ -69,7 +74,7 @@ pub struct CausalFit {
 impl CausalFit {
     /// The default procedure.
     pub fn new(length: FitLength, seed: u64) -> Self {
-        Self { batch: BATCH, rate: RATE, max_norm: MAX_NORM, length, seed }
+        Self { batch: BATCH, rate: RATE, early: 0.0, max_norm: MAX_NORM, length, seed }
     }
 
     /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the
@@ -137,7 +142,7 @@ impl CausalFit {
                     model.weights = mover.averaged(model);
                     return Ok((mover.course.steps, best.put_into(model)?));
                 }
-                mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
+                mover.step(self, model, (&inputs, indices), self.factor(done))?;
                 let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
                 let elapsed = before + started.elapsed();
                 best.look(self.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
@@ -154,6 +159,23 @@ impl CausalFit {
     pub(super) fn batches(&self) -> impl DoubleEndedIterator<Item = Range<usize>> + use<> {
         let batch = self.batch.clamp(1, DRAWN);
         (0..DRAWN / batch).map(move |index| index * batch..(index + 1) * batch)
+    }
+
+    /// Factor of the rate when this share of the fit is over.
+    fn factor(&self, done: f64) -> f64 {
+        if done < self.early {
+            EARLY_RATE * rate_schedule(done / self.early)
+        } else {
+            rate_schedule((done - self.early) / (1.0 - self.early))
+        }
+    }
+
+    /// The step of a fit of so many after which rates have fallen a first time; 0 where they fall once.
+    pub fn early_end(&self) -> usize {
+        match self.length {
+            FitLength::Steps(all) => (self.early * all as f64).ceil() as usize,
+            FitLength::Time(_) => 0,
+        }
     }
 
     /// Share of the fit that is over.
@@ -250,5 +272,23 @@ impl Mover {
     /// The averaged weights.
     pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
         self.optimizer.result(&model.weights).to_vec()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fit_can_settle_early_and_go_on() {
+        let fit = CausalFit { early: 0.2, ..CausalFit::new(FitLength::Steps(501), 1) };
+        assert_eq!(fit.early_end(), 101);
+        assert!(fit.factor(0.006) > 0.48 && (fit.factor(0.1) - 0.25).abs() < 1e-9, "as a fit of a fifth of the steps");
+        assert!(fit.factor(100.0 / 501.0) < 0.005 && fit.factor(101.0 / 501.0) < 0.1, "it could end there");
+        assert!(fit.factor(0.2 + 0.8 * 0.03) > 0.96 && fit.factor(0.6) > 0.4 && fit.factor(1.0) < 0.01);
+        // Others fall once.
+        let fit = CausalFit::new(FitLength::Steps(501), 1);
+        assert_eq!(fit.early_end(), 0);
+        assert!([0.01, 0.2, 0.7, 1.0].iter().all(|&done| fit.factor(done) == rate_schedule(done)));
     }
 }

@@ -18,6 +18,13 @@ const SPACING: f64 = 0.8;
 const WIDEN_FROM: f64 = 1.2;
 /// Light in excess of the brightest pixel seen that levels still cover.
 const HEADROOM: f64 = 1.15;
+/// Distance, in standard deviations of the noise, that what levels serve may lie below them: the darkest pixels of two samples
+/// differ.
+const BEYOND: f64 = 1.0;
+/// What is left of [`HEADROOM`] at the least.
+const LEAST_HEADROOM: f64 = 1.05;
+/// Share of levels that have to be used by what they serve.
+const LEAST_USED: f64 = 0.6;
 /// Darkest level, photons: counts of 0 are then all but certain.
 const DARKEST: f64 = 1e-3;
 /// Most rows of a table of likelihoods.
@@ -188,6 +195,17 @@ impl Levels {
         });
         let (inverse, log_norm) = deviations.map(|s| ((1.0 / s) as f32, ln_normal(0.0, s) as f32)).unzip();
         Kernel::Gaussian { inverse, log_norm }
+    }
+
+    /// Whether these levels do for what others were chosen for: none of it lies beyond them by as much as the noise tells, and most
+    /// of them are used.
+    pub fn serve(&self, others: &Self) -> bool {
+        let scale = Scale::new(self.noise);
+        let of = |photons: f32| scale.of(f64::from(photons));
+        let (first, last) = (of(self.range().0), of(self.range().1));
+        let LevelSpan { low, high, .. } = others.span;
+        let (low, high) = (of(others.range().0), scale.of(low + (high - low) * LEAST_HEADROOM));
+        low >= first - BEYOND && high <= last && high - low >= LEAST_USED * (last - first)
     }
 
     /// Number of levels.
@@ -395,6 +413,17 @@ mod tests {
     fn levels(noise: Noise, brightest: f32, counts: bool) -> Levels {
         let images = Array3::from_shape_fn((1, 2, 2), |(_, r, c)| if r + c == 0 { 10.0 } else { brightest });
         Levels::new(noise, images.view(), counts)
+    }
+
+    #[test]
+    fn levels_serve_measurements_that_they_cover_and_most_of_them() {
+        let spanning = |low, high| Levels::spanning(Noise::Shot, LevelSpan { low, high, counts: true });
+        let known = spanning(20.0, 500.0);
+        // The darkest and the brightest pixel of another sample of the same.
+        assert!(known.serve(&known) && known.serve(&spanning(17.0, 540.0)) && known.serve(&spanning(25.0, 420.0)));
+        assert!(!known.serve(&spanning(20.0, 620.0)), "brighter than any level");
+        assert!(!known.serve(&spanning(10.0, 500.0)), "darker by more than the noise tells");
+        assert!(!known.serve(&spanning(20.0, 150.0)), "most levels would be idle");
     }
 
     /// Every level is a density: the sum of its likelihoods over all that can be measured is 1.
