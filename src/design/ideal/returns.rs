@@ -31,7 +31,9 @@ impl Ideal<'_> {
     /// Goes on from the best mask where the last one tells clearly less.
     pub(super) fn take_back(&mut self) -> Result<(), IdealError> {
         let (Some(best), Some(last)) = (self.best(), self.state.frames.last()) else { return Ok(()) };
-        if self.state.finished || best.bits_per_pixel - last.bits_per_pixel < MOST_LOSS {
+        // A mask that is taken up again may tell less at first, for the decoder has come from others.
+        let is_same = best.array == last.array;
+        if self.state.finished || is_same || best.bits_per_pixel - last.bits_per_pixel < MOST_LOSS {
             return Ok(());
         }
         let (array, to) = (best.array.clone(), best.step);
@@ -134,8 +136,13 @@ mod tests {
         let [.., before, now] = &ideal.state.frames[..] else { panic!("more than one frame") };
         assert_eq!((before, &now.array, now.step), (frames.last().unwrap(), &blurred, step));
         assert!(now.bits_per_pixel < before.bits_per_pixel - MOST_LOSS, "and it is not taken back to them");
-        assert_eq!(ideal.state.events, [rewound]);
+        assert_eq!(ideal.state.events, std::slice::from_ref(&rewound));
         assert!(ideal.state.array != blurred && ideal.state.step > step, "it climbs from there");
+        // However much the same mask was said to tell before, there is no way back to it.
+        let mut again = begun().resumed(&bytes).unwrap();
+        again.state.frames[0].bits_per_pixel = 9.0;
+        advance(&mut again);
+        assert_eq!(again.state.events, [rewound]);
         // Between two states it does the same.
         let mut resumed = begun().resumed(&bytes).unwrap();
         advance(&mut resumed);
