@@ -42,7 +42,8 @@ impl EncoderChoice {
     }
 }
 
-const CHOICES: &str = "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), fit:FILE, or design:FILE";
+const CHOICES: &str = "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), fit:FILE, or \
+                       design:FILE";
 
 impl FromStr for EncoderChoice {
     type Err = String;

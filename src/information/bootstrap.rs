@@ -15,11 +15,11 @@ const FIRST_STREAM: u64 = 1 << 48;
 /// 95 % interval of the mean of `cross_entropy` minus the mean of `entropy_y_given_x`, both per test patch and in one
 /// unit (bits per pixel).
 ///
-/// As published (Kabuli et al. 2026), and under the paper's protocol alone: 100 bootstraps of either mean, independent of each other; the 2.5 and 97.5
-/// percentiles of all 100 x 100 differences. It covers the choice of test patches only, neither the training patches
-/// nor the fit, and treats the two terms as independent although they come from the same patches: where bright patches
-/// raise both, as shot noise does, it covers more than it says (0.99 of repeated tests instead of 0.95 in
-/// `tests/known_truths.rs`). With a single patch both ends are the estimate itself.
+/// As published (Kabuli et al. 2026), and under the paper's protocol alone: 100 bootstraps of either mean, independent
+/// of each other; the 2.5 and 97.5 percentiles of all 100 x 100 differences. It covers the choice of test patches only,
+/// neither the training patches nor the fit, and treats the two terms as independent although they come from the same
+/// patches: where bright patches raise both, as shot noise does, it covers more than it says (0.99 of repeated tests
+/// instead of 0.95 in `tests/known_truths.rs`). With a single patch both ends are the estimate itself.
 ///
 /// # Errors
 /// When either list is empty.
@@ -41,9 +41,9 @@ pub fn bootstrap_interval(
 /// 95 % interval of the mean of `information`, what each test patch tells in bits per pixel: its cross-entropy less the entropy
 /// of its noise, or `log2 p(y|x) - log2 q(y)`; the 2.5 and 97.5 percentiles of 1000 bootstraps.
 ///
-/// Bright patches raise both terms alike, and noise moves both logarithms alike, so that the difference scatters less than
-/// either, and what they share is not counted twice as in [`bootstrap_interval`]. It covers the choice of test patches only, neither the training
-/// patches nor the fit. With a single patch both ends are the estimate itself.
+/// Bright patches raise both terms alike, and noise moves both logarithms alike, so that the difference scatters less
+/// than either, and what they share is not counted twice as in [`bootstrap_interval`]. It covers the choice of test
+/// patches only, neither the training patches nor the fit. With a single patch both ends are the estimate itself.
 ///
 /// # Errors
 /// When the list is empty, or a value is not finite.

@@ -16,7 +16,7 @@ use super::psf::SampledSpot;
 
 /// Widths that a spot can begin with, px; those of published lenslets lie between the first two.
 const WIDTHS: [f64; 6] = [0.7, 1.0, 1.5, 2.3, 3.5, 5.5];
-/// Narrowest and widest spot, px.
+/// Narrowest spot, px.
 const NARROWEST: f64 = 0.3;
 /// Share of the squared PSF below which one more spot explains noise.
 const LEAST_GAIN: f64 = 1e-5;
@@ -56,7 +56,7 @@ pub enum LensletFitError {
         cols: usize,
     },
     /// There is nothing that a spot could be.
-    #[error("no lenslet explains this PSF: it has no light, or the same everywhere")]
+    #[error("no lenslet explains this PSF: it has no light")]
     NoSpot,
 }
 
@@ -64,7 +64,7 @@ impl FittedLenslets {
     /// Most lenslets of a fit.
     pub const MOST: usize = 64;
     /// Largest side of a picture, px.
-    pub const MOST_SIDE: usize = 256;
+    pub const MOST_SIDE: usize = 128;
 
     /// What has come of it, for people.
     pub fn in_words(&self) -> String {
@@ -365,7 +365,7 @@ mod tests {
     fn a_picture_without_spots_is_refused() {
         let refused = |psf: Array2<f64>| FittedLenslets::of(psf.view(), 64).unwrap_err();
         assert_eq!(refused(Array2::zeros((8, 8))), LensletFitError::NoSpot);
-        assert!(refused(Array2::ones((8, 257))).to_string().contains("at most 256 pixels a side, found 8 x 257"));
+        assert!(refused(Array2::ones((8, 129))).to_string().contains("at most 128 pixels a side, found 8 x 129"));
         // One pixel is a spot, too.
         let found = FittedLenslets::of(Array2::ones((1, 1)).view(), 64).unwrap();
         assert_eq!((found.array.lenslets.len(), found.array.rows), (1, 1));

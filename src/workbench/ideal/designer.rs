@@ -303,6 +303,15 @@ mod tests {
         designer
     }
 
+    /// The run once it is as wanted, or after five minutes.
+    fn wait(designer: &Designer, done: &dyn Fn(&DesignRun) -> bool) -> DesignRun {
+        let deadline = Instant::now() + Duration::from_mins(5);
+        while !designer.run().is_some_and(|run| done(&run)) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        designer.run().unwrap()
+    }
+
     #[test]
     fn a_run_that_waited_ends_as_one_that_did_not() {
         let start = Start::random(&Design::default(), 3, 1);
@@ -321,13 +330,7 @@ mod tests {
 
         let designer = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
         designer.start(vec![start], settings).unwrap();
-        let deadline = Instant::now() + Duration::from_mins(5);
-        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| {
-            while !designer.run().is_some_and(|run| done(&run)) && Instant::now() < deadline {
-                std::thread::sleep(Duration::from_millis(2));
-            }
-            designer.run().unwrap()
-        };
+        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| wait(&designer, done);
         for step in [1, 4] {
             wait_for(&|run| run.step >= step);
             designer.pause(true);
@@ -360,13 +363,7 @@ mod tests {
         };
         let designer = Designer::new(Arc::new(|| ()), Threads::default(), Activities::default());
         designer.start(vec![start], settings).unwrap();
-        let deadline = Instant::now() + Duration::from_mins(5);
-        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| {
-            while !designer.run().is_some_and(|run| done(&run)) && Instant::now() < deadline {
-                std::thread::sleep(Duration::from_millis(2));
-            }
-            designer.run().unwrap()
-        };
+        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| wait(&designer, done);
         let rewinds = |run: &DesignRun| {
             let to = run.events.iter().filter_map(|event| match event {
                 IdealEvent::Rewound { to, .. } => Some(*to),
