@@ -2,18 +2,18 @@
 
 mod diffuser;
 mod encoder;
-mod fit;
 mod import;
 mod layouts;
+mod lenslet_fit;
 mod lenslets;
 mod mtf;
 mod psf;
 
 pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
 pub use encoder::{Encoder, PsfImage};
-pub use fit::{FittedLenslets, LensletFitError, fit_lenslets};
 pub use import::{PsfError, import_psf, normalised_psf};
 pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
+pub use lenslet_fit::{FittedLenslets, LensletFitError, fit_lenslets};
 pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};
 pub use mtf::{Mtf, modulation_transfer};
 pub use psf::{LensletGradient, psf_gradient, render_psf};

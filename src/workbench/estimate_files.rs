@@ -203,11 +203,11 @@ impl EstimateFolder {
         }
         let file = self.folder.join(WAITING);
         // What cannot be written lasts as long as the window.
-        let _ = if orders.is_empty() {
-            std::fs::remove_file(file).map_err(|_| ())
+        if orders.is_empty() {
+            let _ = std::fs::remove_file(file);
         } else {
-            write_json(&file, &orders).map_err(|_| ())
-        };
+            let _ = write_json(&file, &orders);
+        }
     }
 
     /// The orders that waited when the last program ended.

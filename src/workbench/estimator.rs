@@ -13,15 +13,13 @@ use super::design::Design;
 use super::estimate_files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
-use super::progress::{EstimateProgress, FitPoint};
+use super::progress::{EstimateProgress, FitPoint, thin_out};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
 use super::worker::Stamped;
 use crate::formats::{FormatError, create_folder};
 use crate::information::FitLength;
 
-/// Points of the curve of a fit that are kept; beyond, every second one is dropped.
-const CURVE_POINTS: usize = 600;
 /// Orders that may wait.
 const MOST_ORDERS: usize = 50;
 /// Time between two tellings of progress.
@@ -471,35 +469,5 @@ impl Shared {
             }
             Err(error) => lock(&self.estimates).live_failure = Some((revision, error.to_string())),
         }
-    }
-}
-
-/// Drops every second point of a curve that has grown long.
-fn thin_out(curve: &mut Vec<FitPoint>) {
-    if curve.len() > CURVE_POINTS {
-        let mut index = 0;
-        curve.retain(|_| {
-            index += 1;
-            index % 2 == 1
-        });
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::progress::FittedModel;
-    use super::*;
-
-    #[test]
-    fn long_curves_keep_their_first_point_and_their_span() {
-        let point = |seconds| FitPoint { model: FittedModel::Density, seconds, bits: 1.0 };
-        let mut curve: Vec<FitPoint> = Vec::new();
-        for second in 0..5000 {
-            curve.push(point(f64::from(second)));
-            thin_out(&mut curve);
-        }
-        assert!(curve.len() <= CURVE_POINTS && curve.len() > CURVE_POINTS / 4);
-        assert_eq!(curve.first(), Some(&point(0.0)));
-        assert!(curve.last().unwrap().seconds > 4990.0);
     }
 }

@@ -107,6 +107,20 @@ pub fn spoken(time: Duration) -> String {
     }
 }
 
+/// Points of the curve of a fit that are kept; beyond, every second one is dropped.
+const CURVE_POINTS: usize = 600;
+
+/// Drops every second point of a curve that has grown long.
+pub(super) fn thin_out(curve: &mut Vec<FitPoint>) {
+    if curve.len() > CURVE_POINTS {
+        let mut index = 0;
+        curve.retain(|_| {
+            index += 1;
+            index % 2 == 1
+        });
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -124,5 +138,18 @@ mod tests {
         ] {
             assert_eq!(spoken(Duration::from_secs_f64(seconds)), text);
         }
+    }
+
+    #[test]
+    fn long_curves_keep_their_first_point_and_their_span() {
+        let point = |seconds| FitPoint { model: FittedModel::Density, seconds, bits: 1.0 };
+        let mut curve: Vec<FitPoint> = Vec::new();
+        for second in 0..5000 {
+            curve.push(point(f64::from(second)));
+            thin_out(&mut curve);
+        }
+        assert!(curve.len() <= CURVE_POINTS && curve.len() > CURVE_POINTS / 4);
+        assert_eq!(curve.first(), Some(&point(0.0)));
+        assert!(curve.last().unwrap().seconds > 4990.0);
     }
 }

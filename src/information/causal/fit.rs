@@ -170,7 +170,7 @@ impl CausalFit {
         }
     }
 
-    /// The step of a fit of so many after which rates have fallen a first time; 0 where they fall once.
+    /// The step after which rates have fallen a first time; 0 where they fall once, or where it is time that is counted.
     pub fn early_end(&self) -> usize {
         match self.length {
             FitLength::Steps(all) => (self.early * all as f64).ceil() as usize,

@@ -165,15 +165,13 @@ impl Designer {
     /// # Errors
     /// One sentence where none waits, or its result is being scored.
     pub fn resume_from(&self, frame: usize) -> Result<(), String> {
-        match self.run() {
-            Some(run) if run.status == RunStatus::Paused && run.is_being_scored() => Err(UNSCORED.into()),
-            Some(run) if run.status == RunStatus::Paused => {
-                *lock(&self.shared.rewind_to) = Some(frame);
-                self.pause(false);
-                Ok(())
-            }
-            _ => Err("no run waits".into()),
+        let run = self.run().filter(|run| run.status == RunStatus::Paused).ok_or("no run waits")?;
+        if run.is_being_scored() {
+            return Err(UNSCORED.into());
         }
+        *lock(&self.shared.rewind_to) = Some(frame);
+        self.pause(false);
+        Ok(())
     }
 
     /// Of several starts the one that led to a result.

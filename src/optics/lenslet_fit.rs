@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use ndarray::{Array1, Array2, ArrayView2, Axis, s};
+use ndarray::{Array1, Array2, ArrayView2, Axis, Zip, s};
 use thiserror::Error;
 
 use super::encoder::Encoder;
@@ -203,13 +203,19 @@ impl Slopes {
         if rows.is_empty() || cols.is_empty() {
             return [[0.0; PARAMETERS]; PARAMETERS];
         }
-        let part = |of: &Self, index: usize| {
-            let rows = rows.start - of.rows.start..rows.end - of.rows.start;
-            of.by[index].slice(s![rows, cols.start - of.cols.start..cols.end - of.cols.start]).to_owned()
-        };
+        let places = [0, 1, 2, 3];
         let (ones, others) =
-            ([0, 1, 2, 3].map(|index| part(self, index)), [0, 1, 2, 3].map(|index| part(other, index)));
-        ones.each_ref().map(|one| others.each_ref().map(|other| (one * other).sum()))
+            (places.map(|index| self.part(index, &rows, &cols)), places.map(|index| other.part(index, &rows, &cols)));
+        let product = |one: &ArrayView2<'_, f64>, other: &ArrayView2<'_, f64>| {
+            Zip::from(one).and(other).fold(0.0, |sum, one, other| sum + one * other)
+        };
+        ones.each_ref().map(|one| others.each_ref().map(|other| product(one, other)))
+    }
+
+    /// One of its slopes at some of its pixels.
+    fn part(&self, index: usize, rows: &Range<usize>, cols: &Range<usize>) -> ArrayView2<'_, f64> {
+        let rows = rows.start - self.rows.start..rows.end - self.rows.start;
+        self.by[index].slice(s![rows, cols.start - self.cols.start..cols.end - self.cols.start])
     }
 }
 
