@@ -26,14 +26,19 @@ enum State {
 }
 
 /// Which steps an average of the weights is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Averaging {
     /// None: the weights are those of the last step.
     Off,
-    /// The last tenth of all steps so far.
-    LastTenth,
+    /// About this share of all steps so far, those taken last.
+    LastShare(f32),
     /// About so many of the last steps. Before the first one weights were those that it began with.
     Last(usize),
+}
+
+impl Averaging {
+    /// The last tenth of all steps so far.
+    pub const LAST_TENTH: Self = Self::LastShare(0.1);
 }
 
 /// Moves all weights of a network, and averages them where that is wanted.
@@ -97,7 +102,7 @@ impl Optimizer {
         if let Some(average) = &mut self.average {
             let over = match self.averaging {
                 Averaging::Off => 1.0,
-                Averaging::LastTenth => 0.1 * self.steps as f32 + 1.0,
+                Averaging::LastShare(share) => share * self.steps as f32 + 1.0,
                 Averaging::Last(steps) => steps.max(1) as f32,
             };
             moving_average(average, weights, 1.0 / over);
@@ -173,8 +178,11 @@ mod tests {
         };
         assert_eq!(result(Averaging::Off), 0.0);
         assert!((result(Averaging::Last(1))).abs() < 1e-6);
-        let (tenth, last) = (result(Averaging::LastTenth), result(Averaging::Last(30)));
+        let (tenth, last) = (result(Averaging::LAST_TENTH), result(Averaging::Last(30)));
         assert!((0.15..0.2).contains(&tenth), "{tenth}");
         assert!((0.28..0.3).contains(&last), "{last}");
+        // Of steps of equal length the average over their second half is that of where they went, a third of the way back.
+        let half = result(Averaging::LastShare(0.5));
+        assert!((0.62..0.68).contains(&half), "{half}");
     }
 }

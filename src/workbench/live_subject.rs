@@ -13,17 +13,17 @@ use crate::information::{
     BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
     NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map, paired_interval,
 };
+use crate::network::Averaging;
 use crate::objects::Split;
 use crate::sensor::{Convolver, Noise};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design.
-const WARM_RATE: f64 = 0.5;
-/// Share of such a fit after which its rates have fallen a first time: some seconds after an edit the estimate is then near to
-/// where it will settle, which it is not while rates are high.
-const EARLY: f64 = 0.17;
-/// Held-out patches of the first score, which is to come soon, of those in between, and of the last.
-pub(super) const SCORED_FIRST: usize = 32;
-pub(super) const SCORED: usize = 96;
+const WARM_RATE: f64 = 0.35;
+/// The weights of such a fit are averaged over more of its steps: seconds after an edit, while rates are still high, the estimate
+/// is then nearer to where it will settle.
+const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
+/// Held-out patches of the scores before the last one at the most, and of that.
+pub(super) const SCORED: usize = 192;
 pub(super) const SCORED_LAST: usize = 384;
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
@@ -110,7 +110,7 @@ impl<'a> Subject<'a> {
 
     pub fn fit(&self, planned: usize, warm: bool) -> CausalFit {
         let fit = CausalFit::new(FitLength::Steps(planned), self.seed());
-        if warm { CausalFit { rate: WARM_RATE * fit.rate, early: EARLY, ..fit } } else { fit }
+        if warm { CausalFit { rate: WARM_RATE * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
     }
 
     pub fn score(

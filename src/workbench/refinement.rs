@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::live_bounds::{ABOVE, BELOW, Beads, Draws};
-use super::live_subject::{SCORED, SCORED_FIRST, SCORED_LAST, Subject};
+use super::live_subject::{SCORED, SCORED_LAST, Subject};
 use super::simulation::imaging;
 use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
@@ -27,10 +27,11 @@ const WARM: Duration = Duration::from_secs(20);
 /// Steps from which their pace is told before the first fit, and the fewest and most steps of a fit.
 const PACED: usize = 8;
 const PLANNED: (f64, f64) = (200.0, 100_000.0);
-/// Times from the beginning of a fit to its first scores; later ones follow at times that grow by [`GROWTH`].
-const SCORES: [Duration; 3] = [Duration::from_millis(150), Duration::from_millis(1200), Duration::from_millis(3600)];
-/// Time from which on a score of a fit that settles early waits for that.
-const WAITS: Duration = Duration::from_secs(2);
+/// Times from the beginning of a fit to its first scores, and their held-out patches: the first is to come soon.
+const SCORES: [(Duration, usize); 2] = [(Duration::from_millis(150), 32), (Duration::from_millis(1200), 96)];
+/// Time from an edit at which the next score is to be there, on [`SCORED`] patches; later ones follow at times that grow by
+/// [`GROWTH`].
+const SOON: Duration = Duration::from_millis(4750);
 const GROWTH: f64 = 1.7;
 /// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
 const FIRST_GRADIENT: Duration = Duration::from_secs(2);
@@ -143,6 +144,7 @@ impl Refiner {
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), EvaluationError> {
+        let asked = Instant::now();
         let bounding = design.bounding();
         let imaging = imaging(&bounding, &scene.set)?;
         let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
@@ -168,12 +170,9 @@ impl Refiner {
             let estimate = subject.score(model, test, (planned, steps), start.clone())?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
-        let mut scores = SCORES.into_iter();
-        let (mut next, mut next_followed) = (scores.next().unwrap_or_default(), FIRST_FOLLOWED);
-        let mut few = Some(test.first(SCORED_FIRST));
-        // The smallest so far on the same patches: while rates are high again the fit is not where it was when they had fallen.
-        let mut least: Option<LiveEstimate> = None;
-        let early = fit.early_end();
+        let mut scores = SCORES.into_iter().map(|(after, patches)| (started + after, patches));
+        let mut next = scores.next().unwrap_or((started, SCORED));
+        let mut next_followed = FIRST_FOLLOWED;
         // Time beside the steps.
         let mut aside = Duration::ZERO;
         let mut failure = None;
@@ -182,20 +181,15 @@ impl Refiner {
                 return ControlFlow::Break(());
             }
             let pace = progress.elapsed.saturating_sub(aside).as_secs_f64() / progress.step as f64;
+            let (due, patches) = next;
+            let before = Instant::now();
             // The last step has the last score, which is on more patches.
-            let waits = progress.step < early && progress.elapsed >= WAITS;
-            let is_due = progress.step == early || (progress.elapsed >= next && !waits);
-            if is_due && progress.step < planned {
+            if before >= due && progress.step < planned {
                 let remaining = Duration::from_secs_f64(pace * (planned - progress.step) as f64);
-                let before = Instant::now();
-                match score(&snapshot(), few.as_ref().unwrap_or(&test), progress.step, Some(remaining)) {
+                let estimate = score(&snapshot(), &test.first(patches), progress.step, Some(remaining));
+                let scoring = before.elapsed().mul_f64(SCORED as f64 / patches as f64);
+                match estimate {
                     Ok(mut estimate) => {
-                        if few.take().is_none() {
-                            let known = least.take().filter(|least| least.bits_per_pixel <= estimate.bits_per_pixel);
-                            let LiveEstimate { seconds, remaining, .. } = estimate;
-                            estimate = known.map_or(estimate, |known| LiveEstimate { seconds, remaining, ..known });
-                            least = Some(estimate.clone());
-                        }
                         publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             beads.decode(LOWER_SAMPLES, stop);
@@ -205,7 +199,7 @@ impl Refiner {
                             estimate.gradient = pull(design, &imaging, &estimate.model);
                             publish(with_bounds(&beads, estimate.clone()));
                         }
-                        if progress.elapsed >= next_followed && progress.step >= early {
+                        if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
                             beads.follow(FOLLOWED, stop);
                             publish(with_bounds(&beads, estimate));
@@ -217,7 +211,11 @@ impl Refiner {
                     }
                 }
                 aside += before.elapsed();
-                next = scores.next().unwrap_or_else(|| started.elapsed().mul_f64(GROWTH));
+                next = scores.next().unwrap_or_else(|| {
+                    let growing = asked + asked.elapsed().mul_f64(GROWTH);
+                    let soon = (asked + SOON).checked_sub(scoring).filter(|soon| Instant::now() < *soon);
+                    (soon.unwrap_or(growing), SCORED)
+                });
             }
             if progress.step >= PACED {
                 self.pace = Some((pace, subject.patch));
@@ -273,11 +271,13 @@ impl Refiner {
             pace
         } else {
             let mut trial = model.clone();
-            let before = Instant::now();
+            // Patches are drawn before the first step, for many.
+            let mut first = None;
             CausalFit::new(FitLength::Steps(PACED), 0).fit(&mut trial, train, &mut |_| {
+                first.get_or_insert_with(Instant::now);
                 if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             })?;
-            before.elapsed().as_secs_f64() / PACED as f64
+            first.map_or(0.0, |first| first.elapsed().as_secs_f64() / (PACED - 1) as f64)
         };
         let time = if warm { WARM } else { COLD };
         Ok((time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize)

@@ -152,7 +152,7 @@ impl FirstWeights {
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut optimizer = Optimizer::new(&self.layout, &self.weights, Averaging::LastTenth, rule);
+        let mut optimizer = Optimizer::new(&self.layout, &self.weights, Averaging::LAST_TENTH, rule);
         let mut progress = FirstFitProgress::default();
         loop {
             let next: Vec<(u64, u64)> =

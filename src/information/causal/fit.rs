@@ -18,8 +18,6 @@ use crate::network::{Averaging, Optimizer, rate_schedule};
 pub(super) const BATCH: usize = 2;
 /// Largest learning rate.
 pub(super) const RATE: f64 = 1.2e-2;
-/// Factor of the rate until a fit has settled early: there is no time to come back from where a high one leads.
-const EARLY_RATE: f64 = 0.5;
 /// Largest norm of a gradient.
 pub(super) const MAX_NORM: f64 = 1.0;
 /// Patches that are drawn at a time.
@@ -60,9 +58,8 @@ pub struct CausalFit {
     pub batch: usize,
     /// Largest learning rate.
     pub rate: f64,
-    /// Share of the fit after which rates have fallen a first time, so that it could end there; they rise once more then. 0 where
-    /// they fall once.
-    pub early: f64,
+    /// What the weights are averaged over.
+    pub averaging: Averaging,
     /// Largest norm of a gradient; longer ones are shortened to it.
     pub max_norm: f64,
     /// When it ends.
@@ -74,7 +71,7 @@ pub struct CausalFit {
 impl CausalFit {
     /// The default procedure.
     pub fn new(length: FitLength, seed: u64) -> Self {
-        Self { batch: BATCH, rate: RATE, early: 0.0, max_norm: MAX_NORM, length, seed }
+        Self { batch: BATCH, rate: RATE, averaging: Averaging::LAST_TENTH, max_norm: MAX_NORM, length, seed }
     }
 
     /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the
@@ -120,7 +117,7 @@ impl CausalFit {
         on_step: OnStep<'_>,
     ) -> Result<(usize, Option<usize>), InformationError> {
         let started = Instant::now();
-        let (mut mover, mut found) = (Mover::new(model, Averaging::LastTenth), None);
+        let (mut mover, mut found) = (Mover::new(model, self.averaging), None);
         if let Some(keeper) = keeper {
             (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
         }
@@ -142,7 +139,7 @@ impl CausalFit {
                     model.weights = mover.averaged(model);
                     return Ok((mover.course.steps, best.put_into(model)?));
                 }
-                mover.step(self, model, (&inputs, indices), self.factor(done))?;
+                mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
                 let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
                 let elapsed = before + started.elapsed();
                 best.look(self.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
@@ -159,23 +156,6 @@ impl CausalFit {
     pub(super) fn batches(&self) -> impl DoubleEndedIterator<Item = Range<usize>> + use<> {
         let batch = self.batch.clamp(1, DRAWN);
         (0..DRAWN / batch).map(move |index| index * batch..(index + 1) * batch)
-    }
-
-    /// Factor of the rate when this share of the fit is over.
-    fn factor(&self, done: f64) -> f64 {
-        if done < self.early {
-            EARLY_RATE * rate_schedule(done / self.early)
-        } else {
-            rate_schedule((done - self.early) / (1.0 - self.early))
-        }
-    }
-
-    /// The step after which rates have fallen a first time; 0 where they fall once, or where it is time that is counted.
-    pub fn early_end(&self) -> usize {
-        match self.length {
-            FitLength::Steps(all) => (self.early * all as f64).ceil() as usize,
-            FitLength::Time(_) => 0,
-        }
     }
 
     /// Share of the fit that is over.
@@ -272,23 +252,5 @@ impl Mover {
     /// The averaged weights.
     pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
         self.optimizer.result(&model.weights).to_vec()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fit_can_settle_early_and_go_on() {
-        let fit = CausalFit { early: 0.2, ..CausalFit::new(FitLength::Steps(501), 1) };
-        assert_eq!(fit.early_end(), 101);
-        assert!(fit.factor(0.006) > 0.48 && (fit.factor(0.1) - 0.25).abs() < 1e-9, "as a fit of a fifth of the steps");
-        assert!(fit.factor(100.0 / 501.0) < 0.005 && fit.factor(101.0 / 501.0) < 0.1, "it could end there");
-        assert!(fit.factor(0.2 + 0.8 * 0.03) > 0.96 && fit.factor(0.6) > 0.4 && fit.factor(1.0) < 0.01);
-        // Others fall once.
-        let fit = CausalFit::new(FitLength::Steps(501), 1);
-        assert_eq!(fit.early_end(), 0);
-        assert!([0.01, 0.2, 0.7, 1.0].iter().all(|&done| fit.factor(done) == rate_schedule(done)));
     }
 }

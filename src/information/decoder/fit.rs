@@ -142,7 +142,7 @@ pub(super) struct Mover {
 
 impl Mover {
     pub fn new(decoder: &Decoder) -> Self {
-        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, Averaging::LastTenth, |tensor| {
+        let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, Averaging::LAST_TENTH, |tensor| {
             if tensor.name.starts_with("block") { Rule::Muon } else { Rule::Adam }
         });
         Self { optimizer, moved: 0, refused: 0, mean_norm: 0.0 }

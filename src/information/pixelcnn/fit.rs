@@ -120,7 +120,7 @@ impl PixelCnnFit {
             rate: 5e-3,
             schedule: true,
             muon: true,
-            averaging: Averaging::LastTenth,
+            averaging: Averaging::LAST_TENTH,
             photon_scale: true,
             max_norm: Some(1.0),
             max_validation: 64,
