@@ -232,9 +232,10 @@ mod tests {
         let (one, two) = (design(1), design(2));
         let scene = Arc::new(Scene::open(&one, &|_| ControlFlow::Continue(())).unwrap());
         let mut refiner = Refiner::default();
-        let cold = first(&mut refiner, &one, &scene, |live| live.lower.is_some());
+        let is_revised = |live: &LiveEstimate| live.recipe.revised.is_some_and(|by| live.recipe.steps > by.after);
+        let cold = first(&mut refiner, &one, &scene, is_revised);
         let warm = first(&mut refiner, &two, &scene, |live| live.upper.is_some());
-        assert!(cold.start.is_none() && warm.start.is_some() && warm.recipe.steps > 0);
+        assert!(cold.start.is_none() && warm.start.is_some() && warm.recipe.revised.is_none());
         assert!(matches!(warm.recipe.upper, Some(Draws::Followed { .. })));
         for (name, design, live) in [("cold", &one, &cold), ("warm", &two, &warm)] {
             let path = folder.path().join("new folder").join(name);
@@ -323,8 +324,9 @@ mod tests {
             LiveRecord::open(&path)
         };
         assert!(open(&|_| {}).is_ok());
-        let changes: [&dyn Fn(&mut serde_json::Value); 8] = [
+        let changes: [&dyn Fn(&mut serde_json::Value); 9] = [
             &|record| record["recipe"]["planned"] = 1_000_000_000_u64.into(),
+            &|record| record["recipe"]["revised"] = serde_json::json!({ "after": 9, "planned": 1_u64 << 40 }),
             &|record| record["recipe"]["steps"] = 0.into(),
             &|record| record["recipe"]["upper"] = serde_json::json!({ "at_once": { "samples": 1_u64 << 62 } }),
             &|record| {

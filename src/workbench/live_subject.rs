@@ -113,11 +113,12 @@ impl<'a> Subject<'a> {
         if warm { CausalFit { rate: WARM_RATE * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
     }
 
+    /// What held-out patches tell of a model; the recipe of the estimate is that of its fit.
     pub fn score(
         &self,
         model: &CausalModel,
         test: &PatchBatch,
-        (planned, steps): (usize, usize),
+        recipe: LiveRecipe,
         start: Option<Arc<CausalStart>>,
     ) -> Result<LiveEstimate, InformationError> {
         let maps = information_map(model, &self.entropy, test)?;
@@ -136,7 +137,7 @@ impl<'a> Subject<'a> {
             patch: model.patch(),
             seconds: 0.0,
             remaining: None,
-            recipe: LiveRecipe { planned, steps, test_patches: information.len(), lower: None, upper: None },
+            recipe: LiveRecipe { test_patches: information.len(), lower: None, upper: None, ..recipe },
             start,
             model: Arc::new(model.clone()),
             gradient: None,

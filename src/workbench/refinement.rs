@@ -29,8 +29,8 @@ const PACED: usize = 8;
 const PLANNED: (f64, f64) = (200.0, 100_000.0);
 /// Times from the beginning of a fit to its first scores, and their held-out patches: the first is to come soon.
 const SCORES: [(Duration, usize); 2] = [(Duration::from_millis(150), 32), (Duration::from_millis(1200), 96)];
-/// Time from an edit at which the next score is to be there, on [`SCORED`] patches; later ones follow at times that grow by
-/// [`GROWTH`].
+/// Time from an edit at which the next score is to be there, on [`SCORED`] patches, and by which the pace of a first fit is known
+/// well enough to plan its rest; later scores follow at times that grow by [`GROWTH`].
 const SOON: Duration = Duration::from_millis(4750);
 const GROWTH: f64 = 1.7;
 /// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
@@ -91,6 +91,9 @@ pub struct LiveEstimate {
 pub struct LiveRecipe {
     /// Steps that the fit was planned for, which its learning rates depend on.
     pub planned: usize,
+    /// The later plan; none where it went on as planned.
+    #[serde(default)]
+    pub revised: Option<Revision>,
     /// Steps after which it was scored.
     pub steps: usize,
     /// Held-out patches that it was scored on.
@@ -101,13 +104,33 @@ pub struct LiveRecipe {
     pub upper: Option<Draws>,
 }
 
+/// Another number of steps for a fit that is going on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Revision {
+    /// Steps that had been taken.
+    pub after: usize,
+    /// Steps in all from then on.
+    pub planned: usize,
+}
+
 impl LiveRecipe {
+    /// Before the first step of a fit of so many.
+    fn of(planned: usize) -> Self {
+        Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None }
+    }
+
+    /// Steps in all.
+    fn all(&self) -> usize {
+        self.revised.map_or(self.planned, |revision| revision.planned)
+    }
+
     /// Whether a fit could have come about like this; others would never end, or not begin.
     pub(super) fn is_sound(&self) -> bool {
         let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
-        (1..=self.planned).contains(&self.steps)
+        (1..=self.all()).contains(&self.steps)
             && (1..=SCORED_LAST).contains(&self.test_patches)
-            && self.planned as f64 <= PLANNED.1
+            && (self.planned.max(self.all()) as f64) <= PLANNED.1
+            && self.revised.is_none_or(|revision| (1..self.planned).contains(&revision.after))
             && sound(self.lower)
             && sound(self.upper)
     }
@@ -163,11 +186,16 @@ impl Refiner {
         let test = subject.test(SCORED)?;
         let train = subject.stream(Split::Train);
         let mut model = subject.model(&train, &test, start.as_deref())?;
-        let planned = self.planned(&model, &train, start.is_some(), stop)?;
-        let fit = subject.fit(planned, start.is_some());
+        let time = if start.is_some() { WARM } else { COLD };
+        let known = self.pace.filter(|(_, of)| *of == model.patch());
+        let pace = known.map_or_else(|| trial_pace(&model, &train, stop), |(pace, _)| Ok(pace))?;
+        let mut recipe = LiveRecipe::of(planned(time, pace));
+        // A few steps, beside which a window may just be opening, do not tell the pace well.
+        let mut is_revised = known.is_some();
+        let fit = subject.fit(recipe.planned, start.is_some());
         let started = Instant::now();
-        let score = |model: &CausalModel, test: &PatchBatch, steps: usize, remaining: Option<Duration>| {
-            let estimate = subject.score(model, test, (planned, steps), start.clone())?;
+        let score = |model: &CausalModel, test: &PatchBatch, recipe: LiveRecipe, remaining: Option<Duration>| {
+            let estimate = subject.score(model, test, recipe, start.clone())?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
         let mut scores = SCORES.into_iter().map(|(after, patches)| (started + after, patches));
@@ -183,10 +211,19 @@ impl Refiner {
             let pace = progress.elapsed.saturating_sub(aside).as_secs_f64() / progress.step as f64;
             let (due, patches) = next;
             let before = Instant::now();
+            recipe.steps = progress.step;
+            let mut revision = None;
             // The last step has the last score, which is on more patches.
-            if before >= due && progress.step < planned {
-                let remaining = Duration::from_secs_f64(pace * (planned - progress.step) as f64);
-                let estimate = score(&snapshot(), &test.first(patches), progress.step, Some(remaining));
+            if before >= due && progress.step < recipe.all() {
+                if !is_revised && patches == SCORED {
+                    is_revised = true;
+                    let rest = planned(time.saturating_sub(progress.elapsed), pace);
+                    let all = (progress.step + rest).min(PLANNED.1 as usize);
+                    revision = Some(all);
+                    recipe.revised = Some(Revision { after: progress.step, planned: all });
+                }
+                let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
+                let estimate = score(&snapshot(), &test.first(patches), recipe, Some(remaining));
                 let scoring = before.elapsed().mul_f64(SCORED as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
@@ -220,7 +257,7 @@ impl Refiner {
             if progress.step >= PACED {
                 self.pace = Some((pace, subject.patch));
             }
-            ControlFlow::Continue(())
+            ControlFlow::Continue(revision)
         });
         if let Some(failure) = failure {
             return Err(failure.into());
@@ -228,8 +265,8 @@ impl Refiner {
         // Weights of a fit that went astray would lead the next one astray, too.
         let went_well = matches!(fitted, Ok(_) | Err(InformationError::Cancelled));
         self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
-        let steps = fitted?;
-        let mut estimate = score(&model, &subject.test(SCORED_LAST)?, steps, None)?;
+        recipe.steps = fitted?;
+        let mut estimate = score(&model, &subject.test(SCORED_LAST)?, recipe, None)?;
         estimate.gradient = pull(design, &imaging, &model);
         publish(with_bounds(&beads, estimate.clone()));
         self.take_last_bounds((design, scene), estimate, &mut beads, publish, stop)
@@ -257,31 +294,27 @@ impl Refiner {
         publish(with_bounds(beads, estimate));
         Ok(())
     }
+}
 
-    /// Steps for which the time of a fit suffices, as fast as they were of late. They are planned before it begins, so that
-    /// the fit does not depend on the clock.
-    fn planned(
-        &self,
-        model: &CausalModel,
-        train: &dyn PatchStream,
-        warm: bool,
-        stop: &dyn Fn() -> bool,
-    ) -> Result<usize, InformationError> {
-        let pace = if let Some((pace, _)) = self.pace.filter(|(_, of)| *of == model.patch()) {
-            pace
-        } else {
-            let mut trial = model.clone();
-            // Patches are drawn before the first step, for many.
-            let mut first = None;
-            CausalFit::new(FitLength::Steps(PACED), 0).fit(&mut trial, train, &mut |_| {
-                first.get_or_insert_with(Instant::now);
-                if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-            })?;
-            first.map_or(0.0, |first| first.elapsed().as_secs_f64() / (PACED - 1) as f64)
-        };
-        let time = if warm { WARM } else { COLD };
-        Ok((time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize)
-    }
+/// Steps for which a time suffices, at a pace in seconds. They are planned ahead, so that the fit does not depend on the clock.
+fn planned(time: Duration, pace: f64) -> usize {
+    (time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize
+}
+
+/// Seconds of a step, by a few that nothing comes of.
+fn trial_pace(
+    model: &CausalModel,
+    train: &dyn PatchStream,
+    stop: &dyn Fn() -> bool,
+) -> Result<f64, InformationError> {
+    let mut trial = model.clone();
+    // Patches are drawn before the first step, for many.
+    let mut first = None;
+    CausalFit::new(FitLength::Steps(PACED), 0).fit(&mut trial, train, &mut |_| {
+        first.get_or_insert_with(Instant::now);
+        if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    Ok(first.map_or(0.0, |first| first.elapsed().as_secs_f64() / (PACED - 1) as f64))
 }
 
 /// Computes a live estimate again from its recipe and what it started from.
@@ -301,7 +334,7 @@ pub(super) fn repeated(
     let test = subject.test(recipe.test_patches)?;
     let train = subject.stream(Split::Train);
     let mut model = subject.model(&train, &test, start)?;
-    let settled = recipe.steps >= recipe.planned;
+    let settled = recipe.steps >= recipe.all();
     let mut scored = None;
     let fitted =
         subject.fit(recipe.planned, start.is_some()).fit_watched(&mut model, &train, &mut |progress, snapshot| {
@@ -312,7 +345,7 @@ pub(super) fn repeated(
                 scored = Some(snapshot());
                 return ControlFlow::Break(());
             }
-            ControlFlow::Continue(())
+            ControlFlow::Continue(recipe.revised.filter(|by| by.after == progress.step).map(|by| by.planned))
         });
     let model = if let Some(scored) = scored {
         scored
@@ -320,8 +353,7 @@ pub(super) fn repeated(
         fitted?;
         model
     };
-    let of_steps = (recipe.planned, recipe.steps);
-    let estimate = subject.score(&model, &test, of_steps, start.cloned().map(Arc::new))?;
+    let estimate = subject.score(&model, &test, *recipe, start.cloned().map(Arc::new))?;
     let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
     let stop = || !go_on(recipe.steps);
     match recipe.lower {

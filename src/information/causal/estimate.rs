@@ -83,7 +83,9 @@ pub fn causal_estimate(
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
     let aids = FitAids { keeper: request.keeper, validation: request.validation };
-    let (steps, best) = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| on_progress(progress))?;
+    let (steps, best) = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| {
+        on_progress(progress).map_continue(|()| None)
+    })?;
     let from = match request.beginning {
         Beginning::Shipped if FirstWeights::shipped().is_some() => ", from the weights that come with the program",
         Beginning::Similar(_) => ", from the model of a similar design",

@@ -39,8 +39,9 @@ pub enum FitLength {
     Time(Duration),
 }
 
-/// Hears of every step, gets what makes the model as it would be if the fit ended there, and answers whether to go on.
-pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<()>;
+/// Hears of every step, gets what makes the model as it would be if the fit ended there, and answers whether to go on; where it
+/// is to be of another number of steps than was planned, of how many. What is left of the fit is spread over them then.
+pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<(), Option<usize>>;
 
 /// What a fit of limited patches, or one that takes long, is aided by.
 #[derive(Clone, Copy, Default)]
@@ -86,7 +87,7 @@ impl CausalFit {
         stream: &dyn PatchStream,
         on_progress: OnProgress<'_>,
     ) -> Result<usize, InformationError> {
-        self.fit_watched(model, stream, &mut |progress, _| on_progress(progress))
+        self.fit_watched(model, stream, &mut |progress, _| on_progress(progress).map_continue(|()| None))
     }
 
     /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]).
@@ -122,7 +123,8 @@ impl CausalFit {
             (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
         }
         let before = mover.course.before;
-        let mut best = Best::new(validation, self.done(mover.course.steps, before), found);
+        let mut plan = Plan::new(self.length);
+        let mut best = Best::new(validation, plan.done(mover.course.steps, before), found);
         let mut kept = Instant::now();
         loop {
             if let Some(keeper) = keeper
@@ -134,7 +136,7 @@ impl CausalFit {
             }
             let inputs = mover.draw(self, model, stream)?;
             for indices in self.batches() {
-                let done = self.done(mover.course.steps, before + started.elapsed());
+                let done = plan.done(mover.course.steps, before + started.elapsed());
                 if done >= 1.0 {
                     model.weights = mover.averaged(model);
                     return Ok((mover.course.steps, best.put_into(model)?));
@@ -142,11 +144,14 @@ impl CausalFit {
                 mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
                 let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
                 let elapsed = before + started.elapsed();
-                best.look(self.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
-                let progress = self.progress(&mover.course, elapsed);
-                if on_step(&progress, &snapshot).is_break() {
-                    model.weights = mover.averaged(model);
-                    return Err(InformationError::Cancelled);
+                best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
+                match on_step(&plan.progress(&mover.course, elapsed), &snapshot) {
+                    ControlFlow::Continue(None) => {}
+                    ControlFlow::Continue(Some(all)) => plan.revise(mover.course.steps, all),
+                    ControlFlow::Break(()) => {
+                        model.weights = mover.averaged(model);
+                        return Err(InformationError::Cancelled);
+                    }
                 }
             }
         }
@@ -157,11 +162,35 @@ impl CausalFit {
         let batch = self.batch.clamp(1, DRAWN);
         (0..DRAWN / batch).map(move |index| index * batch..(index + 1) * batch)
     }
+}
+
+/// How long a fit is to be, which may be revised on the way.
+struct Plan {
+    length: FitLength,
+    /// Steps after which it was revised last, and the share of the fit that was over then.
+    revised: (usize, f64),
+}
+
+impl Plan {
+    fn new(length: FitLength) -> Self {
+        Self { length, revised: (0, 0.0) }
+    }
+
+    /// So many steps in all from now on, if steps are what is counted.
+    fn revise(&mut self, steps: usize, all: usize) {
+        if let FitLength::Steps(_) = self.length {
+            self.revised = (steps, self.done(steps, Duration::ZERO));
+            self.length = FitLength::Steps(all.max(steps));
+        }
+    }
 
     /// Share of the fit that is over.
     fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
-            FitLength::Steps(all) => steps as f64 / all.max(1) as f64,
+            FitLength::Steps(all) => {
+                let (from, before) = self.revised;
+                before + (1.0 - before) * (steps - from) as f64 / (all - from).max(1) as f64
+            }
             FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),
         }
     }
@@ -252,5 +281,24 @@ impl Mover {
     /// The averaged weights.
     pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
         self.optimizer.result(&model.weights).to_vec()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_of_a_revised_fit_is_spread_over_its_steps() {
+        let share = |plan: &Plan, steps| plan.done(steps, Duration::ZERO);
+        let mut plan = Plan::new(FitLength::Steps(100));
+        assert_eq!([0, 25, 100].map(|steps| share(&plan, steps)), [0.0, 0.25, 1.0]);
+        plan.revise(25, 325);
+        assert_eq!([25, 125, 325].map(|steps| share(&plan, steps)), [0.25, 0.5, 1.0]);
+        plan.revise(125, 10);
+        assert!(share(&plan, 125) >= 0.5 && share(&plan, 126) >= 1.0, "never fewer than were taken");
+        let mut timed = Plan::new(FitLength::Time(Duration::from_secs(4)));
+        timed.revise(5, 7);
+        assert_eq!(timed.done(5, Duration::from_secs(1)), 0.25);
     }
 }
