@@ -20,7 +20,7 @@ use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, FitKeeper, GaussianRequest, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, PixelCnnRequest, Provenance, SharedPictures, Trial, causal_estimate, gaussian_estimate,
+    PatchBatch, PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate, gaussian_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -30,6 +30,8 @@ const TEST_SHARE: usize = 5;
 /// One training image in this many tells when a fit of the causal model should have ended, by so many patches.
 const VALIDATION_SHARE: usize = 8;
 const VALIDATION_PATCHES: usize = 128;
+/// Read noise hides grey levels so far apart, in its deviations.
+const MOST_STEP: f64 = 2.0;
 
 /// Why measurements have no estimate.
 #[derive(Debug, Error)]
@@ -180,18 +182,37 @@ impl Calibration {
     }
 
     /// What a reader must know of it.
-    fn describe(&self, whole_levels: bool) -> Vec<String> {
+    fn describe(&self) -> String {
         let Self { gain, offset, bin } = *self;
         let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
-        let mut notes = vec![format!("photons are (grey level - {offset}) / {gain}{sum}")];
-        if whole_levels && gain < 1.0 {
-            notes.push(format!(
-                "one grey level is {:.3} photons: steps that coarse can be told apart by a flexible model, so that the \
-                 number may fall below the information",
-                1.0 / gain
-            ));
+        format!("photons are (grey level - {offset}) / {gain}{sum}")
+    }
+
+    /// Photons of one grey level.
+    fn step(&self) -> f64 {
+        1.0 / self.gain
+    }
+
+    /// The noise by which whole grey levels bound information from above. Read noise that is too weak to hide them is left
+    /// out, as [`Noise::bounding`] does it for whole counts: it only takes from what those tell.
+    fn bounding(&self, noise: Noise) -> Noise {
+        match noise {
+            Noise::ShotRead { sigma } if self.step() > MOST_STEP * sigma => Noise::Shot,
+            other => other,
         }
-        notes
+    }
+
+    /// What a reader must know where whole grey levels are coarse beside the noise.
+    fn warn_of_steps(&self, noise: Noise) -> Option<String> {
+        let (step, read) = (self.step(), MOST_STEP * noise.read_sigma().unwrap_or(0.0));
+        // Shot noise hides steps of a photon.
+        let hidden = if noise.has_shot_noise() { read.max(1.0) } else { read };
+        (step > hidden).then(|| {
+            format!(
+                "one grey level is {step:.3} photons: steps that coarse can be told apart by a flexible model, so that the \
+                 number may fall below the information"
+            )
+        })
     }
 }
 
@@ -226,6 +247,8 @@ pub struct MeasuredImages {
     /// Photons per (binned) pixel, shape (n, rows, cols).
     photons: Array3<f32>,
     path: PathBuf,
+    /// How whole grey levels were turned into photons; none where they are not whole.
+    steps: Option<Calibration>,
     notes: Vec<String>,
 }
 
@@ -269,13 +292,13 @@ impl MeasuredImages {
         if mean <= 0.0 {
             return Err(MeasuredError::Dark { found: mean });
         }
-        let mut notes = calibration.describe(whole_levels);
+        let mut notes = vec![calibration.describe()];
         let negative = photons.iter().filter(|value| **value < 0.0).count();
         if negative > 0 {
             let share = 100.0 * negative as f64 / photons.len() as f64;
             notes.push(format!("{share:.2} % of the pixels lie below the offset"));
         }
-        Ok(Self { photons, path: path.clone(), notes })
+        Ok(Self { photons, path: path.clone(), steps: whole_levels.then_some(*calibration), notes })
     }
 
     /// Photons per (binned) pixel, shape (n, rows, cols).
@@ -310,6 +333,12 @@ impl MeasuredImages {
         watch: Watch<'_>,
     ) -> Result<Estimate, MeasuredError> {
         let start = std::time::Instant::now();
+        let mut notes = self.notes.clone();
+        notes.extend(self.steps.and_then(|steps| steps.warn_of_steps(noise)));
+        let noise = match self.steps {
+            Some(steps) if request.protocol == Protocol::Default => steps.bounding(noise),
+            _ => noise,
+        };
         NoiseEntropy::new(noise, request.protocol)?;
         let (images, rows, cols) = self.photons.dim();
         let patch = request.patch.unwrap_or((rows, cols));
@@ -332,7 +361,6 @@ impl MeasuredImages {
                 kept.trial(index, |keeper| self.trial(request, noise, patch, parts, (seeds, keeper, smallest), watch))?,
             );
         }
-        let mut notes = self.notes.clone();
         notes.push(format!(
             "test patches were cut from {test_images} images and training patches from {} others",
             images - test_images

@@ -188,7 +188,8 @@ impl Levels {
             }
             _ => {}
         }
-        let least = if noise == Noise::Shot && counts { LEAST_VARIANCE_OF_COUNTS } else { 0.0 };
+        // Grey levels of a camera may be counts as well, of which some lie below its offset.
+        let least = if noise == Noise::Shot { LEAST_VARIANCE_OF_COUNTS } else { 0.0 };
         let deviations = photons.iter().map(|&x| {
             let noise = scale.variance(x).max(least);
             if step > WIDEN_FROM { (noise * (1.0 + 0.25 * step * step)).sqrt() } else { noise.sqrt() }
