@@ -4,6 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::InformationError;
+use super::student::student_95;
 
 /// Resamplings of each of the two terms.
 const RESAMPLINGS: u64 = 100;
@@ -39,7 +40,8 @@ pub fn bootstrap_interval(
 }
 
 /// 95 % interval of the mean of `information`, what each test patch tells in bits per pixel: its cross-entropy less the entropy
-/// of its noise, or `log2 p(y|x) - log2 q(y)`; the 2.5 and 97.5 percentiles of 1000 bootstraps.
+/// of its noise, or `log2 p(y|x) - log2 q(y)`; the 2.5 and 97.5 percentiles of 1000 bootstraps, their distances from the mean
+/// stretched as Student's t and a variance over n - 1 ask for: bootstraps of few numbers scatter too little.
 ///
 /// Bright patches raise both terms alike, and noise moves both logarithms alike, so that the difference scatters less
 /// than either, and what they share is not counted twice as in [`bootstrap_interval`]. It covers the choice of test
@@ -56,7 +58,10 @@ pub fn paired_interval(information: &[f64], seed: u64) -> Result<[f64; 2], Infor
     }
     let mut means = resampled_means(information, PAIRED_RESAMPLINGS, seed, FIRST_STREAM + 2 * RESAMPLINGS);
     means.sort_by(f64::total_cmp);
-    Ok([percentile(&means, 0.025), percentile(&means, 0.975)])
+    let n = information.len() as f64;
+    let mean = information.iter().sum::<f64>() / n;
+    let stretch = if n > 1.0 { student_95(n - 1.0) / student_95(f64::INFINITY) * (n / (n - 1.0)).sqrt() } else { 1.0 };
+    Ok([0.025, 0.975].map(|share| mean + stretch * (percentile(&means, share) - mean)))
 }
 
 /// Means of as many draws with replacement as there are values; one random stream for each.
@@ -136,6 +141,18 @@ mod tests {
         assert_eq!(paired_interval(&[], 1), Err(InformationError::Empty));
         let broken = paired_interval(&[0.5, f64::NAN], 1).unwrap_err().to_string();
         assert!(broken.contains("not a finite number at patch 1"), "{broken}");
+    }
+
+    #[test]
+    fn pairs_cover_as_often_when_they_are_few() {
+        for count in [3, 8, 32] {
+            let covers = |&trial: &u64| {
+                let [low, high] = paired_interval(&sample(count, 0.4, 0.3, trial), trial).unwrap();
+                (low..=high).contains(&0.4)
+            };
+            let covered = (0..400).filter(covers).count();
+            assert!((372..=398).contains(&covered), "{count} patches: {covered} of 400");
+        }
     }
 
     #[test]
