@@ -40,16 +40,16 @@ impl Ideal<'_> {
         self.return_to(array, to)
     }
 
-    /// Lets the run go on from the mask of an earlier frame, counted from 0; the last one, and any beyond it, leaves the run where
-    /// it is. Steps count on, so that nothing of the way is lost and none of its draws come again.
+    /// Lets the run go on from the mask of an earlier frame, counted from 0; where the run stands at that mask, or there is no such
+    /// frame, it stays where it is. Steps count on, so that nothing of the way is lost and none of its draws come again.
     ///
     /// # Errors
     /// Where the guide does not turn to that mask.
     pub fn rewind_to(&mut self, frame: usize) -> Result<(), IdealError> {
-        if frame + 1 >= self.state.frames.len() {
+        let Some(Frame { array, step: to, .. }) = self.state.frames.get(frame).cloned() else { return Ok(()) };
+        if to == self.state.step {
             return Ok(());
         }
-        let (array, to) = (self.state.frames[frame].array.clone(), self.state.frames[frame].step);
         self.take_up(array)?;
         let state = &mut self.state;
         // The rest of its round was for another mask; what was taken out after this one is there again.
@@ -121,9 +121,16 @@ mod tests {
             array.lenslets.iter_mut().for_each(|lenslet| lenslet.spot = Spot::Isotropic(5.0));
             array
         };
-        // The newest mask is where it is anyway.
-        ideal.rewind_to(frames.len() - 1).unwrap();
+        // There is no mask beyond the newest one.
+        ideal.rewind_to(frames.len()).unwrap();
         assert_eq!(ideal.state.events, []);
+        // The run has moved on from the last one that was valued.
+        let mut back = begun().resumed(&ideal.to_bytes().unwrap()).unwrap();
+        let last = frames.last().unwrap();
+        assert!(back.state.step > last.step && back.state.array != last.array);
+        back.rewind_to(frames.len() - 1).unwrap();
+        assert_eq!(back.state.array, last.array);
+        assert_eq!(back.state.events, [IdealEvent::Rewound { step, to: last.step }]);
         // One that tells less than those after it: whoever chose it has left those.
         (ideal.state.frames[0].array, ideal.state.frames[0].bits_per_pixel) = (blurred.clone(), 0.0);
         ideal.state.pruned = vec![1];
