@@ -296,6 +296,8 @@ fn tell(entry: &Entry, progress: Progress) {
 struct Evaluator {
     optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
     scene: Option<Arc<Scene>>,
+    /// Objects that were opened for the design, which does not image them yet: an edit may come before.
+    opened: Option<Arc<Scene>>,
     scene_optics: Option<(Arc<Scene>, SceneOptics)>,
     noise_entropy: Option<(Noise, NoiseEntropy)>,
 }
@@ -304,12 +306,17 @@ impl Evaluator {
     fn evaluate(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) {
         let start = std::time::Instant::now();
         let outcome = self.steps(revision, design, shared);
+        let is_stopped =
+            shared.cancelled.load(Ordering::Relaxed) && outcome.as_ref().is_err_and(EvaluationError::is_cancelled);
+        // An edit that waits would begin again what has just been stopped.
+        let same = |(_, newer): &mut (u64, Arc<Design>)| is_stopped && Scene::same_objects(design, newer);
+        let newest = lock(&shared.mailbox).evaluate.take_if(same).map_or(revision, |(newer, _)| newer);
         let mut results = lock(&shared.results);
         match outcome {
             Ok(()) => results.live.seconds = start.elapsed().as_secs_f64(),
             // A newer design, which waits in the mailbox, looks at other objects.
-            Err(EvaluationError::Objects(ObjectError::Cancelled)) if !shared.cancelled.load(Ordering::Relaxed) => {}
-            Err(error) => results.live.failure = Some((revision, error.to_string())),
+            Err(error) if error.is_cancelled() && !is_stopped => {}
+            Err(error) => results.live.failure = Some((newest, error.to_string())),
         }
     }
 
@@ -404,6 +411,9 @@ impl Evaluator {
         superseded: &dyn Fn(&Design) -> bool,
         told: &dyn Fn(Progress),
     ) -> Result<Arc<Scene>, EvaluationError> {
+        if let Some(opened) = self.opened.take_if(|scene| scene.serves(design)) {
+            self.scene = Some(opened);
+        }
         if let Some(scene) = self.scene.as_ref().filter(|scene| scene.serves(design)) {
             return Ok(Arc::clone(scene));
         }
@@ -457,6 +467,7 @@ impl Evaluator {
         let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
         let earlier = self.scene.clone();
         // Who opens a file again wants what is in it now.
+        self.opened = None;
         self.scene.take_if(|_| design.objects.is_read());
         // Edits go on while objects are read; they do not make them useless.
         let scene = self.scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress));
@@ -466,10 +477,9 @@ impl Evaluator {
             fits.map_err(|error| format!("{source}: {error}"))?;
             Ok(Outcome::ObjectsOpened { source: source.clone(), document, notices: scene.set.notices().to_vec() })
         });
-        if opened.is_err() {
-            // The open design goes on with its own.
-            self.scene = earlier;
-        }
+        // Until it images others the open design goes on with its own.
+        let scene = std::mem::replace(&mut self.scene, earlier);
+        self.opened = scene.filter(|_| opened.is_ok());
         opened
     }
 }
