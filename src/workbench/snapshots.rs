@@ -16,6 +16,7 @@ use super::export::Curve;
 use super::worker::Live;
 use crate::design::merged;
 use crate::formats::{FormatError, create_folder, read_json};
+use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
 
 pub use numbers::{Bits, SnapshotNumbers};
@@ -142,6 +143,9 @@ impl Snapshot {
 struct Kept {
     name: String,
     design: Arc<Design>,
+    /// Version of the program's numbers.
+    #[serde(default)]
+    program_version: String,
     /// [`SnapshotNumbers`]; those of another version are left out, and come again when the design is opened.
     #[serde(flatten)]
     numbers: serde_json::Value,
@@ -223,10 +227,11 @@ impl Snapshots {
         let mut all = Self::default();
         let unlisted = found.saturating_sub(Self::MOST);
         for path in files.iter().skip(unlisted) {
-            let Ok(Kept { name, design, numbers }) = read_json(path) else { continue };
+            let Ok(Kept { name, design, program_version, numbers }) = read_json(path) else { continue };
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
-            let numbers = serde_json::from_value(numbers).unwrap_or_default();
+            let numbers = Some(numbers).filter(|_| program_version == NUMBERS_VERSION);
+            let numbers = numbers.and_then(|numbers| serde_json::from_value(numbers).ok()).unwrap_or_default();
             all.entries.push(Snapshot {
                 number: all.last,
                 name,
@@ -280,7 +285,8 @@ impl Snapshots {
                 (snapshot.name.clone(), Arc::clone(&snapshot.design), snapshot.numbers.clone());
             let text = move || {
                 let numbers = serde_json::to_value(numbers).ok()?;
-                serde_json::to_string(&Kept { name, design, numbers }).ok()
+                let program_version = NUMBERS_VERSION.to_owned();
+                serde_json::to_string(&Kept { name, design, program_version, numbers }).ok()
             };
             changes.push((snapshot.file.clone(), Some(Box::new(text))));
         }
