@@ -207,9 +207,12 @@ fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
 
 fn write(file: &Path, design: &Design, path: Option<PathBuf>) -> Result<(), FormatError> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    // The next program may be started in another folder.
+    let path = path.and_then(|path| std::path::absolute(path).ok());
     // JSON holds Unicode alone: without its path the design is kept all the same.
     let path = path.filter(|path| path.to_str().is_some());
-    write_json(file, &Kept { design: design.clone(), path, seconds })
+    let design = Design { objects: design.objects.absolute(), ..design.clone() };
+    write_json(file, &Kept { design, path, seconds })
 }
 
 /// Files whose owners no longer run.
