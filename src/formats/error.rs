@@ -62,6 +62,11 @@ impl FormatError {
         }
     }
 
+    /// Whether it may be different another time: the disk is full or not there, or somebody else is at it.
+    pub fn may_pass(&self) -> bool {
+        !matches!(self, Self::Malformed { .. })
+    }
+
     /// A [`FormatError::Malformed`] for `path`.
     pub fn malformed(
         path: &Path,

@@ -20,7 +20,9 @@ mod tests {
 
     #[test]
     fn intervals_of_few_samples_are_those_of_student() {
-        for (freedom, quantile) in [(0.0, 12.706), (1.0, 12.706), (2.0, 4.303), (3.0, 3.182), (15.0, 2.1314), (47.0, 2.0117), (1e6, 1.95997)] {
+        for (freedom, quantile) in
+            [(0.0, 12.706), (1.0, 12.706), (2.0, 4.303), (3.0, 3.182), (15.0, 2.1314), (47.0, 2.0117), (1e6, 1.95997)]
+        {
             let found = student_95(freedom);
             assert!((found / quantile - 1.0).abs() < if freedom < 10.0 { 0.01 } else { 1e-4 }, "{freedom}: {found}");
         }

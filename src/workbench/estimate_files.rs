@@ -31,6 +31,18 @@ pub struct EstimateOrder {
 }
 
 impl EstimateOrder {
+    /// Whether what this one has come to is of use to the other.
+    fn is_same(&self, other: &Self) -> bool {
+        self.design == other.design && self.measured == other.measured && self.request == other.request
+    }
+
+    /// The same for a program that is started in another folder.
+    fn absolute(&self) -> Self {
+        let design = Design { objects: self.design.objects.absolute(), ..Design::clone(&self.design) };
+        let measured = self.measured.as_ref().map(MeasuredOrder::absolute);
+        Self { design: Arc::new(design), measured, ..self.clone() }
+    }
+
     /// What it is, for people.
     pub(super) fn name(&self) -> String {
         let of = match &self.measured {
@@ -181,10 +193,16 @@ impl EstimateFolder {
     /// Notes that an order is in hand. What comes back is the file for what it has come to, where it can be kept.
     pub fn begin(&self, order: &EstimateOrder) -> Option<PathBuf> {
         self.lock.as_ref()?;
+        let order = order.absolute();
+        let earlier = self.read_pending();
+        if earlier.as_ref().is_some_and(|earlier| !earlier.order.is_same(&order)) {
+            // Another one that failed.
+            self.end();
+        }
         let folder = self.pending();
         create_folder(&folder).ok()?;
-        let crashes = self.read_pending().map_or(0, |pending| pending.crashes);
-        self.write_pending(&Pending { program_version: NUMBERS_VERSION.into(), crashes, order: order.clone() })?;
+        let crashes = earlier.map_or(0, |pending| pending.crashes);
+        self.write_pending(&Pending { program_version: NUMBERS_VERSION.into(), crashes, order })?;
         Some(folder.join(STATE))
     }
 
@@ -206,6 +224,7 @@ impl EstimateFolder {
         if orders.is_empty() {
             let _ = std::fs::remove_file(file);
         } else {
+            let orders: Vec<EstimateOrder> = orders.iter().map(EstimateOrder::absolute).collect();
             let _ = write_json(&file, &orders);
         }
     }
@@ -217,7 +236,7 @@ impl EstimateFolder {
         orders.into_iter().filter(|order| order.design.check().is_ok()).collect()
     }
 
-    /// Notes that the program is closed in the midst of an order.
+    /// Notes that the order in hand is left for later, because the program is closed or a file is not there.
     pub fn leave(&self) {
         if let Some(pending) = self.lock.as_ref().and_then(|_| self.read_pending()) {
             // Otherwise it counts as a crash.

@@ -259,6 +259,13 @@ enum Task {
     Refine(Refine),
 }
 
+/// Why an order came to nothing.
+struct Failed {
+    text: String,
+    /// It is about a file that may be there another time: what the order has come to is kept.
+    may_pass: bool,
+}
+
 fn run(shared: &Shared) {
     let mut cores = SpareCores::new(Work::Estimate, shared.threads.clone());
     let mut refiner = Refiner::default();
@@ -274,19 +281,21 @@ fn run(shared: &Shared) {
                 Ok(None)
             }
         });
-        let done = done.unwrap_or_else(|text| Err(Some(text)));
+        let done = done.unwrap_or_else(|text| Err(Some(Failed { text, may_pass: false })));
         if let (Task::Order(..), Some(folder)) = (&task, lock(&shared.folder).as_ref()) {
-            // One that was broken off by the end of the program is for the next.
-            if done.is_ok() || !shared.quit.load(Ordering::Relaxed) {
-                folder.end();
+            match &done {
+                Err(Some(failed)) if failed.may_pass => folder.leave(),
+                // One that was broken off by the end of the program is for the next.
+                Err(_) if shared.quit.load(Ordering::Relaxed) => {}
+                _ => folder.end(),
             }
         }
         match (task, done) {
             (Task::Order(_, entry), Ok(Some(text))) => entry.end(Ok(text)),
-            (Task::Order(_, entry), Err(Some(text))) => entry.end(Err(text)),
-            (Task::Refine(wanted), Err(Some(text))) => {
+            (Task::Order(_, entry), Err(Some(failed))) => entry.end(Err(failed.text)),
+            (Task::Refine(wanted), Err(Some(failed))) => {
                 refiner = Refiner::default();
-                lock(&shared.estimates).live_failure = Some((wanted.revision, text));
+                lock(&shared.estimates).live_failure = Some((wanted.revision, failed.text));
             }
             _ => {}
         }
@@ -343,7 +352,7 @@ impl Shared {
     }
 
     /// Computes an order; returns its result in words, or why it failed, or nothing where it was stopped.
-    fn compute(&self, order: &EstimateOrder, entry: &Entry) -> Result<String, Option<String>> {
+    fn compute(&self, order: &EstimateOrder, entry: &Entry) -> Result<String, Option<Failed>> {
         entry.begin();
         let began = Instant::now();
         let mut told = began;
@@ -374,14 +383,17 @@ impl Shared {
         // It waits no more.
         self.note_waiting();
         let request = &EstimateRequest { keep, ..order.request.clone() };
-        let told = |text: String, is_cancelled: bool| (!is_cancelled).then_some(text);
+        let told = |text: String, is_cancelled: bool, may_pass: bool| {
+            let later =
+                if may_pass { "; the estimate goes on in the next window, or when it is started again" } else { "" };
+            (!is_cancelled).then(|| Failed { text: format!("{text}{later}"), may_pass })
+        };
         let estimated = match measured {
             Some(measured) => measured
                 .estimate(request, design.noise, design.seed, &mut watch)
-                .map_err(|error| told(error.to_string(), error.is_cancelled())),
-            None => {
-                estimate(design, request, &mut watch).map_err(|error| told(error.to_string(), error.is_cancelled()))
-            }
+                .map_err(|error| told(error.to_string(), error.is_cancelled(), error.may_pass())),
+            None => estimate(design, request, &mut watch)
+                .map_err(|error| told(error.to_string(), error.is_cancelled(), error.may_pass())),
         };
         let estimate = estimated?;
         let curve = lock(&self.estimates).running.take().map(|running| running.curve).unwrap_or_default();

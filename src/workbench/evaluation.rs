@@ -77,6 +77,14 @@ impl EvaluationError {
             _ => false,
         }
     }
+
+    /// Whether it is about a file that may be there, or be written, another time.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Objects(ObjectError::File(error)) | Self::File(error) => error.may_pass(),
+            _ => false,
+        }
+    }
 }
 
 /// A PSF and its transfer function.

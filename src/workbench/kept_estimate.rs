@@ -57,7 +57,7 @@ impl KeptEstimate {
     /// what keeps the state of its fit.
     ///
     /// # Errors
-    /// As `compute`; where it cannot be written.
+    /// As `compute`.
     pub fn trial<E: From<InformationError>>(
         &mut self,
         index: usize,
@@ -69,7 +69,7 @@ impl KeptEstimate {
         let fit = self.fit(index);
         let trial = compute(fit.as_ref().map(|fit| fit as _))?;
         self.parts.trials.push(trial.clone());
-        self.store()?;
+        self.keep();
         forget(fit.map(|fit| fit.path));
         Ok(trial)
     }
@@ -93,7 +93,7 @@ impl KeptEstimate {
         let (bound, decoder) = compute()?;
         if self.path.is_some() {
             self.parts.decoder = Some((bound.clone(), decoder.to_bytes()?));
-            self.store()?;
+            self.keep();
         }
         Ok((bound, decoder))
     }
@@ -130,7 +130,7 @@ impl KeptEstimate {
         }
         let bound = compute()?;
         *place(&mut self.parts) = Some(bound.clone());
-        self.store()?;
+        self.keep();
         Ok(bound)
     }
 
@@ -140,6 +140,11 @@ impl KeptEstimate {
             forget(self.fit(index).map(|fit| fit.path));
         }
         forget(self.path);
+    }
+
+    /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while.
+    fn keep(&self) {
+        let _ = self.store();
     }
 
     fn store(&self) -> Result<(), InformationError> {
@@ -192,8 +197,9 @@ impl FitKeeper for KeptFit {
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        let written = write_safely(&self.path, |out| out.write_all(state));
-        written.map_err(|error| failed(&self.path, &error.to_string()))
+        // As above: the state before stays, and the next one may find room.
+        let _ = write_safely(&self.path, |out| out.write_all(state));
+        Ok(())
     }
 }
 

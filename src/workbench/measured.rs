@@ -20,7 +20,8 @@ use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, FitKeeper, GaussianRequest, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate, gaussian_estimate,
+    PatchBatch, PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate,
+    gaussian_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, Patches, SensorError};
@@ -104,6 +105,11 @@ impl MeasuredError {
     pub fn is_cancelled(&self) -> bool {
         matches!(self, Self::Information(InformationError::Cancelled))
     }
+
+    /// Whether it is about a file that may be there another time.
+    pub fn may_pass(&self) -> bool {
+        matches!(self, Self::File(error) if error.may_pass())
+    }
 }
 
 /// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
@@ -120,6 +126,13 @@ impl FromStr for MeasuredSource {
             Err(_) if !text.trim().is_empty() => Ok(Self(text.into())),
             _ => Err(MeasuredError::Source { text: text.into() }),
         }
+    }
+}
+
+impl MeasuredSource {
+    /// The same by a path that means the same in every folder.
+    fn absolute(&self) -> Self {
+        Self(std::path::absolute(&self.0).unwrap_or_else(|_| self.0.clone()))
     }
 }
 
@@ -226,6 +239,11 @@ pub struct MeasuredOrder {
 }
 
 impl MeasuredOrder {
+    /// The same by a path that means the same in every folder.
+    pub(super) fn absolute(&self) -> Self {
+        Self { source: self.source.absolute(), calibration: self.calibration }
+    }
+
     /// Reads the images and estimates their information, as [`MeasuredImages::open`] and [`MeasuredImages::estimate`].
     ///
     /// # Errors

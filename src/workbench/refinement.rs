@@ -302,11 +302,7 @@ fn planned(time: Duration, pace: f64) -> usize {
 }
 
 /// Seconds of a step, by a few that nothing comes of.
-fn trial_pace(
-    model: &CausalModel,
-    train: &dyn PatchStream,
-    stop: &dyn Fn() -> bool,
-) -> Result<f64, InformationError> {
+fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> bool) -> Result<f64, InformationError> {
     let mut trial = model.clone();
     // Patches are drawn before the first step, for many.
     let mut first = None;

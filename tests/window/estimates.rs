@@ -170,6 +170,29 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
         all.iter().any(|activity| format!("{:?}", activity.state).contains("ended in the midst of it 4 times"))
     });
     assert!(!pending.exists() && studio(&window).bench().estimates().running.is_none());
+    drop(window);
+
+    // One whose objects are on a disk that is not there waits for it.
+    let objects = folder.path().join("objects.npy");
+    let source = format!("\"stack:{}\"", objects.display());
+    std::fs::create_dir_all(pending.parent().unwrap()).unwrap();
+    std::fs::write(&pending, order.replacen("\"beads:0.02\"", &source, 1)).unwrap();
+    let mut window = at_home(folder.path());
+    wait_for(&mut window, "the word", |window| {
+        let all = studio(window).bench().activities();
+        all.iter().any(|activity| format!("{:?}", activity.state).contains("goes on in the next window"))
+    });
+    assert!(pending.exists());
+    drop(window);
+    assert_eq!(crashes(&pending), 0, "nothing has crashed");
+    let stripes = ndarray::Array3::from_shape_fn((12, 40, 40), |(n, r, c)| ((r + 3 * n + c % 5) % 9) as f32);
+    lenslet_studio::formats::write_array(&objects, stripes.view()).unwrap();
+    let mut window = at_home(folder.path());
+    wait_for(&mut window, "the estimate", |window| {
+        let found = &studio(window).bench().estimates().finished;
+        found.iter().any(|found| found.value.order.design.objects.is_read())
+    });
+    wait_for(&mut window, "the end", |_| !pending.exists());
 }
 
 #[test]
