@@ -218,6 +218,16 @@ pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
     crate::formats::create_folder(folder).context("the output folder cannot be made")
 }
 
+/// Whether two names are those of one file, which need not be there yet.
+pub fn is_same_file(one: &Path, other: &Path) -> bool {
+    let place = |path: &Path| {
+        let path = std::path::absolute(path).ok()?;
+        let new = || Some(path.parent()?.canonicalize().ok()?.join(path.file_name()?));
+        path.canonicalize().ok().or_else(new)
+    };
+    place(one).is_some_and(|one| place(other) == Some(one))
+}
+
 /// The time of a fit: `60s`, `5m` or `1h`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BudgetChoice(pub Duration);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::choices::{
-    BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches,
+    BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches, is_same_file,
 };
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
@@ -156,6 +156,15 @@ impl Arguments {
         for file in [&self.resume, &self.save_weights].into_iter().flatten() {
             check_writable(file)?;
         }
+        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
+            && is_same_file(kept, weights)
+        {
+            return Err(anyhow::anyhow!(
+                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
+                weights.display()
+            )
+            .into());
+        }
         check_fresh(self.fresh, estimator)?;
         if let Some(steps) = self.steps {
             check_count("--steps", steps, 1..=MOST_STEPS)?;
@@ -201,10 +210,12 @@ impl Arguments {
             }
         };
         meter.finish();
-        if self.json {
-            return output::print_json(&result);
-        }
-        output::print(&lines_of(&result).join("\n"))
+        let printed =
+            if self.json { output::print_json(&result) } else { output::print(&lines_of(&result).join("\n")) };
+        printed?;
+        // Whatever could not be printed is there for the same command.
+        request.end_kept();
+        Ok(())
     }
 }
 

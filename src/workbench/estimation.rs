@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::bead_bounds::{DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, share_of};
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_estimate::KeptEstimate;
+use super::kept_estimate::{self, KeptEstimate};
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, tell};
 use super::simulation::{imaging, open_set_with};
@@ -128,8 +128,8 @@ pub struct EstimateRequest {
     pub fresh: bool,
     /// Repetitions; trial t uses seed + t.
     pub trials: usize,
-    /// A file for what the estimate has come to, so that the same request goes on where it was stopped; it is removed in the
-    /// end, as is the state of the fit that goes on, which lies beside it.
+    /// A file for what the estimate has come to, so that the same request goes on where it was stopped; beside it lies the state of
+    /// the fit that goes on. Both stay until [`EstimateRequest::end_kept`].
     pub keep: Option<PathBuf>,
     /// Files of the weights of a `PixelCNN`.
     pub weights: WeightsFiles,
@@ -145,6 +145,13 @@ pub struct WeightsFiles {
 }
 
 impl EstimateRequest {
+    /// Removes what was kept, once the result is where it is to stay.
+    pub fn end_kept(&self) {
+        if let Some(path) = &self.keep {
+            kept_estimate::end(path, self.trials.max(1));
+        }
+    }
+
     /// All that decides the parts of an estimate; how many trials are taken decides none of them.
     pub(super) fn determined_by(&self) -> impl std::fmt::Debug {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
@@ -263,7 +270,6 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64();
-    kept.end();
     Ok(estimate)
 }
 

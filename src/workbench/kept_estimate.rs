@@ -69,8 +69,12 @@ impl KeptEstimate {
         let fit = self.fit(index);
         let trial = compute(fit.as_ref().map(|fit| fit as _))?;
         self.parts.trials.push(trial.clone());
-        self.keep();
-        forget(fit.map(|fit| fit.path));
+        // What of the trial cannot be written down is in the state of its fit.
+        if self.keep()
+            && let Some(fit) = fit
+        {
+            forget(&fit.path);
+        }
         Ok(trial)
     }
 
@@ -134,17 +138,9 @@ impl KeptEstimate {
         Ok(bound)
     }
 
-    /// Removes the files, once the estimate has come to its end.
-    pub fn end(self) {
-        for index in 0..self.parts.trials.len() {
-            forget(self.fit(index).map(|fit| fit.path));
-        }
-        forget(self.path);
-    }
-
     /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while.
-    fn keep(&self) {
-        let _ = self.store();
+    fn keep(&self) -> bool {
+        self.store().is_ok()
     }
 
     fn store(&self) -> Result<(), InformationError> {
@@ -155,10 +151,24 @@ impl KeptEstimate {
 
     /// The state of the fit of a trial, in a file of its own.
     fn fit(&self, index: usize) -> Option<KeptFit> {
-        let mut name = OsString::from(self.path.as_ref()?);
-        name.push(format!(".fit-{}", index + 1));
-        Some(KeptFit { path: name.into(), key: key_of(&(&self.parts.key, index)) })
+        let path = fit_file(self.path.as_ref()?, index);
+        Some(KeptFit { path, key: key_of(&(&self.parts.key, index)) })
     }
+}
+
+/// Removes the files of an estimate of so many trials, once its result is where it is to stay.
+pub(super) fn end(path: &Path, trials: usize) {
+    for index in 0..trials {
+        forget(&fit_file(path, index));
+    }
+    forget(path);
+}
+
+/// The file of the state of the fit of a trial.
+fn fit_file(path: &Path, index: usize) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(format!(".fit-{}", index + 1));
+    name.into()
 }
 
 /// The alternate form writes out arrays of any length.
@@ -170,11 +180,9 @@ fn failed(path: &Path, reason: &str) -> InformationError {
     InformationError::WeightsFile { path: path.display().to_string(), reason: reason.to_owned() }
 }
 
-fn forget(path: Option<PathBuf>) {
-    if let Some(path) = path {
-        // A file that stays behind is replaced by the next estimate, or refused as that of another one.
-        let _ = std::fs::remove_file(path);
-    }
+fn forget(path: &Path) {
+    // A file that stays behind is replaced by the next estimate, or refused as that of another one.
+    let _ = std::fs::remove_file(path);
 }
 
 /// A file that holds the state of one fit while it goes on.
@@ -293,7 +301,7 @@ mod tests {
             (again.trial(0, unasked), again.smallest()),
             (trial(), trial().ok().map(|one| one.bits_per_pixel()))
         );
-        again.end();
+        end(&path, 1);
         assert!(!path.exists() && !fit.exists());
         // Another file is not written over.
         std::fs::write(&path, "a letter").unwrap();

@@ -400,7 +400,6 @@ impl MeasuredImages {
             );
         }
         estimate.seconds = start.elapsed().as_secs_f64();
-        kept.end();
         Ok(estimate)
     }
 

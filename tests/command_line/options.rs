@@ -31,6 +31,7 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --engine burn:ndarray", "--estimator pixelcnn"),
         ("estimate --resume fit", "--estimator pixelcnn, live, full or bracket"),
         ("estimate --estimator live --save-weights fit", "are for --estimator pixelcnn"),
+        ("estimate --estimator pixelcnn --resume fit --save-weights ./fit", "expected two files"),
         ("estimate --estimator pixelcnn --weights none", "none"),
         ("estimate --estimator pixelcnn --weights none --trials 2", "--trials"),
         ("estimate --estimator pixelcnn --budget 1s --save-weights none/fit", "none"),

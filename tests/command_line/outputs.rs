@@ -299,6 +299,29 @@ fn the_state_of_a_fit_is_removed_in_the_end_and_foreign_files_are_refused() {
     assert_eq!(bytes(&bench, "fit"), b"not a state");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn what_could_not_be_printed_is_not_computed_again() {
+    let bench = Bench::new();
+    bench.done("measure --lenslets heuristic:2 --count 12 --out seen");
+    for subject in ["--lenslets heuristic:1", "--measurements seen/measurements.npy"] {
+        let line =
+            format!("estimate {subject} --estimator live --patch 8 --patches-test 20 --budget 1s --resume kept --json");
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let output = bench.command().args(line.split_whitespace()).stdout(full).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+        let kept = bytes(&bench, "kept");
+        // A fit of a second never gives the same numbers twice.
+        let printed = [(); 2].map(|()| {
+            bench.write("kept", &kept);
+            let estimate: Value = serde_json::from_str(&bench.done(&line)).unwrap();
+            assert!(!bench.path("kept").exists(), "it is out");
+            estimate["bits_per_pixel"].clone()
+        });
+        assert_eq!(printed[0], printed[1], "{subject}");
+    }
+}
+
 #[test]
 fn trials_that_were_done_before_a_power_cut_are_not_done_again() {
     let bench = Bench::new();
