@@ -33,11 +33,11 @@ pub enum EncoderChoice {
 }
 
 impl EncoderChoice {
-    /// The design file that it is read from.
-    pub fn design_file(&self) -> Option<&Path> {
+    /// The file that it is read from.
+    pub fn file(&self) -> Option<&Path> {
         match self {
-            Self::Design(path) => Some(path),
-            _ => None,
+            Self::Psf(path, _) | Self::Fit(path, _) | Self::Design(path) => Some(path),
+            Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
         }
     }
 }

@@ -9,8 +9,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
-use super::design_args::{SceneArgs, check_input_stays, open_design};
-use super::design_runs::{Ranking, climb, in_words, rank, write};
+use super::design_args::{SceneArgs, check_inputs_stay, open_design};
+use super::design_runs::{Ranking, climb, in_words, outputs, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
@@ -200,9 +200,8 @@ impl Arguments {
             );
         }
         check_folder(&self.out)?;
-        for file in [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::design_file)] {
-            check_input_stays(file, &self.out, None)?;
-        }
+        let named = [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::file)];
+        check_inputs_stay(named, &design.objects, &outputs(&self.out, self.starts), None)?;
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
         if self.starts == 1 {

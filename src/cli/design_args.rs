@@ -53,10 +53,10 @@ pub struct SceneArgs {
 }
 
 impl DesignArgs {
-    /// Refuses to put `design` in place of the file that was given, where that holds another.
-    pub fn check_file_stays(&self, out: &Path, design: &Design) -> anyhow::Result<()> {
-        let mask = self.lenslets.as_ref().and_then(EncoderChoice::design_file);
-        [self.design.as_deref(), mask].into_iter().try_for_each(|file| check_input_stays(file, out, Some(design)))
+    /// Refuses to put any of `outputs` in place of a file that `design` is made from, but for one that holds this very design.
+    pub fn check_inputs_stay(&self, outputs: &[PathBuf], design: &Design) -> anyhow::Result<()> {
+        let mask = self.lenslets.as_ref().and_then(EncoderChoice::file);
+        check_inputs_stay([self.design.as_deref(), mask], &design.objects, outputs, Some(design))
     }
 
     /// The design, with the scene replaced by what `scene` gives.
@@ -77,14 +77,27 @@ impl DesignArgs {
     }
 }
 
-/// Refuses to put another design in place of the file that one was read from: `DESIGN_FILE` in `out` will hold `design`, or one
-/// that is not known yet.
-pub fn check_input_stays(input: Option<&Path>, out: &Path, design: Option<&Design>) -> anyhow::Result<()> {
-    let output = out.join(DESIGN_FILE);
-    let Some(input) = input.filter(|input| *input != Path::new("-")) else { return Ok(()) };
-    let (Ok(read), Ok(written)) = (input.canonicalize(), output.canonicalize()) else { return Ok(()) };
-    if read == written && (design.is_none() || Design::open(input).ok().as_ref() != design) {
-        bail!("{}: another design would take the place of this one; choose another --out", input.display());
+/// Refuses to put one of the files `outputs` in place of one that is read, be it `named` or of the objects. A design file may be
+/// written again as it is: it will hold `design`, or one that is not known yet.
+pub fn check_inputs_stay(
+    named: [Option<&Path>; 2],
+    objects: &ObjectSource,
+    outputs: &[PathBuf],
+    design: Option<&Design>,
+) -> anyhow::Result<()> {
+    // What is not there yet takes no place.
+    let outputs: Vec<_> = outputs.iter().filter_map(|output| Some((output.canonicalize().ok()?, output))).collect();
+    if outputs.is_empty() {
+        return Ok(());
+    }
+    let named = named.into_iter().flatten().filter(|input| *input != Path::new("-")).map(Path::to_owned);
+    for input in named.chain(objects.files()) {
+        let Ok(read) = input.canonicalize() else { continue };
+        let Some((_, output)) = outputs.iter().find(|(place, _)| *place == read) else { continue };
+        let stays = output.ends_with(DESIGN_FILE) && design.is_some() && Design::open(&input).ok().as_ref() == design;
+        if !stays {
+            bail!("{}: a file of the result would take the place of this one; choose another --out", input.display());
+        }
     }
     Ok(())
 }

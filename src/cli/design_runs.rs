@@ -11,8 +11,8 @@ use super::choices::about_objects;
 use super::output::{self, Meter};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::workbench::{
-    Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, export_design,
-    run_ideal, score_in_patches, score_whole, spoken,
+    DESIGN_FILES, Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of,
+    export_design, run_ideal, score_in_patches, score_whole, spoken,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -48,12 +48,28 @@ pub(super) fn climb(
     Ok(record)
 }
 
+/// Names of the curve and the record of a run.
+const CURVE: &str = "curve.csv";
+const RECORD: &str = "run.json";
+
+/// All files that the results of so many starts are written to.
+pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
+    let own = (1..=starts).filter(|_| starts > 1).map(|number| start_folder(out, number));
+    let names = || DESIGN_FILES.iter().chain(&[CURVE, RECORD]);
+    own.chain([out.to_path_buf()]).flat_map(|folder| names().map(move |name| folder.join(name))).collect()
+}
+
+/// The folder of one of several starts, by its number from 1.
+fn start_folder(out: &Path, number: usize) -> PathBuf {
+    out.join(format!("start-{number}"))
+}
+
 /// Writes design, PSF, curve and record.
 pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = export_design(&record.design(), folder)?;
-    let curve = folder.join("curve.csv");
+    let curve = folder.join(CURVE);
     curve_of(record.settings.objective, &record.frames).write(&curve)?;
-    let path = folder.join("run.json");
+    let path = folder.join(RECORD);
     record.save(&path)?;
     files.extend([curve, path]);
     Ok(files)
@@ -122,7 +138,7 @@ pub(super) fn rank(
     let known = known.map_or_else(Vec::new, |(order, _)| order.ranked);
     let (mut records, mut ranked, mut failed) = (Vec::new(), Vec::<RankedStart>::new(), 0);
     for (at, start) in starts.iter().enumerate() {
-        let folder = out.join(format!("start-{}", at + 1));
+        let folder = start_folder(out, at + 1);
         output::tell(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
         match ranked_start(start, settings, (&folder, budget), &known) {
             Ok((record, result)) => {

@@ -10,7 +10,7 @@ use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::tamura::Summary;
 use super::{Failure, output};
-use crate::workbench::{MeasurementFormat, Simulator, measure_into};
+use crate::workbench::{DESIGN_FILE, MEASUREMENT_STACKS, MeasurementFormat, Simulator, measure_into};
 
 /// Most objects of one run; as 96 x 96 px floats they fill 370 GB.
 const MOST_OBJECTS: usize = 10_000_000;
@@ -61,9 +61,11 @@ impl Arguments {
         check_count("--count", self.count, 1..=MOST_OBJECTS)?;
         let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
-        self.design.check_file_stays(&self.out, &design)?;
-        let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
         let format = if self.tiff { MeasurementFormat::Tiff } else { MeasurementFormat::Npy };
+        let stacks = MEASUREMENT_STACKS.iter().map(|name| format.file(&self.out, name));
+        let outputs: Vec<PathBuf> = stacks.chain([self.out.join(DESIGN_FILE)]).collect();
+        self.design.check_inputs_stay(&outputs, &design)?;
+        let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
         let meter = Meter::new();
         let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {
             meter.show(done, self.count, "Measuring");

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::ObjectError;
+use crate::formats::picture_files;
 
 /// Most depth planes of a volume.
 const MOST_PLANES: usize = 64;
@@ -69,6 +70,15 @@ impl ObjectSource {
     /// Whether these are read from files, which may change.
     pub fn is_read(&self) -> bool {
         matches!(self, Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_))
+    }
+
+    /// The files that they are read from, of a folder its pictures; none where it cannot be read.
+    pub fn files(&self) -> Vec<PathBuf> {
+        match self {
+            Self::Images(path) if path.is_dir() => picture_files(path).unwrap_or_default(),
+            Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => vec![path.clone()],
+            Self::Beads { .. } | Self::BeadsMax { .. } | Self::Volume { .. } => Vec::new(),
+        }
     }
 
     /// The same by a path that means the same in every folder.

@@ -238,6 +238,43 @@ fn folders_that_cannot_be_written_are_named() {
     assert_told(&bench.refused("measure --count 1 --out out"), &["out/measurements.npy", "a folder or device"]);
 }
 
+#[test]
+fn nothing_is_written_in_place_of_what_it_is_made_from() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:3 --out cam");
+    let objects: Vec<f32> = (0..6 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("data/objects.npy", npy("(6, 40, 40)", &objects));
+    bench.done("export --objects stack:data/objects.npy --out scene");
+    let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
+    let before = read();
+    for (line, file) in [
+        ("export --lenslets psf:cam/psf.tiff@16 --out cam", "cam/psf.tiff"),
+        ("export --lenslets fit:cam/psf.npy --out scene/../cam", "cam/psf.npy"),
+        ("export --lenslets design:cam/design.json --bias 3 --out cam", "cam/design.json"),
+        ("export --objects idx:cam/lenslets.csv --out cam", "cam/lenslets.csv"),
+        ("measure cam/design.json --bias 3 --out cam", "cam/design.json"),
+        ("measure --objects stack:data/objects.npy --out data", "data/objects.npy"),
+        ("measure --objects images:data --out data", "data/objects.npy"),
+        ("measure scene/design.json --out data", "data/objects.npy"),
+        ("design --start fit:cam/psf.png --out cam", "cam/psf.png"),
+        ("design --start design:cam/design.json --out cam", "cam/design.json"),
+        ("design --objects cifar:cam/psf.npy --out cam", "cam/psf.npy"),
+    ] {
+        let output = bench.run(line.split_whitespace());
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{line}: {told}");
+        assert!(
+            told.contains(&format!("lenslet-studio: {file}: ")) && told.contains("take the place of this one"),
+            "{line}: {told}"
+        );
+        assert!(read() == before, "{line}");
+    }
+    // The same design, and other names.
+    bench.done("export cam/design.json --out cam");
+    bench.done("measure --objects stack:data/objects.npy --count 1 --tiff --out data");
+    assert!(bench.path("data/objects.tiff").is_file());
+}
+
 #[cfg(unix)]
 #[test]
 fn a_folder_that_is_read_only_is_named() {
