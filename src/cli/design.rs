@@ -209,14 +209,14 @@ impl Arguments {
             return self.finish(&record, &[]);
         }
         let Ranking { record, ranked, failed } = self.rank(&design, &settings, &kept)?;
-        self.finish(&record, &ranked)?;
-        match failed {
-            0 => Ok(()),
-            failed => Err(Failure::Incomplete(anyhow::anyhow!(
+        match self.finish(&record, &ranked) {
+            // Whether anybody reads it or not.
+            Ok(()) | Err(Failure::Closed) if failed > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
                 "{}: expected {} runs to come to their end, found that {failed} failed",
                 self.out.display(),
                 self.starts
             ))),
+            finished => finished,
         }
     }
 

@@ -1,5 +1,7 @@
 //! Runs of IDEAL from the command line: their files, and what becomes of them when the power is cut.
 
+use std::process::Stdio;
+
 use serde_json::{Value, json};
 
 use super::{Bench, npy, text};
@@ -54,16 +56,20 @@ fn a_run_leaves_design_pictures_curve_and_record() {
     assert!(sentence.contains("not the state of this run"), "{sentence}");
 }
 
+/// A run of seconds from two starts, before pictures of so many pixels a side; those of 40 leave a sensor that is all of one patch.
+fn two_starts(bench: &Bench, side: usize) -> String {
+    let value = |index: usize| (index * 37 % 101 + index / side % 7 * 9) as f32;
+    let values: Vec<f32> = (0..30 * side * side).map(value).collect();
+    bench.write("seen.npy", npy(&format!("(30, {side}, {side})"), &values));
+    let objects = "--objects stack:seen.npy --patch 6 --score 0.2s --against 2";
+    format!("design --start random:4 --seed 5 {objects} --starts 2 --steps 2 --out a")
+}
+
 #[test]
 fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
     let bench = Bench::new();
-    // Pictures that leave a small sensor, which is all of one patch.
-    let values: Vec<f32> = (0..30 * 40 * 40).map(|index| (index * 37 % 101 + index / 40 % 7 * 9) as f32).collect();
-    bench.write("seen.npy", npy("(30, 40, 40)", &values));
     let scored = " --score 0.2s --against 2";
-    let line = format!(
-        "design --start random:4 --seed 5 --objects stack:seen.npy --patch 6{scored} --starts 2 --steps 2 --out a"
-    );
+    let line = two_starts(&bench, 40);
     let told = bench.json(&line);
     let ranked = told["ranked"].as_array().unwrap();
     let worth = |place: usize| ranked[place]["estimate"]["bits_per_pixel"].as_f64().unwrap();
@@ -98,6 +104,24 @@ fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
     assert!(!bench.path("a/score-1").exists());
     let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
     assert!(sentence.contains("--start random:25"), "{sentence}");
+}
+
+#[test]
+fn a_start_that_failed_is_told_whether_the_result_is_read_or_not() {
+    let bench = Bench::new();
+    let line = two_starts(&bench, 40);
+    bench.write("a/start-2/run.safetensors", "no state");
+    let whole = bench.run(line.split_whitespace());
+    assert!(!whole.stdout.is_empty());
+    let mut child = bench.command();
+    child.args(line.split_whitespace()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = child.spawn().unwrap();
+    // The pipe is closed before anything is printed.
+    drop(child.stdout.take());
+    for output in [whole, child.wait_with_output().unwrap()] {
+        let told = text(&output.stderr);
+        assert!(output.status.code() == Some(1) && told.contains("found that 1 failed"), "{told}");
+    }
 }
 
 #[test]
