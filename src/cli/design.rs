@@ -209,12 +209,19 @@ impl Arguments {
             return self.finish(&record, &[]);
         }
         let Ranking { record, ranked, failed } = self.rank(&design, &settings, &kept)?;
+        let unscored = ranked.iter().filter(|result| !result.is_scored).count();
         match self.finish(&record, &ranked) {
             // Whether anybody reads it or not.
             Ok(()) | Err(Failure::Closed) if failed > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
                 "{}: expected {} runs to come to their end, found that {failed} failed",
                 self.out.display(),
                 self.starts
+            ))),
+            Ok(()) | Err(Failure::Closed) if unscored > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
+                "{}: expected a number for the whole sensor of every result, found that {unscored} of {} failed; the same \
+                 command tries those again",
+                self.out.display(),
+                ranked.len()
             ))),
             finished => finished,
         }

@@ -85,7 +85,7 @@ pub(super) struct Ranking {
     pub failed: usize,
 }
 
-/// The run from a start in its folder, and what its result is worth; that may be `known`.
+/// The run from a start in its folder, and what its result is worth; that may be `known`, or be known for patches alone.
 fn ranked_start(
     start: &Start,
     settings: &IdealSettings,
@@ -97,8 +97,8 @@ fn ranked_start(
     let record = climb(&start.design, settings, (&kept, folder))?;
     write(&record, folder)?;
     let (name, design) = (start.name.clone(), Arc::new(record.design()));
-    let is_known = |result: &&RankedStart| result.is_scored && result.name == name && result.design == design;
-    if let Some(result) = known.iter().find(is_known) {
+    let known = known.iter().find(|result| result.name == name && result.design == design);
+    if let Some(result) = known.filter(|result| result.is_scored) {
         return Ok((record, result.clone()));
     }
     let meter = Meter::new();
@@ -106,15 +106,19 @@ fn ranked_start(
         meter.show(progress.done, progress.total, &progress.step);
         ControlFlow::Continue(())
     };
-    let estimate = score_in_patches(&design, budget, &mut watch).map_err(|error| about_objects(&design, error))?;
-    let sensor = score_whole(&design, &estimate, budget, &mut watch);
+    let mut result = if let Some(known) = known {
+        known.clone()
+    } else {
+        let estimate = score_in_patches(&design, budget, &mut watch).map_err(|error| about_objects(&design, error))?;
+        let design = Arc::clone(&design);
+        RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None }
+    };
+    let scored = score_whole(&design, &result.estimate, budget, &mut watch);
     meter.finish();
-    // The result stands without it.
-    let sensor = sensor.unwrap_or_else(|error| {
+    if let Err(error) = result.take_sensor(scored) {
         output::tell(format_args!("{}: no number for the whole sensor: {error}", folder.display()));
-        None
-    });
-    Ok((record, RankedStart { name, design, estimate, sensor, is_scored: true, record: None }))
+    }
+    Ok((record, result))
 }
 
 /// A result in words, for people.

@@ -125,6 +125,29 @@ fn a_start_that_failed_is_told_whether_the_result_is_read_or_not() {
 }
 
 #[test]
+fn a_score_for_the_whole_sensor_that_is_missing_is_all_that_is_computed() {
+    let bench = Bench::new();
+    let line = two_starts(&bench, 66);
+    let told = bench.json(&line);
+    // That of the best failed before.
+    let mut order = read(&bench, "a/order.json");
+    let best = &mut order["ranked"][0];
+    assert!(!best["sensor"].is_null() && best["is_scored"] == json!(true));
+    (best["sensor"], best["is_scored"]) = (Value::Null, json!(false));
+    bench.write("a/order.json", order.to_string());
+    let again = bench.json(&line);
+    let results = |told: &Value| {
+        let mut results = told["ranked"].as_array().unwrap().clone();
+        results.sort_by_key(|result| result["name"].to_string());
+        results
+    };
+    for (result, before) in results(&again).iter().zip(results(&told)) {
+        assert_eq!((&result["estimate"], &result["is_scored"]), (&before["estimate"], &json!(true)));
+        assert!(!result["sensor"].is_null(), "{result}");
+    }
+}
+
+#[test]
 fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
     let bench = Bench::new();
     let line = TINY.replace(" --objective density", "");

@@ -13,7 +13,7 @@ use crate::optics::{Encoder, LensletArray, random_layout};
 use crate::workbench::estimate_files::is_estimate_of;
 use crate::workbench::evaluation::Scene;
 use crate::workbench::study::StudyRecord;
-use crate::workbench::{DensityModel, Design, EstimateRequest, Live, WeightsFiles};
+use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, Live, WeightsFiles};
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -138,6 +138,17 @@ impl RankedStart {
     pub fn requests(&self) -> Vec<EstimateRequest> {
         let patches = score_request(&self.design, Some(self.estimate.patch.into()));
         std::iter::once(patches).chain(self.sensor.as_ref().map(|_| score_request(&self.design, None))).collect()
+    }
+
+    /// Takes up its score for whole measurements, or that it needs none; where that failed it is still to come, and the result stands
+    /// without it.
+    ///
+    /// # Errors
+    /// Why it failed.
+    pub fn take_sensor(&mut self, scored: Result<Option<Estimate>, EvaluationError>) -> Result<(), EvaluationError> {
+        self.sensor = scored?;
+        self.is_scored = true;
+        Ok(())
     }
 
     /// Puts results in their order, the best first: by what they are worth for the whole sensor where that is known of all, for
@@ -286,8 +297,12 @@ impl Start {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use super::*;
     use crate::design::Preset;
+    use crate::information::InformationError;
+    use crate::workbench::estimate;
 
     fn frame(step: usize, array: &LensletArray) -> Frame {
         Frame {
@@ -301,6 +316,26 @@ mod tests {
             effective_lenslets: 9.0,
             seconds: 1.0,
         }
+    }
+
+    #[test]
+    fn a_score_that_failed_is_still_to_come() {
+        let start = Start::random(&Design::default(), 3, 1);
+        let request = EstimateRequest {
+            model: DensityModel::Stationary,
+            patches_train: 80,
+            patches_test: 20,
+            ..score_request(&start.design, Some((32, 32)))
+        };
+        let estimate = estimate(&start.design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let Start { name, design } = start;
+        let scored = Some(estimate.clone());
+        let mut result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None };
+        let failure = EvaluationError::Information(InformationError::Empty);
+        assert!(result.take_sensor(Err(failure)).is_err());
+        assert!(!result.is_scored && result.sensor.is_none());
+        result.take_sensor(Ok(scored.clone())).unwrap();
+        assert!(result.is_scored && result.sensor == scored);
     }
 
     #[test]

@@ -240,6 +240,8 @@ impl Shared {
             result
         };
         if !known.is_scored {
+            let unscored = format!("{} has no number for the whole sensor", start.name);
+            self.change(|run| run.failures.retain(|sentence| !sentence.starts_with(&unscored)));
             let scored = match known.sensor {
                 Some(sensor) => Ok(Some(sensor)),
                 None => self.score_whole(&design, &known.estimate),
@@ -247,13 +249,10 @@ impl Shared {
             if scored.as_ref().is_err_and(EvaluationError::is_cancelled) {
                 return scored.map(|_| ());
             }
-            // The result stands without it.
-            if let Err(error) = &scored {
-                self.note_failure(format!("{} has no number for the whole sensor: {error}", start.name));
-            }
             self.change(|run| {
-                if let Some(result) = run.ranked.iter_mut().find(|result| is_this(result)) {
-                    (result.sensor, result.is_scored) = (scored.ok().flatten(), true);
+                let result = run.ranked.iter_mut().find(|result| is_this(result));
+                if let Some(Err(error)) = result.map(|result| result.take_sensor(scored)) {
+                    run.failures.push(format!("{unscored}: {error}"));
                 }
                 rank(run);
             });
