@@ -159,12 +159,21 @@ pub(super) fn rank(
         }
         RankedStart::rank(&mut ranked);
         let begun = KeptOrder::new(starts.to_vec(), settings.clone());
-        order.note(&KeptOrder { at, ranked: ranked.clone(), budget_seconds, ..begun })?;
+        let ranked = with_known(&ranked, &known, &starts[at + 1..]);
+        order.note(&KeptOrder { at, ranked, budget_seconds, ..begun })?;
     }
     let best = ranked.first().map(|best| &best.name);
     let record = records.into_iter().find(|(name, _)| Some(name) == best).map(|(_, record)| record);
     let record = record.context("--starts: no run has come to its end")?;
     Ok(Ranking { record, ranked, failed })
+}
+
+/// Results, and those that are `known` of the starts `ahead`, which a power cut is not to lose.
+fn with_known(ranked: &[RankedStart], known: &[RankedStart], ahead: &[Start]) -> Vec<RankedStart> {
+    let is_ahead = |result: &&RankedStart| ahead.iter().any(|start| start.name == result.name);
+    let mut results: Vec<RankedStart> = ranked.iter().chain(known.iter().filter(is_ahead)).cloned().collect();
+    RankedStart::rank(&mut results);
+    results
 }
 
 fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {

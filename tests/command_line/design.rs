@@ -148,6 +148,21 @@ fn a_score_for_the_whole_sensor_that_is_missing_is_all_that_is_computed() {
 }
 
 #[test]
+fn what_is_known_of_starts_ahead_outlives_a_failure() {
+    let bench = Bench::new();
+    let line = two_starts(&bench, 40);
+    let told = bench.json(&line);
+    for number in [1, 2] {
+        bench.write(&format!("a/start-{number}/run.safetensors"), "no state");
+    }
+    // It is noted that the first start failed, and the second ends the program.
+    let output = bench.run(line.split_whitespace());
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let second = told["ranked"].as_array().unwrap().iter().find(|result| result["name"] == "4 random, seed 6").unwrap();
+    assert_eq!(&read(&bench, "a/order.json")["ranked"], &json!([second]));
+}
+
+#[test]
 fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
     let bench = Bench::new();
     let line = TINY.replace(" --objective density", "");
