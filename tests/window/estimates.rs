@@ -185,7 +185,7 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
     assert!(pending.exists());
     drop(window);
     assert_eq!(crashes(&pending), 0, "nothing has crashed");
-    let stripes = ndarray::Array3::from_shape_fn((12, 40, 40), |(n, r, c)| ((r + 3 * n + c % 5) % 9) as f32);
+    let stripes = ndarray::Array3::from_shape_fn((12, 80, 80), |(n, r, c)| ((r + 3 * n + c % 5) % 9) as f32);
     lenslet_studio::formats::write_array(&objects, stripes.view()).unwrap();
     let mut window = at_home(folder.path());
     wait_for(&mut window, "the estimate", |window| {
