@@ -187,9 +187,11 @@ impl Plan {
     /// Share of the fit that is over.
     fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
+            // Rounding must not ask for one more.
+            FitLength::Steps(all) if steps >= all => 1.0,
             FitLength::Steps(all) => {
                 let (from, before) = self.revised;
-                before + (1.0 - before) * (steps - from) as f64 / (all - from).max(1) as f64
+                before + (1.0 - before) * (steps - from) as f64 / (all - from) as f64
             }
             FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),
         }
@@ -296,7 +298,11 @@ mod tests {
         plan.revise(25, 325);
         assert_eq!([25, 125, 325].map(|steps| share(&plan, steps)), [0.25, 0.5, 1.0]);
         plan.revise(125, 10);
-        assert!(share(&plan, 125) >= 0.5 && share(&plan, 126) >= 1.0, "never fewer than were taken");
+        assert_eq!(share(&plan, 125), 1.0, "never fewer than were taken");
+        let mut rounded = Plan::new(FitLength::Steps(5315));
+        rounded.revise(136, 1259);
+        assert!(share(&rounded, 1258) < 1.0);
+        assert_eq!(share(&rounded, 1259), 1.0);
         let mut timed = Plan::new(FitLength::Time(Duration::from_secs(4)));
         timed.revise(5, 7);
         assert_eq!(timed.done(5, Duration::from_secs(1)), 0.25);
