@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 
 use egui_tiles::Tree;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::layout::{Pane, restored};
 use super::window::RendererChoice;
@@ -179,10 +180,14 @@ impl Home {
     /// once.
     pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
         if self.preferences != *preferences {
-            self.preferences.clone_from(preferences);
-            match text_of(&preferences.storable()) {
-                Ok(text) => self.write(PREFERENCES, text),
-                Err(error) => return Some(format!("the preferences were not kept: {error}")),
+            let before = std::mem::replace(&mut self.preferences, preferences.clone()).storable();
+            let path = self.folder.join(PREFERENCES);
+            match (serde_json::to_value(before), serde_json::to_value(preferences.storable())) {
+                (Ok(before), Ok(now)) => {
+                    let file = path.clone();
+                    self.order(path, Some(Box::new(move || text_of(&changed(&file, &before, now)).ok())));
+                }
+                (Err(error), _) | (_, Err(error)) => return Some(format!("the preferences were not kept: {error}")),
             }
         }
         if let Some(Ok(text)) = layout.map(text_of)
@@ -222,6 +227,15 @@ impl Drop for Home {
     }
 }
 
+/// What a file of preferences is to hold where they have changed from `before` to `now`: another window may have changed others.
+fn changed(path: &Path, before: &Value, now: Value) -> Value {
+    let (Ok(Value::Object(mut file)), Value::Object(now)) = (read_json(path), &now) else { return now };
+    file.extend(
+        now.iter().filter(|&(name, value)| before.get(name) != Some(value)).map(|(n, v)| (n.clone(), v.clone())),
+    );
+    Value::Object(file)
+}
+
 /// JSON with sorted keys, so that equal values are equal texts.
 fn text_of(value: &impl Serialize) -> serde_json::Result<String> {
     let value = serde_json::to_value(value)?;
@@ -259,6 +273,21 @@ mod tests {
         }
         let (_, known, layout) = Home::in_folder(folder.path()).unwrap();
         assert!(known == Preferences::default() && layout.is_none());
+    }
+
+    #[test]
+    fn two_windows_keep_what_either_has_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut one, mut chosen, _) = Home::in_folder(folder.path()).unwrap();
+        let (mut other, mut zoomed, _) = Home::in_folder(folder.path()).unwrap();
+        chosen.unsaved = Some("/a/safe".into());
+        assert_eq!(one.keep(&chosen, None), None);
+        drop(one);
+        zoomed.zoom = 1.5;
+        assert_eq!(other.keep(&zoomed, None), None);
+        drop(other);
+        let (_, known, _) = Home::in_folder(folder.path()).unwrap();
+        assert_eq!(known, Preferences { zoom: 1.5, ..chosen });
     }
 
     #[test]
