@@ -95,6 +95,11 @@ pub fn causal_estimate(
     if let Some(step) = best {
         notes.push(format!("the weights of step {step} are kept: later ones know the training patches too well"));
     }
+    if let Some(bits) = model.conditioning.levels.looseness() {
+        notes.push(format!(
+            "the light has a range too wide for the model's levels, so that the number may be too high by about {bits:.2} bits per pixel"
+        ));
+    }
     if request.test.clean.is_none() {
         notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
     }

@@ -89,6 +89,11 @@ impl Scale {
 /// counts too; narrower ones do not (Poisson summation).
 const LEAST_VARIANCE_OF_COUNTS: f64 = 0.6;
 
+/// Variance of levels so far apart, in standard deviations of the noise, over that of the noise.
+fn widening(step: f64) -> f64 {
+    if step > WIDEN_FROM { 1.0 + 0.25 * step * step } else { 1.0 }
+}
+
 /// How the likelihood of a level is found.
 #[derive(Clone, Debug)]
 enum Kernel {
@@ -136,6 +141,8 @@ pub(super) struct Levels {
     /// Their logarithms.
     logs: Vec<f64>,
     kernel: Kernel,
+    /// Distance between them, in standard deviations of the noise.
+    step: f64,
 }
 
 impl Levels {
@@ -165,7 +172,7 @@ impl Levels {
         let kernel = Self::kernel(noise, scale, &photons, step, counts);
         let photons: Vec<f32> = photons.iter().map(|&x| x as f32).collect();
         let logs = photons.iter().map(|&x| f64::from(x).ln()).collect();
-        Self { noise, span, photons, logs, kernel }
+        Self { noise, span, photons, logs, kernel, step }
     }
 
     fn kernel(noise: Noise, scale: Scale, photons: &[f64], step: f64, counts: bool) -> Kernel {
@@ -190,10 +197,7 @@ impl Levels {
         }
         // Grey levels of a camera may be counts as well, of which some lie below its offset.
         let least = if noise == Noise::Shot { LEAST_VARIANCE_OF_COUNTS } else { 0.0 };
-        let deviations = photons.iter().map(|&x| {
-            let noise = scale.variance(x).max(least);
-            if step > WIDEN_FROM { (noise * (1.0 + 0.25 * step * step)).sqrt() } else { noise.sqrt() }
-        });
+        let deviations = photons.iter().map(|&x| (widening(step) * scale.variance(x).max(least)).sqrt());
         let (inverse, log_norm) = deviations.map(|s| ((1.0 / s) as f32, ln_normal(0.0, s) as f32)).unzip();
         Kernel::Gaussian { inverse, log_norm }
     }
@@ -207,6 +211,11 @@ impl Levels {
         let LevelSpan { low, high, .. } = others.span;
         let (low, high) = (of(others.range().0), scale.of(low + (high - low) * LEAST_HEADROOM));
         low >= first - BEYOND && high <= last && high - low >= LEAST_USED * (last - first)
+    }
+
+    /// What levels that are few for so wide a range of light may cost a density, bits per pixel; none where they are close.
+    pub fn looseness(&self) -> Option<f64> {
+        (self.step > WIDEN_FROM).then(|| 0.5 * widening(self.step).log2())
     }
 
     /// Number of levels.
@@ -460,8 +469,11 @@ mod tests {
 
     #[test]
     fn very_bright_images_have_levels_without_gaps() {
+        assert_eq!(levels(Noise::Shot, 1e4, true).looseness(), None);
         let levels = levels(Noise::Shot, 1e6, true);
         assert_eq!(levels.count(), 512);
+        // They lie 4.2 deviations apart.
+        assert!(levels.looseness().is_some_and(|bits| (bits - 1.21).abs() < 0.03), "{:?}", levels.looseness());
         let middle = 300;
         let x = f64::from(levels.photons[middle]);
         let found = total(&levels, middle, (x * 0.9).floor(), 1.0, (x * 0.2) as usize);
