@@ -384,8 +384,9 @@ impl Shared {
         self.note_waiting();
         let request = &EstimateRequest { keep, ..order.request.clone() };
         let told = |text: String, is_cancelled: bool, may_pass: bool| {
+            let is_kept = may_pass && request.keep.is_some();
             let later =
-                if may_pass { "; the estimate goes on in the next window, or when it is started again" } else { "" };
+                if is_kept { "; the estimate goes on in the next window, or when it is started again" } else { "" };
             (!is_cancelled).then(|| Failed { text: format!("{text}{later}"), may_pass })
         };
         let estimated = match measured {

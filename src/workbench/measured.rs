@@ -353,6 +353,7 @@ impl MeasuredImages {
         let start = std::time::Instant::now();
         let mut notes = self.notes.clone();
         notes.extend(self.steps.and_then(|steps| steps.warn_of_steps(noise)));
+        let stated = noise;
         let noise = match self.steps {
             Some(steps) if request.protocol == Protocol::Default => steps.bounding(noise),
             _ => noise,
@@ -399,6 +400,7 @@ impl MeasuredImages {
                     .into(),
             );
         }
+        estimate.noise = stated;
         estimate.seconds = start.elapsed().as_secs_f64();
         Ok(estimate)
     }

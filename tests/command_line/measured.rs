@@ -65,6 +65,27 @@ fn grey_levels_become_photons_and_the_result_says_how() {
 }
 
 #[test]
+fn that_grey_levels_are_whole_tells_a_density_model_nothing() {
+    let bench = Bench::new();
+    // One photon on average everywhere, and pixels below the offset: 0, 1, 2, 3 with the shares that Poisson's law gives them.
+    let mut state = 7_u64;
+    let mut dark = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let share = (state >> 40) as f32 / (1_u64 << 24) as f32;
+        [0.368, 0.736, 0.920, 0.981].into_iter().filter(|&below| share > below).count() as f32
+    };
+    let counts: Vec<f32> = (0..20 * 24 * 20).map(|pixel| dark() - if pixel % 35 == 0 { 1.0 } else { 0.0 }).collect();
+    bench.write("dark.npy", npy("(20, 24, 20)", &counts));
+    for noise in ["shot", "shot+read:0.2"] {
+        let line =
+            "estimate --estimator live --steps 300 --patch 16 --patches-test 100 --seed 4 --measurements dark.npy";
+        let found = bench.json(&format!("{line} --noise {noise}"));
+        assert!(found["bits_per_pixel"].as_f64().unwrap() > 0.0, "{found}");
+        assert_eq!(found["noise"], noise);
+    }
+}
+
+#[test]
 fn colours_and_patches_without_end_are_refused() {
     let bench = Bench::new();
     bench.write("photons.npy", npy("(10, 24, 20)", &photons(10)));
