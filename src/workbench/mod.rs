@@ -4,6 +4,7 @@
 mod activity;
 mod bead_bounds;
 mod bench;
+mod calibration;
 mod closer;
 mod colormap;
 mod command;
@@ -39,6 +40,7 @@ mod worker;
 pub use activity::{Activity, ActivityKind, ActivityState};
 pub use bead_bounds::lower_bound_at_once;
 pub use bench::Workbench;
+pub use calibration::Calibration;
 pub use closer::{Closer, CloserKey, CloserOrder};
 pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
@@ -58,7 +60,7 @@ pub use ideal::{
 pub use jobs::{Job, Outcome};
 pub use live_bounds::Draws;
 pub use live_record::{LiveNumbers, LiveRecord, LiveRecordError, Repeated};
-pub use measured::{Calibration, MeasuredError, MeasuredImages, MeasuredOrder, MeasuredSource};
+pub use measured::{MeasuredError, MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use recovery::Recovered;
 pub use refinement::{LiveEstimate, LiveRecipe};

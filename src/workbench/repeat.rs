@@ -5,9 +5,10 @@
 
 use std::path::Path;
 
+use super::calibration::Calibration;
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
-use super::measured::{Calibration, MeasuredOrder};
+use super::measured::MeasuredOrder;
 use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};

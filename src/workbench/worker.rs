@@ -4,9 +4,9 @@
 //! computed from an older one carries its revision, so nobody mistakes it for current. Jobs (files) are done one after
 //! the other, in between. A panic is caught at the thread's edge and told as a failure; the thread goes on.
 
-use std::cell::Cell;
+mod evaluator;
+
 use std::collections::VecDeque;
-use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -15,12 +15,10 @@ use super::activity::{Activities, ActivityKind, Entry};
 use super::closer::{Closer, CloserOrder};
 use super::design::Design;
 use super::estimator::Estimator;
-use super::evaluation::{EvaluationError, LiveInformation, Measurements, Optics, Scene, SceneOptics};
-use super::jobs::{Job, Outcome, measured_snapshot};
+use super::evaluation::{LiveInformation, Measurements, Optics, Scene};
+use super::jobs::{Job, Outcome};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
-use crate::information::{NoiseEntropy, Protocol};
-use crate::objects::{ObjectError, Progress};
-use crate::sensor::{Convolution, Noise};
+use evaluator::Evaluator;
 
 /// A result and the revision of the design it was computed from.
 #[derive(Debug)]
@@ -283,226 +281,5 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
             return Some(Task::Closer(order));
         }
         mailbox = shared.arrived.wait(mailbox).unwrap_or_else(PoisonError::into_inner);
-    }
-}
-
-/// Tells how far the reading of objects is.
-fn tell(entry: &Entry, progress: Progress) {
-    entry.tell(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
-}
-
-/// What is kept between evaluations.
-#[derive(Default)]
-struct Evaluator {
-    optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
-    scene: Option<Arc<Scene>>,
-    /// Objects that were opened for the design, which does not image them yet: an edit may come before.
-    opened: Option<Arc<Scene>>,
-    scene_optics: Option<(Arc<Scene>, SceneOptics)>,
-    noise_entropy: Option<(Noise, NoiseEntropy)>,
-}
-
-impl Evaluator {
-    fn evaluate(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) {
-        let start = std::time::Instant::now();
-        let outcome = self.steps(revision, design, shared);
-        let is_stopped =
-            shared.cancelled.load(Ordering::Relaxed) && outcome.as_ref().is_err_and(EvaluationError::is_cancelled);
-        // An edit that waits would begin again what has just been stopped.
-        let same = |(_, newer): &mut (u64, Arc<Design>)| is_stopped && Scene::same_objects(design, newer);
-        let newest = lock(&shared.mailbox).evaluate.take_if(same).map_or(revision, |(newer, _)| newer);
-        let mut results = lock(&shared.results);
-        match outcome {
-            Ok(()) => results.live.seconds = start.elapsed().as_secs_f64(),
-            // A newer design, which waits in the mailbox, looks at other objects.
-            Err(error) if error.is_cancelled() && !is_stopped => {}
-            Err(error) => results.live.failure = Some((newest, error.to_string())),
-        }
-    }
-
-    fn steps(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) -> Result<(), EvaluationError> {
-        let publish = |change: &dyn Fn(&mut Live)| {
-            change(&mut lock(&shared.results).live);
-            (shared.wake)();
-        };
-        let planes = self.scene.as_ref().filter(|scene| scene.serves(design)).map_or(1, |scene| scene.set.planes());
-        let optics = self.optics(design, planes, revision, shared)?;
-        let superseded = |newer: &Design| !Scene::same_objects(design, newer);
-        let entry = std::cell::OnceCell::new();
-        let told = |progress: Progress| {
-            let entry = entry.get_or_init(|| {
-                let entry = shared.activities.add(ActivityKind::Objects, format!("Read {}", design.objects));
-                entry.begin();
-                entry
-            });
-            tell(entry, progress);
-        };
-        let scene = self.scene(design, revision, shared, &superseded, &told);
-        if let Some(entry) = entry.into_inner() {
-            match &scene {
-                Ok(scene) => entry.end(Ok(scene.set.describe())),
-                // Dropped without an end, it was stopped.
-                Err(EvaluationError::Objects(ObjectError::Cancelled)) => {}
-                Err(error) => entry.end(Err(error.to_string())),
-            }
-        }
-        let scene = scene?;
-        // Opening the objects may have told that they have more planes.
-        let optics = if scene.set.planes() > planes {
-            self.optics(design, scene.set.planes(), revision, shared)?
-        } else {
-            optics
-        };
-        publish(&|live| live.scene = Some(Stamped { revision, value: Arc::clone(&scene) }));
-        let shape = design.encoder.grid();
-        let known = self.scene_optics.as_ref();
-        if !known.is_some_and(|(of, prepared)| Arc::ptr_eq(of, &scene) && prepared.serves(shape)) {
-            self.scene_optics = Some((Arc::clone(&scene), SceneOptics::new(&scene, shape)?));
-        }
-        let Some((_, prepared)) = &self.scene_optics else { return Ok(()) };
-        let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
-        publish(&|live| live.measurements = Some(Stamped { revision, value: Arc::clone(&measurements) }));
-        // Tables of the noise's entropy are worth keeping while the noise stays the same.
-        let bounding = design.noise.bounding();
-        let noise_entropy = match &self.noise_entropy {
-            Some((noise, known)) if *noise == bounding => known,
-            _ => {
-                let entropy = NoiseEntropy::new(bounding, Protocol::Default)?;
-                &self.noise_entropy.insert((bounding, entropy)).1
-            }
-        };
-        let information = Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
-        publish(&|live| {
-            live.information = Some(Stamped { revision, value: Arc::clone(&information) });
-            live.failure = None;
-        });
-        shared.estimator.refine(revision, Arc::clone(design), scene);
-        Ok(())
-    }
-
-    /// Renders and publishes the PSF, unless the last one is of this very mask.
-    fn optics(
-        &mut self,
-        design: &Arc<Design>,
-        planes: usize,
-        revision: u64,
-        shared: &Shared,
-    ) -> Result<Arc<Optics>, EvaluationError> {
-        let optics = match &self.optics {
-            Some((of, known, optics)) if of.encoder == design.encoder && *known == planes => Arc::clone(optics),
-            _ => {
-                let optics = Arc::new(Optics::of(design, planes)?);
-                self.optics = Some((Arc::clone(design), planes, Arc::clone(&optics)));
-                optics
-            }
-        };
-        lock(&shared.results).live.optics = Some(Stamped { revision, value: Arc::clone(&optics) });
-        (shared.wake)();
-        Ok(optics)
-    }
-
-    /// The objects of the design, opened where they are not at hand. `superseded` tells whether a newer design, which
-    /// waits for its numbers, makes these objects useless.
-    fn scene(
-        &mut self,
-        design: &Design,
-        revision: u64,
-        shared: &Shared,
-        superseded: &dyn Fn(&Design) -> bool,
-        told: &dyn Fn(Progress),
-    ) -> Result<Arc<Scene>, EvaluationError> {
-        if let Some(opened) = self.opened.take_if(|scene| scene.serves(design)) {
-            self.scene = Some(opened);
-        }
-        if let Some(scene) = self.scene.as_ref().filter(|scene| scene.serves(design)) {
-            return Ok(Arc::clone(scene));
-        }
-        shared.cancelled.store(false, Ordering::Relaxed);
-        let newest = Cell::new(revision);
-        let watch = |progress: Progress| {
-            lock(&shared.results).live.busy = Some(progress.to_string());
-            told(progress);
-            // The mask may be edited while objects are read: the PSF follows at once.
-            let waiting = lock(&shared.mailbox).evaluate.clone();
-            if let Some((newer, wanted)) = waiting.filter(|(newer, _)| *newer > newest.get()) {
-                if superseded(&wanted) {
-                    return ControlFlow::Break(());
-                }
-                newest.set(newer);
-                if let Ok(optics) = Optics::of(&wanted, 1) {
-                    lock(&shared.results).live.optics = Some(Stamped { revision: newer, value: Arc::new(optics) });
-                }
-            }
-            (shared.wake)();
-            let stop = lock(&shared.mailbox).quit || shared.cancelled.load(Ordering::Relaxed);
-            if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        };
-        let scene = Scene::open(design, &watch);
-        lock(&shared.results).live.busy = None;
-        let scene = Arc::new(scene?);
-        self.scene = Some(Arc::clone(&scene));
-        Ok(scene)
-    }
-
-    /// Does a job; none where it gave way to an edit and is to be begun again.
-    fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Option<Result<Outcome, String>> {
-        match job {
-            // The one job that leaves something behind for evaluations: the objects, if they can be opened.
-            Job::OpenObjects { design, document } => Some(self.open_objects((design, *document), entry, shared)),
-            Job::MeasureSnapshot { number, name, design } => {
-                let known = self.scene.clone().filter(|scene| scene.serves(design));
-                let scene = known.map_or_else(|| other_scene(design, entry, shared), |scene| Some(Ok(scene)))?;
-                Some(Ok(measured_snapshot((*number, name), design, scene.as_deref().map_err(Clone::clone))))
-            }
-            other => Some(other.run()),
-        }
-    }
-
-    fn open_objects(
-        &mut self,
-        (design, document): (&Design, u64),
-        entry: &Entry,
-        shared: &Shared,
-    ) -> Result<Outcome, String> {
-        let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
-        let earlier = self.scene.clone();
-        // Who opens a file again wants what is in it now.
-        self.opened = None;
-        self.scene.take_if(|_| design.objects.is_read());
-        // Edits go on while objects are read; they do not make them useless.
-        let scene = self.scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress));
-        let source = &design.objects;
-        let opened = scene.map_err(|error| error.to_string()).and_then(|scene| {
-            let fits = Convolution::new(scene.set.field(), design.encoder.grid());
-            fits.map_err(|error| format!("{source}: {error}"))?;
-            Ok(Outcome::ObjectsOpened { source: source.clone(), document, notices: scene.set.notices().to_vec() })
-        });
-        // Until it images others the open design goes on with its own.
-        let scene = std::mem::replace(&mut self.scene, earlier);
-        self.opened = scene.filter(|_| opened.is_ok());
-        opened
-    }
-}
-
-/// The objects of a design that is not open; reading them ends where it is cancelled or the program does. None where it
-/// gave way to an edit, whose numbers do not wait for it.
-fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Option<Result<Arc<Scene>, String>> {
-    shared.cancelled.store(false, Ordering::Relaxed);
-    let has_given_way = Cell::new(false);
-    let watch = |progress: Progress| {
-        lock(&shared.results).live.busy = Some(progress.to_string());
-        tell(entry, progress);
-        (shared.wake)();
-        let mailbox = lock(&shared.mailbox);
-        let stop = mailbox.quit || shared.cancelled.load(Ordering::Relaxed);
-        // What has been read is not read again.
-        has_given_way.set(!stop && progress.done < progress.total && mailbox.evaluate.is_some());
-        if stop || has_given_way.get() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
-    let scene = Scene::open(design, &watch);
-    lock(&shared.results).live.busy = None;
-    match scene {
-        Err(_) if has_given_way.get() => None,
-        scene => Some(scene.map(Arc::new).map_err(|error| error.to_string())),
     }
 }

@@ -97,7 +97,8 @@ pub fn causal_estimate(
     }
     if let Some(bits) = model.conditioning.levels.looseness() {
         notes.push(format!(
-            "the light has a range too wide for the model's levels, so that the number may be too high by about {bits:.2} bits per pixel"
+            "the light has a range too wide for the model's levels, so that the number may be too high by about {bits:.2} \
+             bits per pixel"
         ));
     }
     if request.test.clean.is_none() {

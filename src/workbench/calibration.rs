@@ -1,0 +1,91 @@
+//! From grey levels of a camera to photons, and what whole grey levels mean for an estimate.
+
+use ndarray::{Array3, ArrayView3, s};
+use serde::{Deserialize, Serialize};
+
+use super::measured::MeasuredError;
+use crate::sensor::Noise;
+
+/// Read noise hides grey levels so far apart, in its deviations.
+const MOST_STEP: f64 = 2.0;
+
+/// How grey levels become photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
+///
+/// Sums keep the statistics of shot noise: the sum of Poisson counts is one, their mean is not.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::unsafe_derive_deserialize, reason = "the slicing macro of ndarray has unsafe code of its own")]
+pub struct Calibration {
+    /// Grey levels per photon: the slope of variance against mean of flat images at many levels.
+    pub gain: f64,
+    /// Grey level of no light.
+    pub offset: f64,
+    /// Rows and columns of the squares of pixels that are added up.
+    pub bin: usize,
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { gain: 1.0, offset: 0.0, bin: 1 }
+    }
+}
+
+impl Calibration {
+    pub(super) fn check(&self) -> Result<(), MeasuredError> {
+        let wrong = |what, expected, found| Err(MeasuredError::Calibration { what, expected, found });
+        if !(self.gain > 0.0 && self.gain.is_normal()) {
+            return wrong("gain", "a number above 0, in grey levels per photon", self.gain);
+        }
+        if !self.offset.is_finite() {
+            return wrong("offset", "a finite grey level", self.offset);
+        }
+        Ok(())
+    }
+
+    /// Photons of images of grey levels, shape (n, rows, cols); rows and columns that fill no bin are left out.
+    pub(super) fn photons(&self, grey: ArrayView3<'_, f32>) -> Result<Array3<f32>, MeasuredError> {
+        let (count, rows, cols) = grey.dim();
+        let bin = self.bin;
+        if !(1..=rows.min(cols)).contains(&bin) {
+            return Err(MeasuredError::Bin { most: rows.min(cols), found: bin });
+        }
+        Ok(Array3::from_shape_fn((count, rows / bin, cols / bin), |(n, r, c)| {
+            let square = grey.slice(s![n, r * bin..(r + 1) * bin, c * bin..(c + 1) * bin]);
+            let sum: f64 = square.iter().map(|&grey| (f64::from(grey) - self.offset) / self.gain).sum();
+            sum as f32
+        }))
+    }
+
+    /// What a reader must know of it.
+    pub(super) fn describe(&self) -> String {
+        let Self { gain, offset, bin } = *self;
+        let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
+        format!("photons are (grey level - {offset}) / {gain}{sum}")
+    }
+
+    /// Photons of one grey level.
+    fn step(&self) -> f64 {
+        1.0 / self.gain
+    }
+
+    /// The noise by which whole grey levels bound information from above. Read noise that is too weak to hide them is left
+    /// out, as [`Noise::bounding`] does it for whole counts: it only takes from what those tell.
+    pub(super) fn bounding(&self, noise: Noise) -> Noise {
+        match noise {
+            Noise::ShotRead { sigma } if self.step() > MOST_STEP * sigma => Noise::Shot,
+            other => other,
+        }
+    }
+
+    /// What a reader must know where whole grey levels are coarse beside the noise.
+    pub(super) fn warn_of_steps(&self, noise: Noise) -> Option<String> {
+        let (step, read) = (self.step(), MOST_STEP * noise.read_sigma().unwrap_or(0.0));
+        // Shot noise hides steps of a photon.
+        let hidden = if noise.has_shot_noise() { read.max(1.0) } else { read };
+        (step > hidden).then(|| {
+            format!(
+                "one grey level is {step:.3} photons: steps that coarse can be told apart by a flexible model, so that the \
+                 number may fall below the information"
+            )
+        })
+    }
+}
