@@ -190,8 +190,6 @@ impl Refiner {
         let known = self.pace.filter(|(_, of)| *of == model.patch());
         let pace = known.map_or_else(|| trial_pace(&model, &train, stop), |(pace, _)| Ok(pace))?;
         let mut recipe = LiveRecipe::of(planned(time, pace));
-        // A few steps, beside which a window may just be opening, do not tell the pace well.
-        let mut is_revised = known.is_some();
         let fit = subject.fit(recipe.planned, start.is_some());
         let started = Instant::now();
         let score = |model: &CausalModel, test: &PatchBatch, recipe: LiveRecipe, remaining: Option<Duration>| {
@@ -215,8 +213,8 @@ impl Refiner {
             let mut revision = None;
             // The last step has the last score, which is on more patches.
             if before >= due && progress.step < recipe.all() {
-                if !is_revised && patches == SCORED {
-                    is_revised = true;
+                // The few steps of a trial, beside which a window may just be opening, do not tell the pace well.
+                if known.is_none() && recipe.revised.is_none() && patches == SCORED {
                     let rest = planned(time.saturating_sub(progress.elapsed), pace);
                     let all = (progress.step + rest).min(PLANNED.1 as usize);
                     revision = Some(all);
