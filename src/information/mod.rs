@@ -51,7 +51,7 @@ pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use decoder::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, DecoderRefit, FirstProgress, LowerBound,
     OnFirstStep, OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound,
-    decoder_savings, posterior_lower_bound, posterior_upper_bound, spot_slope,
+    decoder_savings, posterior_lower_bound, posterior_upper_bound, savings_gain, spot_slope,
 };
 pub use dense::MAX_PATCH_PIXELS;
 pub use error::InformationError;

@@ -1,7 +1,6 @@
 //! Fresh beads and measurements of a channel, each from random streams of its own.
 
 use ndarray::ArrayView3;
-use rand::seq::index;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -84,8 +83,13 @@ impl Sample {
         self.weight = 1.0;
         if let Reveal::Random { count, weight } = reveal(&mut random) {
             self.weight = weight;
-            for chosen in index::sample(&mut random, scene.decoded.len(), count) {
-                let site = scene.decoded[chosen];
+            // Each site has a number, decoded or not, so that masks which decode more or fewer are told the others alike.
+            let numbers: Vec<u32> = (0..sites).map(|_| random.random()).collect();
+            let mut order: Vec<(u32, usize)> = scene.decoded.iter().map(|&site| (numbers[site], site)).collect();
+            if count < order.len() {
+                order.select_nth_unstable(count);
+            }
+            for &(_, site) in &order[..count] {
                 self.free[site] = 0.0;
                 self.known[site] = self.beads[site];
             }

@@ -62,7 +62,7 @@ impl Savings {
     ) -> Result<(), InformationError> {
         for _ in (0..BLOCK).step_by(REPORT) {
             let range = self.0.len()..self.0.len() + REPORT;
-            self.0.extend(scored(scene, passes, decoder, (kind, seed), range));
+            self.0.extend(scored(scene, passes, decoder, (kind, seed, BLOCK), range));
             if on_scored(self.0.len()).is_break() {
                 return Err(InformationError::Cancelled);
             }
@@ -71,41 +71,44 @@ impl Savings {
     }
 }
 
-/// The savings of some of the test samples.
+/// The savings of some of the test samples, each `block` of them spread evenly over k.
 fn scored(
     scene: &Scene,
     passes: &Passes<'_>,
     decoder: &Decoder,
-    (kind, seed): (DecoderKind, u64),
+    (kind, seed, block): (DecoderKind, u64, usize),
     range: Range<usize>,
 ) -> impl Iterator<Item = f64> {
     let (sites, pixels) = (scene.decoded.len(), scene.pixels());
     let reveal = |index: usize, random: &mut ChaCha8Rng| match kind {
         DecoderKind::Factorised => Reveal::Nothing,
-        DecoderKind::Autoregressive => stratum(sites, (range.start + index) % BLOCK, random),
+        DecoderKind::Autoregressive => stratum(sites, ((range.start + index) % block, block), random),
     };
     let outcomes = passes.test(decoder, (seed, range.start, range.len()), reveal);
     outcomes.into_iter().map(move |outcome| outcome.saved_bits / pixels as f64)
 }
 
 /// What a decoder as it is saves over the prior on a range of the fresh test samples of a seed, bits per pixel each. Their mean
-/// is a lower bound once all of a multiple of 256 are there ([`QuickLowerBound::of_savings`](super::QuickLowerBound::of_savings)).
+/// is a lower bound once all of a multiple of `block` are there, which spreads evenly over the orders in which sites are told (from 64 on
+/// its interval is no wider for that; [`QuickLowerBound::of_savings`](super::QuickLowerBound::of_savings)).
 ///
 /// # Errors
 /// For what is no channel; cancelled where `go_on`, which is asked every few samples, says so.
+//
+// Beads are drawn at all sites of the whole spot, however much of it is dark, so that masks on one grid are asked for the same ones.
 pub fn decoder_savings(
     decoder: &Decoder,
     channel: &BeadChannel,
-    seed: u64,
+    (seed, block): (u64, usize),
     range: Range<usize>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Vec<f64>, InformationError> {
-    let scene = Scene::new(channel)?;
+    let scene = Scene::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
     let mut savings = Vec::with_capacity(range.len());
     for first in range.clone().step_by(REPORT) {
         let part = first..range.end.min(first + REPORT);
-        savings.extend(scored(&scene, &passes, decoder, (DecoderKind::Autoregressive, seed), part));
+        savings.extend(scored(&scene, &passes, decoder, (DecoderKind::Autoregressive, seed, block), part));
         if !go_on() {
             return Err(InformationError::Cancelled);
         }
@@ -113,10 +116,16 @@ pub fn decoder_savings(
     Ok(savings)
 }
 
+/// How much more is saved on the same samples after a change than before, bits per pixel, and half the width of the 95 % interval of
+/// that: what both find hard or easy alike is no error of the difference.
+pub fn savings_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
+    Savings(before.iter().zip(after).map(|(before, after)| after - before).collect()).mean_and_half_width()
+}
+
 /// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
-fn stratum(sites: usize, place: usize, random: &mut ChaCha8Rng) -> Reveal {
+fn stratum(sites: usize, (place, block): (usize, usize), random: &mut ChaCha8Rng) -> Reveal {
     let all = sites as f64;
-    let root = (place as f64 + random.random::<f64>()) / BLOCK as f64;
+    let root = (place as f64 + random.random::<f64>()) / block as f64;
     let count = (((1.0 - root * root) * all) as usize).min(sites.saturating_sub(1));
     // Those u in [0, 1] with 1 - u^2 between k / D and (k + 1) / D.
     let left = all - count as f64;
@@ -150,7 +159,7 @@ mod tests {
             let rounds = 400;
             let mut sum = 0.0;
             for place in (0..rounds).flat_map(|_| 0..BLOCK) {
-                let Reveal::Random { count, weight } = stratum(sites, place, &mut random) else { panic!() };
+                let Reveal::Random { count, weight } = stratum(sites, (place, BLOCK), &mut random) else { panic!() };
                 assert!(count < sites);
                 sum += weight * (sites - count) as f64 * (1.0 + count as f64 / sites as f64);
             }

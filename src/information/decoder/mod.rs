@@ -25,7 +25,7 @@ mod step;
 
 pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
 pub use channel::BeadChannel;
-pub use evaluation::decoder_savings;
+pub use evaluation::{decoder_savings, savings_gain};
 pub use first::{FirstProgress, OnFirstStep};
 pub use fit::{DecoderFit, DecoderProgress, DecoderRefit};
 pub use layers::Decoder;

@@ -47,7 +47,7 @@ impl QuickLowerBound {
         Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
     }
 
-    /// The bound that [savings](super::decoder_savings) make, which are a multiple of 256.
+    /// The bound that [savings](super::decoder_savings) make.
     pub fn of_savings(savings: Vec<f64>) -> Self {
         let savings = Savings(savings);
         let (mean, half_width) = savings.mean_and_half_width();
