@@ -80,11 +80,9 @@ impl Momentum {
         project(array, settings, limits);
     }
 
-    /// Begins anew for all lenslets.
-    pub fn forget_all(&mut self) {
-        for index in 0..self.since.len() {
-            self.forget(index);
-        }
+    /// Comes to rest: what slopes are like stays known, where they led to is forgotten.
+    pub fn stand_still(&mut self) {
+        self.first.fill([0.0; PARAMETERS]);
     }
 
     /// Begins anew for a lenslet that has been put elsewhere: its steps so far tell nothing of those from there.
@@ -183,7 +181,8 @@ fn separate(array: &mut LensletArray, settings: &IdealSettings, limits: &Limits)
                 };
                 let free = [one, other].map(|index| !settings.locked.contains(&index));
                 let shares = match free {
-                    [true, true] => [0.5, 0.5],
+                    // The fainter one gives way: one that has just got some light does not push a bright one off.
+                    [true, true] => [b.weight, a.weight].map(|weight| weight / (a.weight + b.weight)),
                     [true, false] => [1.0, 0.0],
                     [false, true] => [0.0, 1.0],
                     [false, false] => continue,
@@ -210,7 +209,7 @@ fn separate(array: &mut LensletArray, settings: &IdealSettings, limits: &Limits)
 mod tests {
     use super::super::settings::{Free, Objective, Preset};
     use super::*;
-    use crate::optics::{heuristic_layout, random_layout};
+    use crate::optics::{Lenslet, heuristic_layout, random_layout};
 
     fn settings() -> IdealSettings {
         IdealSettings::new(Preset::Default, Objective::Density, 1)
@@ -239,7 +238,7 @@ mod tests {
         let pulls: Vec<(f64, f64)> = momentum.pulls().collect();
         assert_eq!(pulls[0], (0.0, 0.0), "a lenslet that stays");
         assert!((pulls[1].0 - 0.5).abs() < 1e-12 && (pulls[1].1 + 2.0).abs() < 1e-12, "{pulls:?}");
-        momentum.forget_all();
+        momentum.stand_still();
         assert!(momentum.pulls().all(|pull| pull == (0.0, 0.0)));
     }
 
@@ -279,6 +278,15 @@ mod tests {
         for (one, other) in once.lenslets.iter().zip(&array.lenslets) {
             assert!((one.x - other.x).abs() + (one.y - other.y).abs() + (one.weight - other.weight).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn a_faint_lenslet_gives_way_to_a_bright_one() {
+        let at = |x: f64, weight: f64| Lenslet::round(x, 15.0, 1.0, weight);
+        let mut array = LensletArray { rows: 32, cols: 32, lenslets: vec![at(15.0, 1.0), at(16.0, 1e-5)] };
+        project(&mut array, &IdealSettings { min_separation_px: 4.0, ..settings() }, &Limits::default());
+        let [bright, faint] = [array.lenslets[0].x, array.lenslets[1].x];
+        assert!((bright - 15.0).abs() < 1e-4 && (faint - bright - 4.0).abs() < 1e-6, "{bright} {faint}");
     }
 
     #[test]
@@ -327,7 +335,7 @@ mod tests {
         momentum.forget(0);
         assert!((climb(&mut array, &mut momentum, 3.0) - 1.0).abs() < 1e-6);
         let mut late = momentum.clone();
-        late.forget_all();
+        late.forget(0);
         assert!((climb(&mut array.clone(), &mut late, -2.0) + 1.0).abs() < 1e-6);
         assert!((climb(&mut array, &mut momentum, -2.0) + 1.0).abs() > 0.1, "the first step counts");
     }
