@@ -3,8 +3,8 @@
 mod audit;
 mod climb;
 mod prune;
-mod relight;
 mod returns;
+mod search;
 
 use std::ops::ControlFlow;
 
@@ -190,7 +190,7 @@ impl<'a> Ideal<'a> {
             return Ok(());
         }
         self.prune();
-        self.relight(&watch)?;
+        self.search(&watch)?;
         let (is_first, is_last) = (self.state.frames.is_empty(), self.state.step >= self.settings.steps);
         // The mask moves as fast as the model can follow.
         self.state.caution = (self.state.caution * RECOVERY).min(1.0);
@@ -246,7 +246,7 @@ impl<'a> Ideal<'a> {
         }
         self.state.frames.push(frame);
         self.state.finished = is_last;
-        self.take_back()
+        self.take_back(watch)
     }
 
     /// Fits the guide to the mask as it is: so many steps, each part of a round with draws of its own.
@@ -306,7 +306,7 @@ const LOWER_SAMPLES: usize = 512;
 /// Streams of seeds, so that no fit and no step repeats the draws of another.
 const FIT_SEEDS: u64 = 1 << 32;
 const STEP_SEEDS: u64 = 1 << 33;
-const RELIT_SEEDS: u64 = 1 << 34;
+const SEARCH_SEEDS: u64 = 1 << 34;
 const BESIDE_SEEDS: u64 = 1 << 35;
 
 #[cfg(test)]

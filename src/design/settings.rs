@@ -338,6 +338,13 @@ impl IdealSettings {
         if !(positions || widths || weights) || locked == count {
             return wrong("free", "nothing".into(), "something that may change");
         }
+        if !positions && !widths && locked + 1 == count {
+            return wrong(
+                "free",
+                "the weight of one lenslet".into(),
+                "at least two weights that may change: their sum is held",
+            );
+        }
         Ok(())
     }
 

@@ -52,7 +52,7 @@ pub fn gain_in_words(frames: &[Frame], objective: Objective) -> Option<&'static 
     let mut known = frames.iter().filter_map(|frame| frame.lower(objective));
     let (first, last) = (known.next()?, known.next_back()?);
     Some(if last[0] > first[1] {
-        "The lower bound of the run confirms the gain over its start"
+        "The lower bound of the run has risen above that of its start"
     } else {
         "The lower bound of the run does not confirm a gain over its start"
     })
@@ -80,8 +80,9 @@ pub enum IdealEvent {
         /// Steps that it was to take before.
         before: usize,
     },
-    /// A lenslet without light of its own was given the mean light of the others at another place, where that tells more.
-    Relit {
+    /// A lenslet was put at another place, where it tells more: with its own light or, where that was little, with the mean of the others.
+    #[serde(alias = "relit")]
+    Relocated {
         /// Steps of the mask so far.
         step: usize,
         /// Its place in the list, from 0.
@@ -124,9 +125,7 @@ impl IdealEvent {
             (count > 0).then(|| format!("{what}: {count}"))
         };
         [
-            told("Lenslets that told little and got light at another place", |event| {
-                matches!(event, Self::Relit { .. })
-            }),
+            told("Lenslets that tell more where they were put", |event| matches!(event, Self::Relocated { .. })),
             told("Returns to an earlier mask that told more", |event| matches!(event, Self::Returned { .. })),
             told("Returns to a mask that was chosen", |event| matches!(event, Self::Rewound { .. })),
             told("Steps without finite numbers, which were refused", |event| matches!(event, Self::Refused { .. })),
@@ -210,8 +209,8 @@ pub enum Doing {
     Fitting,
     /// It measures the mask by its model.
     Measuring,
-    /// It tries light at other places.
-    Relighting,
+    /// It tries lenslets at other places.
+    Searching,
 }
 
 impl fmt::Display for Doing {
@@ -219,7 +218,7 @@ impl fmt::Display for Doing {
         formatter.write_str(match self {
             Self::Fitting => "fitting",
             Self::Measuring => "measuring the mask",
-            Self::Relighting => "trying light at other places",
+            Self::Searching => "trying lenslets at other places",
         })
     }
 }

@@ -46,16 +46,16 @@ fn way<'a>(
         let until_then = |steps: &RangeInclusive<usize>| *steps.end() <= last;
         events.iter().filter_map(IdealEvent::given_up).filter(until_then).any(|steps| steps.contains(&at))
     };
-    // A lenslet that got light elsewhere took no way there.
-    let relit = |event: &IdealEvent| match *event {
-        IdealEvent::Relit { step, lenslet } if lenslet == index && !given_up(step) => {
+    // A lenslet that was put elsewhere took no way there.
+    let relocated = |event: &IdealEvent| match *event {
+        IdealEvent::Relocated { step, lenslet } if lenslet == index && !given_up(step) => {
             // Of the two frames where a run that had ended goes on, the later one is after it; one may still be to come.
             let at = frames.iter().rposition(|frame| frame.step == step).unwrap_or(frames.len());
             (at < before.len() || shown.is_none()).then_some(at)
         }
         _ => None,
     };
-    let since = events.iter().filter_map(relit).max().unwrap_or(0);
+    let since = events.iter().filter_map(relocated).max().unwrap_or(0);
     let kept: Vec<_> = before[since..].iter().filter(|frame| !given_up(frame.step)).collect();
     kept.into_iter().map(move |frame| &frame.array.lenslets[index])
 }
@@ -93,11 +93,11 @@ mod tests {
 
     #[test]
     fn a_lenslet_that_got_light_elsewhere_took_no_way_there() {
-        let relit = [IdealEvent::Relit { step: 20, lenslet: 0 }];
-        assert_eq!(visited(&frames(4), &relit, None), [2.0, 3.0]);
-        assert_eq!(visited(&frames(4), &relit, Some(1)), [0.0, 1.0], "it was still to come");
-        assert!(visited(&frames(2), &relit, None).is_empty(), "its frame is still to come");
-        let other = [IdealEvent::Relit { step: 20, lenslet: 1 }];
+        let relocated = [IdealEvent::Relocated { step: 20, lenslet: 0 }];
+        assert_eq!(visited(&frames(4), &relocated, None), [2.0, 3.0]);
+        assert_eq!(visited(&frames(4), &relocated, Some(1)), [0.0, 1.0], "it was still to come");
+        assert!(visited(&frames(2), &relocated, None).is_empty(), "its frame is still to come");
+        let other = [IdealEvent::Relocated { step: 20, lenslet: 1 }];
         assert_eq!(visited(&frames(4), &other, None), [0.0, 1.0, 2.0, 3.0]);
     }
 
@@ -109,7 +109,7 @@ mod tests {
         let rewound = IdealEvent::Rewound { step: 30, to: 10 };
         assert_eq!(visited(&frames(6), &[rewound], None), [0.0, 1.0, 4.0, 5.0], "by whomever");
         // What had come to light between is as it was before.
-        let events = [IdealEvent::Relit { step: 20, lenslet: 0 }, returned];
+        let events = [IdealEvent::Relocated { step: 20, lenslet: 0 }, returned];
         assert_eq!(visited(&frames(6), &events, None), [0.0, 1.0, 4.0, 5.0]);
     }
 }

@@ -10,7 +10,7 @@ use ndarray::{Array3, Array4};
 
 pub(super) use density::DensityGuide;
 pub(super) use pixelcnn::PixelCnnGuide;
-pub(super) use posterior::{PosteriorGuide, bound};
+pub(super) use posterior::{BLOCK, PosteriorGuide, bound};
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
@@ -56,17 +56,6 @@ pub(super) trait Guide {
     /// Information of a mask on objects that neither guide nor mask has seen, the same ones every time, and its 95 %
     /// interval, bits per pixel; of more of them for the `last` value of a run. It ends early where `go_on` says so.
     fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError>;
-
-    /// The same of a mask that it does not follow, on so many scenes, which the seed decides; none from a guide that knows only
-    /// the mask that it follows.
-    fn foreseen(
-        &self,
-        _array: &LensletArray,
-        (_samples, _seed): (usize, u64),
-        _go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<Valued>, IdealError> {
-        Ok(None)
-    }
 
     /// How the information changes with every lenslet. It ends early where `go_on` says so.
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes;

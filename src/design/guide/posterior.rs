@@ -13,8 +13,12 @@ use crate::information::{
 };
 use crate::optics::{LensletArray, psf_gradient, render_psf};
 
-/// Scenes that the value of the last mask rests on.
-const LAST_SCENES: usize = 2048;
+/// Pixels of all scenes that a value rests on: 512 of 32 x 32 px. Large patches tell as much of a mask by fewer scenes.
+const PIXELS: usize = 512 * 32 * 32;
+/// Scenes that belong together: values rest on multiples of it.
+pub(in crate::design) const BLOCK: usize = 64;
+/// How many times as many scenes the value of the last mask rests on.
+const LAST: usize = 4;
 
 /// The autoregressive decoder of lower bounds.
 pub(in crate::design) struct PosteriorGuide<'a> {
@@ -51,8 +55,10 @@ impl<'a> PosteriorGuide<'a> {
 }
 
 impl PosteriorGuide<'_> {
-    /// Scenes that a value rests on.
-    pub(in crate::design) const SCENES: usize = 512;
+    /// Scenes that a value rests on: a multiple of [`BLOCK`].
+    pub(in crate::design) fn scenes(&self) -> usize {
+        (PIXELS / (self.patch.0 * self.patch.1)).next_multiple_of(BLOCK).min(512)
+    }
 
     /// Begins a fit from the weights as they are, which stay in use meanwhile.
     pub(in crate::design) fn refit(
@@ -82,23 +88,24 @@ impl PosteriorGuide<'_> {
     }
 
     /// What the decoder tells of some of the scenes of a value through a mask; all of them make it a [`bound`].
-    pub(in crate::design) fn savings(
+    pub(in crate::design) fn value_savings(
         &self,
         array: &LensletArray,
         scenes: Range<usize>,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<f64>, IdealError> {
-        self.savings_of(array, (scenes, derived_seed(self.seed, 6)), go_on)
+        self.savings(array, (scenes, derived_seed(self.seed, 6), BLOCK), go_on)
     }
 
-    fn savings_of(
+    /// What the decoder tells of some of the scenes of a seed through any mask, each `block` of which belong together.
+    pub(in crate::design) fn savings(
         &self,
         array: &LensletArray,
-        (scenes, seed): (Range<usize>, u64),
+        (scenes, seed, block): (Range<usize>, u64, usize),
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<f64>, IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
-        Ok(decoder_savings(&self.decoder, &channel, seed, scenes, go_on)?)
+        Ok(decoder_savings(&self.decoder, &channel, (seed, block), scenes, go_on)?)
     }
 }
 
@@ -126,17 +133,8 @@ impl Guide for PosteriorGuide<'_> {
     }
 
     fn value(&self, array: &LensletArray, last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
-        let scenes = if last { LAST_SCENES } else { Self::SCENES };
-        Ok(bound(self.savings(array, 0..scenes, go_on)?))
-    }
-
-    fn foreseen(
-        &self,
-        array: &LensletArray,
-        (samples, seed): (usize, u64),
-        go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<Valued>, IdealError> {
-        Ok(Some(bound(self.savings_of(array, (0..samples, seed), go_on)?)))
+        let scenes = if last { LAST * self.scenes() } else { self.scenes() };
+        Ok(bound(self.value_savings(array, 0..scenes, go_on)?))
     }
 
     fn posterior(&self) -> Option<&PosteriorGuide<'_>> {
@@ -208,12 +206,12 @@ mod tests {
         let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let mask = heuristic_layout(3);
         let guide = PosteriorGuide::new(&imaging, &mask, ((8, 8), 1)).unwrap();
-        let savings = |scenes: Range<usize>| guide.savings(&mask, scenes, &|| true).unwrap();
+        let savings = |scenes: Range<usize>| guide.value_savings(&mask, scenes, &|| true).unwrap();
         let mut parts = Vec::new();
-        for end in [8, 24, 30, 300, PosteriorGuide::SCENES] {
+        for end in [8, 24, 30, 300, guide.scenes()] {
             parts.extend(savings(parts.len()..end));
         }
-        assert_eq!(parts, savings(0..PosteriorGuide::SCENES));
+        assert_eq!(parts, savings(0..guide.scenes()));
         assert!(parts.iter().any(|bits| (bits - parts[0]).abs() > 1e-3), "scenes differ");
         assert_eq!(bound(parts), guide.value(&mask, false, &|| true).unwrap());
     }

@@ -49,6 +49,8 @@ impl Ideal<'_> {
         if afresh.bits_per_pixel < frame.bits_per_pixel {
             self.state.events.push(IdealEvent::Refitted { step: self.state.step });
             self.state.caution = (0.5 * self.state.caution).max(SLOWEST);
+            // As a run has it that is taken up again in this round: with levels beside those that it was fitted to.
+            self.guide.follow(&self.state.array, true)?;
             return Ok(afresh);
         }
         self.guide.restore(&before)?;

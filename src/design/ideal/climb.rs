@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::{BESIDE_SEEDS, Ideal, STEP_SEEDS};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
-use crate::design::guide::{GuideFit, PosteriorGuide, bound};
+use crate::design::guide::{GuideFit, bound};
 use crate::design::imaging::derived_seed;
 use crate::design::movement::{PARAMETERS, by_parameters};
 use crate::design::state::IdealEvent;
@@ -21,7 +21,6 @@ const MAX_REFUSED: usize = 30;
 const PATCHES_AT_ONCE: usize = 2;
 /// Scenes that a mask is valued on between two moves, if any.
 const VALUED_AT_ONCE: usize = 8;
-const _: () = assert!(PosteriorGuide::SCENES.is_multiple_of(VALUED_AT_ONCE), "none is left over");
 
 impl Ideal<'_> {
     /// Takes the steps of a round, and values the mask as it is now between them.
@@ -30,7 +29,7 @@ impl Ideal<'_> {
         let savings = self.climb(Some(&array), watch)?;
         let frame = self.frame_of((step, array, seconds), bound(savings))?;
         self.state.frames.push(frame);
-        self.take_back()
+        self.take_back(watch)
     }
 
     /// Takes the steps of a round, or one step where the model stays as it is. A density model keeps up with the mask meanwhile; a
@@ -92,10 +91,11 @@ impl Ideal<'_> {
         savings: &mut Vec<f64>,
         watch: &Watched<'_>,
     ) -> Result<(), IdealError> {
-        let due = PosteriorGuide::SCENES * turn / turns / VALUED_AT_ONCE * VALUED_AT_ONCE;
-        if let Some(posterior) = self.guide.posterior().filter(|_| savings.len() < due) {
+        let Some(posterior) = self.guide.posterior() else { return Ok(()) };
+        let due = posterior.scenes() * turn / turns / VALUED_AT_ONCE * VALUED_AT_ONCE;
+        if savings.len() < due {
             let go_on = || watch.tell(&self.state, None).is_continue();
-            savings.extend(posterior.savings(array, savings.len()..due, &go_on)?);
+            savings.extend(posterior.value_savings(array, savings.len()..due, &go_on)?);
         }
         Ok(())
     }

@@ -3,12 +3,13 @@
 
 use super::Ideal;
 use crate::design::error::IdealError;
-use crate::design::state::{Frame, IdealEvent};
+use crate::design::state::{Doing, Frame, IdealEvent};
 use crate::design::watched::Watched;
+use crate::information::savings_gain;
 use crate::optics::LensletArray;
 
 /// Loss beyond which a mask is given up for the best one, bits per pixel.
-const MOST_LOSS: f64 = 0.006;
+const MOST_LOSS: f64 = 0.003;
 
 impl Ideal<'_> {
     /// The best mask so far that has the lenslets which are left, where values can only be too low. Masks at which the run had
@@ -28,12 +29,21 @@ impl Ideal<'_> {
         alike.map(|(_, frame)| frame).max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
     }
 
-    /// Goes on from the best mask where the last one tells clearly less.
-    pub(super) fn take_back(&mut self) -> Result<(), IdealError> {
+    /// Goes on from the best mask where the last one tells clearly less, by the decoder as it is now: one fit of it knows more or
+    /// less than another, which says nothing of the masks.
+    pub(super) fn take_back(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
         let (Some(best), Some(last)) = (self.best(), self.state.frames.last()) else { return Ok(()) };
-        // A mask that is taken up again may tell less at first, for the decoder has come from others.
         let is_same = best.array == last.array;
         if self.state.finished || is_same || best.bits_per_pixel - last.bits_per_pixel < MOST_LOSS {
+            return Ok(());
+        }
+        let Some(posterior) = self.guide.posterior() else { return Ok(()) };
+        let savings = |array: &LensletArray| {
+            let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
+            posterior.value_savings(array, 0..posterior.scenes(), &go_on)
+        };
+        let (loss, half_width) = savings_gain(&savings(&last.array)?, &savings(&best.array)?);
+        if loss < MOST_LOSS.max(half_width) {
             return Ok(());
         }
         let (array, to) = (best.array.clone(), best.step);
@@ -47,7 +57,7 @@ impl Ideal<'_> {
     /// Where the guide does not turn to that mask.
     pub fn rewind_to(&mut self, frame: usize) -> Result<(), IdealError> {
         let Some(Frame { array, step: to, .. }) = self.state.frames.get(frame).cloned() else { return Ok(()) };
-        if to == self.state.step {
+        if to == self.state.step && array == self.state.array {
             return Ok(());
         }
         self.take_up(array)?;
@@ -61,6 +71,8 @@ impl Ideal<'_> {
 
     fn return_to(&mut self, array: LensletArray, to: usize) -> Result<(), IdealError> {
         self.take_up(array)?;
+        // Steps as long as those that led down would lead down again.
+        self.state.caution *= 0.5;
         self.state.events.push(IdealEvent::Returned { step: self.state.step, to });
         Ok(())
     }
@@ -70,7 +82,7 @@ impl Ideal<'_> {
         self.guide.follow(&array, true)?;
         let state = &mut self.state;
         state.array = array;
-        state.momentum.forget_all();
+        state.momentum.stand_still();
         state.followed = false;
         Ok(())
     }

@@ -141,8 +141,11 @@ pub fn verdict(study: &StudyRecord) -> Vec<String> {
         if cells.len() < study.settings.designs.len() {
             continue;
         }
-        let layouts: Vec<&StudyCell> =
-            cells.iter().copied().filter(|cell| cell.design != RESULT && cell.design != START).collect();
+        let size = |cell: &StudyCell| cell.estimate.as_ref().map(|estimate| estimate.patch);
+        // Before a grid of another size they make other measurements, whose bits per pixel cannot be compared.
+        let is_alike = |cell: &StudyCell| size(cell).is_none_or(|patch| size(result).is_none_or(|of| of == patch));
+        let is_layout = |cell: &&StudyCell| cell.design != RESULT && cell.design != START;
+        let layouts: Vec<&StudyCell> = cells.iter().copied().filter(is_layout).filter(|cell| is_alike(cell)).collect();
         sentences.extend(over_layouts_by_density(result, &layouts).map(|told| format!("{place}, {told}")));
         if result.ceiling().zip(result.model_bits()).is_some_and(|(ceiling, bits)| bits > ceiling) {
             sentences.push(format!("{place}: the density model lies above what the objects hold; it proves nothing"));
