@@ -171,7 +171,8 @@ pub struct IdealSettings {
     pub steps: usize,
     /// Training objects that are measured in one step, one at least wherever slopes are taken; for density models.
     pub objects: usize,
-    /// Patches of these measurements; for the posterior, scenes of a patch each.
+    /// Patches of these measurements; for the posterior, scenes of a patch each, of patches larger than 32 x 32 px as many as
+    /// have the pixels of so many of these.
     pub patches: usize,
     /// Moves of the mask in one step, along what was learned by the end of the step before, until the last. Between them the slopes
     /// of its patches are taken, two at a time or more.

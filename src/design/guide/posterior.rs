@@ -13,8 +13,10 @@ use crate::information::{
 };
 use crate::optics::{LensletArray, psf_gradient, render_psf};
 
-/// Pixels of all scenes that a value rests on: 512 of 32 x 32 px. Large patches tell as much of a mask by fewer scenes.
-const PIXELS: usize = 512 * 32 * 32;
+/// Pixels of a patch of 32 x 32 px. Larger ones tell as much of a mask by fewer scenes.
+const SMALL: f64 = 32.0 * 32.0;
+/// Scenes of such a patch that a value rests on.
+const SCENES: usize = 512;
 /// Scenes that belong together: values rest on multiples of it.
 pub(in crate::design) const BLOCK: usize = 64;
 /// How many times as many scenes the value of the last mask rests on.
@@ -57,7 +59,13 @@ impl<'a> PosteriorGuide<'a> {
 impl PosteriorGuide<'_> {
     /// Scenes that a value rests on: a multiple of [`BLOCK`].
     pub(in crate::design) fn scenes(&self) -> usize {
-        (PIXELS / (self.patch.0 * self.patch.1)).next_multiple_of(BLOCK).min(512)
+        self.as_many(SCENES).next_multiple_of(BLOCK)
+    }
+
+    /// Scenes of its patch that have as many pixels as so many of 32 x 32 px, and no more than so many.
+    pub(in crate::design) fn as_many(&self, patches: usize) -> usize {
+        let pixels = (self.patch.0 * self.patch.1) as f64;
+        (patches as f64 * SMALL / pixels).round().clamp(1.0, patches as f64) as usize
     }
 
     /// Begins a fit from the weights as they are, which stay in use meanwhile.

@@ -41,7 +41,7 @@ impl Ideal<'_> {
         } else {
             self.steps_due().min(1)
         };
-        let moves = self.settings.moves.min(self.settings.patches);
+        let moves = self.settings.moves.min(self.patches());
         let turns = steps * moves;
         let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
         let fit = GuideFit { steps: self.settings.refit_from(self.state.step), seed, warm: true };
@@ -83,6 +83,12 @@ impl Ideal<'_> {
         Ok(savings)
     }
 
+    /// Patches of a step.
+    fn patches(&self) -> usize {
+        let patches = self.settings.patches;
+        self.guide.posterior().map_or(patches, |posterior| posterior.as_many(patches))
+    }
+
     /// Adds to the savings of the scenes of a value what is due by a turn.
     fn value_until(
         &self,
@@ -102,7 +108,7 @@ impl Ideal<'_> {
 
     /// The slopes of the information by what can move, by a share of the patches of a step; none where it has none.
     fn slopes(&self, (part, moves): (usize, usize), watch: &Watched<'_>) -> Result<Vec<[f64; PARAMETERS]>, IdealError> {
-        let (array, patches) = (&self.state.array, self.settings.patches);
+        let (array, patches) = (&self.state.array, self.patches());
         let due = |part: usize| {
             if part < moves { patches * part / moves / PATCHES_AT_ONCE * PATCHES_AT_ONCE } else { patches }
         };
