@@ -195,6 +195,7 @@ impl Studio {
     /// Takes up results, answers and shortcuts.
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
+        let waits_for_save = leaving::waits_for_save(state);
         for outcome in state.bench.take_outcomes() {
             hear(state, &outcome);
         }
@@ -220,15 +221,8 @@ impl Studio {
             // Those of the open design, whatever is shown.
             state.locks.check(state.bench.document(), count);
         }
-        if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
-            && !state.bench.is_dirty()
-            && let Some(leaving) = state.leaving.take()
-        {
-            let close = leaving.what == Leave::Close;
-            state.leave(ctx, leaving.what);
-            if close {
-                self.close();
-            }
+        if !waits_for_save && leaving::after_save(ctx, state) {
+            self.close();
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
             if self.state.bench.is_dirty() || leaving::going_on(&self.state).is_some() {

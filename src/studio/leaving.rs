@@ -7,20 +7,34 @@ use super::app::file_name;
 use super::state::{Leave, State};
 use crate::workbench::ActivityKind;
 
-/// Asks, where an answer is wanted. Tells whether the window is to be closed.
-pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
-    let waits = state.dialogs.is_open() || state.bench.has_open_jobs();
-    let Some(leaving) = &mut state.leaving else { return false };
-    if leaving.saving && waits {
+/// Whether the answer was to save, and that is still to come: its path is asked for, or the file is written.
+pub fn waits_for_save(state: &State) -> bool {
+    let has_answered = state.leaving.as_ref().is_some_and(|leaving| leaving.saving);
+    has_answered && (state.dialogs.is_open() || state.bench.is_saving())
+}
+
+/// Goes on where the design is in its file by now; a save that was cancelled or has failed leaves the question open. Tells whether the
+/// window is to be closed. To be called when answers of jobs have been taken, if [`waits_for_save`] was false before.
+pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
+    let Some(leaving) = state.leaving.as_mut().filter(|leaving| leaving.saving) else { return false };
+    leaving.saving = false;
+    if state.bench.is_dirty() {
         return false;
     }
-    // A save that was cancelled or failed leaves the question open.
-    leaving.saving = false;
+    let what = leaving.what.clone();
+    let close = what == Leave::Close;
+    state.leave(ctx, what);
+    close
+}
+
+/// Asks, where an answer is wanted. Tells whether the window is to be closed.
+pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
+    let Some(leaving) = state.leaving.as_ref().filter(|leaving| !leaving.saving) else { return false };
     let what = leaving.what.clone();
     // A run leaves the design as it is.
     let dirty = what != Leave::Run && state.bench.is_dirty();
     if !dirty && !matches!(what, Leave::Close | Leave::Run) {
-        // The save that was waited for has come.
+        // A save from before the question has come.
         state.leave(ctx, what);
         return false;
     }

@@ -146,7 +146,7 @@ pub enum Arrange {
 pub struct Leaving {
     /// What waits.
     pub what: Leave,
-    /// The answer was to save; as soon as the file is written, it goes on.
+    /// The answer was to save; when the file is written it goes on.
     pub saving: bool,
 }
 

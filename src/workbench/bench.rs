@@ -207,7 +207,7 @@ impl Workbench {
     /// Stops an activity, if it can be stopped.
     pub fn stop(&self, activity: &Activity) {
         match activity.kind {
-            ActivityKind::File => {}
+            ActivityKind::Save | ActivityKind::File => {}
             ActivityKind::Objects => self.worker.cancel_numbered(activity.number),
             ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
             ActivityKind::Run => self.stop_run(),
@@ -388,6 +388,11 @@ impl Workbench {
     pub fn save_to(&self, path: PathBuf) {
         let (design, document, contents) = (Arc::clone(self.open_design()), self.document, self.contents);
         self.submit(Job::SaveDesign { design, document, contents, path });
+    }
+
+    /// Whether a design is being saved, or waits for that. Its answer is there to be taken when it no longer is.
+    pub fn is_saving(&self) -> bool {
+        self.activities.all().iter().any(|activity| activity.kind == ActivityKind::Save && activity.is_open())
     }
 
     /// Opens a design file in place of the open design, unless that is changed before the file has been read.

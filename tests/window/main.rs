@@ -388,6 +388,22 @@ fn closing_asks_about_unsaved_changes() {
 }
 
 #[test]
+fn a_cancelled_save_asks_again_whatever_else_is_going_on() {
+    let mut window = open(Design::default());
+    menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
+    for _ in 0..4 {
+        studio(&window).bench().fit_lenslets();
+    }
+    close(&mut window);
+    click(&mut window, "Save");
+    click(&mut window, "Cancel");
+    assert!(studio(&window).bench().has_open_jobs(), "the fits were too fast");
+    window.get_by_label("Save your changes?");
+    click(&mut window, "Cancel");
+    assert!(window.query_by_label("Save your changes?").is_none());
+}
+
+#[test]
 fn the_window_looks_as_it_did() {
     let drivers = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
     if !drivers.iter().any(|folder| std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_some())) {
