@@ -15,7 +15,7 @@ use crate::workbench::study::Machine;
 
 /// What the mouse and the keyboard do on the mask.
 const ON_THE_MASK: [(&str, &str); 12] = [
-    ("Click", "Select a lenslet; with Shift, add it to the selection"),
+    ("Click", "Select a lenslet; with Shift, add it to the selection or take it out"),
     ("Drag a lenslet", "Move the selection"),
     ("Drag the picture", "Select in a box; with Shift, add to the selection"),
     ("Double click", "Add a lenslet"),

@@ -107,6 +107,48 @@ fn a_double_click_adds_where_it_was() {
 }
 
 #[test]
+fn shift_click_takes_one_out_of_the_selection_and_space_leaves_it_as_it_is() {
+    let mut window = open(Design::default());
+    let shift_click = |window: &mut Window, name: &str| {
+        window.get_by_label(name).click_modifiers(Modifiers::SHIFT);
+        window.run_steps(3);
+    };
+    click(&mut window, "Lenslet 1");
+    for name in ["Lenslet 2", "Lenslet 3"] {
+        shift_click(&mut window, name);
+    }
+    window.get_by_label("3 selected");
+    shift_click(&mut window, "Lenslet 2");
+    window.get_by_label("2 selected");
+    shift_click(&mut window, "Lenslet 2");
+    window.get_by_label("3 selected");
+    // The last one has the keyboard.
+    window.key_press(Key::Space);
+    window.run_steps(3);
+    window.get_by_label("3 selected");
+    click(&mut window, "Lenslet 1");
+    window.get_by_label("1 selected");
+}
+
+#[test]
+fn the_right_button_neither_moves_lenslets_nor_selects() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let picture = window.get_by_label("PSF").rect();
+    drag(
+        &mut window,
+        picture.left_top() + Vec2::splat(3.0),
+        picture.size() - Vec2::splat(7.0),
+        PointerButton::Secondary,
+    );
+    let from = window.get_by_label("Lenslet 5").rect().center();
+    drag(&mut window, from, Vec2::new(40.0, -24.0), PointerButton::Secondary);
+    settle(&mut window);
+    assert_eq!(lenslets(&window), start);
+    window.get_by_label_contains("Double-click adds a lenslet");
+}
+
+#[test]
 fn several_lenslets_are_selected_by_a_box_and_move_together() {
     let mut window = open(Design::default());
     let picture = window.get_by_label("PSF").rect();
