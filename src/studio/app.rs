@@ -7,6 +7,7 @@ use egui_tiles::Tree;
 
 use super::actions::Action;
 use super::dialogs;
+use super::hand::CLICK_REACH;
 use super::home::{Home, KEPT, ZOOM};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
@@ -51,6 +52,7 @@ impl Studio {
             // Secondary text is read too: the default is too faint on white.
             style.visuals.weak_text_alpha = 0.75;
         });
+        ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
         let (repaint, pace) = (ctx.clone(), Pace::default());
         let paced = pace.clone();
         let bench = Workbench::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;

@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
 use super::actions::Action;
-use super::hand::{Hand, is_panning, zoomed_by_keys};
+use super::hand::{CLICK_REACH, Hand, is_panning, zoomed_by_keys};
 use super::image_view::{Shown, placeholder, toolbar};
 use super::lenslet_menu::{self, inside, select};
 use super::menus;
@@ -202,18 +202,22 @@ fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, poi
     if !state.selection.contains(&index) {
         select(state, index, ui.input(|input| input.modifiers.shift));
     }
-    state.drag = Some(MaskDrag::Move { from: state.selected_lenslets(), start: placement.to_pixels(pointer) });
+    let (from, start) = (state.selected_lenslets(), placement.to_pixels(pointer));
+    state.drag = Some(MaskDrag::Move { from, start, begun: false });
 }
 
 /// Moves the lenslets that are held with the pointer.
 fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
     if response.dragged_by(PointerButton::Primary)
-        && let Some(MaskDrag::Move { from, start }) = &state.drag
+        && let Some(MaskDrag::Move { from, start, begun }) = &mut state.drag
         && let Some(position) = response.interact_pointer_pos()
     {
         let (x, y) = placement.to_pixels(position);
-        let moved = moved_by(from, x - start.0, y - start.1, array);
-        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+        *begun |= position.distance(placement.to_screen(start.0, start.1)) > CLICK_REACH;
+        if *begun {
+            let moved = moved_by(from, x - start.0, y - start.1, array);
+            state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+        }
     }
     if response.drag_stopped() {
         state.drag = None;

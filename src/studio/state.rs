@@ -172,6 +172,8 @@ pub enum MaskDrag {
         from: Vec<(usize, Lenslet)>,
         /// Pointer (x, y).
         start: (f64, f64),
+        /// Whether the pointer has been farther from there than in a click: a long press trembles.
+        begun: bool,
     },
     /// A box is drawn around lenslets, from this pointer place in PSF pixels.
     Select {

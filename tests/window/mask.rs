@@ -66,6 +66,31 @@ fn a_drag_of_two_points_is_a_click() {
 }
 
 #[test]
+fn a_drag_of_four_points_moves_and_a_long_press_that_trembles_does_not() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 3").rect().center();
+    let press = |pressed| {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        egui::Event::PointerButton { pos: from, button, pressed, modifiers }
+    };
+    window.hover_at(from);
+    window.step();
+    window.input_mut().events.push(press(true));
+    // Longer than any click.
+    for step in 0..90 {
+        window.hover_at(from + Vec2::new((step % 2) as f32, 0.0));
+        window.step();
+    }
+    window.input_mut().events.push(press(false));
+    settle(&mut window);
+    assert_eq!((lenslets(&window), studio(&window).bench().undoes()), (start.clone(), None));
+    drag(&mut window, from, Vec2::new(4.0, 0.0), PointerButton::Primary);
+    settle(&mut window);
+    assert!(lenslets(&window)[2].x > start[2].x);
+}
+
+#[test]
 fn lenslets_are_added_nudged_and_deleted() {
     let mut window = open(Design::default());
     click(&mut window, "Add lenslet");
