@@ -32,6 +32,7 @@ mod optimize_panel;
 mod overlays;
 mod pace;
 mod palette;
+mod past_edits;
 mod picture_menu;
 mod recovery;
 mod run_strip;
