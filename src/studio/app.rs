@@ -219,10 +219,8 @@ impl Studio {
         state.snapshots.take_up(&state.live, &state.estimates);
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
-        if !state.bench.is_looking() {
-            // Those of the open design, whatever is shown.
-            state.locks.check(state.bench.document(), count);
-        }
+        // Those of the open design, whatever is shown.
+        state.locks.check(state.bench.lenslets());
         if !waits_for_save && leaving::after_save(ctx, state) {
             self.close();
         }

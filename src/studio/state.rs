@@ -277,8 +277,7 @@ impl State {
 
     /// Changes the design; a refusal is told.
     pub fn send(&mut self, command: &Command) {
-        // Whoever edits a mask of the run has accepted it: locks that are not of so many lenslets go.
-        let accepted = (self.bench.is_looking() && command.edits_lenslets()).then(|| self.lenslet_count());
+        let are_others = !self.bench.shows_own_lenslets();
         if let Err(error) = self.bench.apply(command) {
             return self.messages.push(Severity::Failure, error.to_string());
         }
@@ -290,10 +289,26 @@ impl State {
             }
             _ => {}
         }
-        if let Some(count) = accepted {
-            self.locks.check(self.bench.document(), count);
+        match (are_others, command.edits_lenslets()) {
+            // Whoever edits a mask of the run has accepted it.
+            (true, true) => self.locks.forget(),
+            // The open design is shown again.
+            (true, false) => self.selection.clear(),
+            (false, _) => {}
         }
-        self.locks.follow(command, self.lenslet_count());
+        self.locks.follow(command, self.bench.lenslets());
+    }
+
+    /// Goes to another design, back or forth. Indices of what is held, selected or locked may mean other lenslets there.
+    pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
+        let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
+        let before = shown(&self.bench);
+        go(&mut self.bench);
+        self.drag = None;
+        if shown(&self.bench) != before {
+            self.selection.clear();
+        }
+        self.locks.check(self.bench.lenslets());
     }
 
     /// Lenslets of the open design.

@@ -121,6 +121,14 @@ impl Command {
         matches!(self, Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. })
     }
 
+    /// Whether the lenslets after it are those before it, at most moved or changed: indices mean the same ones.
+    pub fn keeps_lenslets(&self) -> bool {
+        !matches!(
+            self,
+            Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ReplaceEncoder { .. } | Self::ReplaceDesign { .. }
+        )
+    }
+
     /// What it changes: commands of one kind that follow each other make one step of a gesture.
     pub fn kind(&self) -> String {
         match self {

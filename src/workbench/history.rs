@@ -19,6 +19,8 @@ pub struct Version {
     pub design: Arc<Design>,
     /// Number of its contents.
     pub number: u64,
+    /// Number of its lenslets; equal numbers mean that indices mean the same ones.
+    pub lenslets: u64,
 }
 
 /// One step back or forth.
@@ -124,7 +126,7 @@ mod tests {
 
     fn version(number: u64) -> Version {
         let design = Arc::new(Design { seed: number, ..Design::default() });
-        Version { design, number }
+        Version { design, number, lenslets: 1 }
     }
 
     #[test]
@@ -182,7 +184,7 @@ mod tests {
             let mut psf = ndarray::Array2::zeros((SIDE, SIDE));
             psf[(number as usize, 0)] = 1.0;
             let encoder = Encoder::Image(PsfImage { psf, origin: "camera.tiff".into() });
-            Version { design: Arc::new(Design { encoder, ..Design::default() }), number }
+            Version { design: Arc::new(Design { encoder, ..Design::default() }), number, lenslets: 1 }
         };
         let takes = |steps: &[Step]| steps.len() * SIDE * SIDE * size_of::<f32>();
         // Twice what there is room for.

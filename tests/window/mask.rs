@@ -315,6 +315,42 @@ fn locked_lenslets_stay_locked_while_others_go_and_a_run_leaves_them() {
 }
 
 #[test]
+fn after_an_undo_nothing_is_selected_or_locked_that_was_another_lenslet() {
+    let mut window = open(Design::default());
+    let is_locked = |window: &Window| {
+        let node = window.get_by_label("Lock lenslet 1");
+        node.accesskit_node().toggled() == Some(egui::accesskit::Toggled::True)
+    };
+    let undo = |window: &mut Window| {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        settle(window);
+    };
+    for _ in 0..2 {
+        menu(&mut window, &["Presets", "25 random lenslets"]);
+    }
+    click(&mut window, "Lenslet 1");
+    click(&mut window, "Lock lenslet 1");
+    window.key_press(Key::ArrowRight);
+    settle(&mut window);
+    // One that was only moved is the same.
+    undo(&mut window);
+    window.get_by_label("1 selected");
+    assert!(is_locked(&window));
+    undo(&mut window);
+    assert_eq!(lenslets(&window).len(), 25);
+    assert!(!is_locked(&window));
+    window.get_by_label_contains("Double-click adds a lenslet");
+    // What was deleted comes back where it was, and moves the others on.
+    click(&mut window, "Select lenslet 1");
+    click(&mut window, "Delete selected");
+    click(&mut window, "Select lenslet 1");
+    let selected = lenslets(&window)[0];
+    undo(&mut window);
+    assert_eq!(lenslets(&window)[1], selected);
+    window.get_by_label_contains("Double-click adds a lenslet");
+}
+
+#[test]
 fn another_document_has_no_locks_though_it_has_as_many_lenslets() {
     let mut window = open(Design::default());
     let is_locked = |window: &Window| {
