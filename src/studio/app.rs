@@ -208,7 +208,8 @@ impl Studio {
         run_view::take_up(state);
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
-        let current = |revision| revision == state.bench.revision();
+        // Masks of a run are no edits: they would push those out.
+        let current = |revision| revision == state.bench.revision() && !state.bench.is_looking();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
             state.trail.note(information.revision, &information.value, state.bench.design(), &objects);

@@ -144,6 +144,23 @@ fn a_run_is_started_watched_rewound_and_undone() {
 }
 
 #[test]
+fn masks_of_a_run_push_no_edits_out_of_the_history() {
+    let mut window = open(Design::default());
+    for name in ["Optimize", "Details", "16 px", "Start run"] {
+        click(&mut window, name);
+    }
+    wait_for(&mut window, "some masks", |window| studio(window).bench().run().is_some_and(|run| run.step >= 30));
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    click(&mut window, "Back to the design");
+    settle(&mut window);
+    menu(&mut window, &["View", "Room", "Show History"]);
+    // At the start, at the beginning of the run, and when it was shown again.
+    let is_listed = |count: usize| window.query_by_label(&format!("{count} designs")).is_some();
+    assert!((2..=5).any(is_listed), "there are more");
+}
+
+#[test]
 fn an_edit_takes_over_from_a_run_up_a_density_model() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
