@@ -204,7 +204,8 @@ impl Studio {
         for activity in state.bench.take_ended() {
             hear_end(state, &activity);
         }
-        state.bench.note_pointer(ctx.input(|input| input.pointer.any_down()));
+        let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
+        state.bench.note_pointer(down, pressed);
         run_view::take_up(state);
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();

@@ -248,9 +248,15 @@ impl Workbench {
         Ok(())
     }
 
-    /// Notes whether the pointer is held down: what happens meanwhile is one gesture.
-    pub fn note_pointer(&mut self, down: bool) {
-        self.history.note_pointer(down);
+    /// Notes whether the pointer is held down: what happens meanwhile is one gesture. And whether it was pressed since the last
+    /// time, that is, began another.
+    pub fn note_pointer(&mut self, down: bool, pressed: bool) {
+        self.history.note_pointer(down, pressed);
+    }
+
+    /// What comes next is a step of its own, as what a button does.
+    pub fn begin_step(&mut self) {
+        self.history.begin_step();
     }
 
     /// What [`Workbench::undo`] would undo.

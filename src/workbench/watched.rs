@@ -164,8 +164,7 @@ impl Workbench {
         }
         self.watched.following = false;
         // Every mask that is accepted is a step of its own.
-        let (before, kind) = (self.version(), format!("accept {}", self.revision));
-        self.history.note(before, "Optimize the mask".into(), kind);
+        self.history.note(self.version(), "Optimize the mask".into(), None);
         if !self.shows_own_lenslets() {
             self.lenslets = self.revision;
         }
