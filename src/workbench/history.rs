@@ -9,8 +9,9 @@ use super::design::Design;
 const STEPS: usize = 1000;
 /// Most memory that they take, bytes, roughly.
 const BYTES: usize = 256 << 20;
-/// Changes of one kind that follow each other sooner make one step: typed digits, keys held down, turns of a wheel.
-const ONE_STEP: Duration = Duration::from_millis(600);
+/// Changes of one kind that follow each other sooner make one step: typed digits, turns of a wheel, keys held down, which repeat
+/// after up to most of a second.
+const ONE_STEP: Duration = Duration::from_secs(1);
 
 /// A design and the number of its contents; equal numbers mean equal designs.
 #[derive(Clone, Debug)]
