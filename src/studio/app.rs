@@ -15,7 +15,9 @@ use super::pace::Pace;
 use super::state::{Arrange, Leave, State};
 use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
-use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, run_view, sheets, welcome};
+use super::{
+    capture, jobs_window, layout, leaving, menus, modal, palette, recovery, run_strip, run_view, sheets, welcome,
+};
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
 use crate::workbench::{
@@ -357,8 +359,7 @@ impl Studio {
 
     fn ask_about_dropped(&mut self, ctx: &egui::Context) {
         let Some(path) = self.dropped.clone() else { return };
-        egui::Modal::new(egui::Id::unique("dropped file")).show(ctx, |ui| {
-            ui.set_width(340.0);
+        modal::show(ctx, "dropped file", 340.0, |ui| {
             ui.heading(format!("Use {}", file_name(Some(&path))));
             ui.add_space(8.0);
             ui.horizontal(|ui| {

@@ -4,6 +4,7 @@ use egui::Key;
 
 use super::actions::Action;
 use super::app::file_name;
+use super::modal;
 use super::state::{Leave, State};
 use crate::workbench::ActivityKind;
 
@@ -40,29 +41,30 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     }
     let work = if what == Leave::Close { going_on(state) } else { None };
     let mut leave = false;
-    egui::Modal::new(egui::Id::unique("leaving")).show(ctx, |ui| {
-        ui.set_width(340.0);
-        if dirty {
-            ui.heading("Save your changes?");
-            ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
-        } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
-            ui.heading("Give up the last run?");
-            let end = if run.can_go_on() {
-                format!("It was stopped at {} and could still go on.", run.place())
-            } else if state.bench.has_untaken_result() {
-                "What it found was not accepted.".into()
-            } else if run.ranked.len() > 1 {
-                format!("It has {} results.", run.ranked.len())
+    modal::show(ctx, "leaving", 340.0, |ui| {
+        modal::body(ui, |ui| {
+            if dirty {
+                ui.heading("Save your changes?");
+                ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
+            } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
+                ui.heading("Give up the last run?");
+                let end = if run.can_go_on() {
+                    format!("It was stopped at {} and could still go on.", run.place())
+                } else if state.bench.has_untaken_result() {
+                    "What it found was not accepted.".into()
+                } else if run.ranked.len() > 1 {
+                    format!("It has {} results.", run.ranked.len())
+                } else {
+                    "Its result was compared with others.".into()
+                };
+                ui.label(format!("{end} Its masks and their numbers are lost where another run takes its place."));
             } else {
-                "Its result was compared with others.".into()
-            };
-            ui.label(format!("{end} Its masks and their numbers are lost where another run takes its place."));
-        } else {
-            ui.heading("Close the window?");
-        }
-        if let Some(work) = work {
-            ui.label(work);
-        }
+                ui.heading("Close the window?");
+            }
+            if let Some(work) = work {
+                ui.label(work);
+            }
+        });
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if dirty && ui.button("Save").clicked() {

@@ -27,6 +27,7 @@ mod locks;
 mod mask_canvas;
 mod menus;
 mod messages;
+mod modal;
 mod mtf_panel;
 mod optimize_panel;
 mod overlays;
