@@ -305,6 +305,7 @@ fn noise_and_photons_are_set_in_the_scene() {
     settle(&mut window);
     let failure = live(&window).failure.expect("information is unbounded without noise");
     assert!(failure.1.contains("unbounded"), "{}", failure.1);
+    window.get_by_label("No numbers");
     click(&mut window, "Both noise");
     settle(&mut window);
     assert!(live(&window).failure.is_none());
