@@ -62,8 +62,10 @@ proptest! {
         let start = Design::default();
         let mut bench = Workbench::new(start.clone(), None, || {}).unwrap();
         bench.set_live(false);
+        let mut was_down = false;
         for deed in &deeds {
-            bench.note_pointer(deed.down);
+            bench.note_pointer(deed.down, deed.down && !was_down);
+            was_down = deed.down;
             let command = command(deed, bench.design());
             let before = bench.design().clone();
             if bench.apply(&command).is_err() {
@@ -94,16 +96,16 @@ fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
     let beads = |density| ObjectSource::Beads { density };
     let start = beads(0.02);
     assert_eq!(bench.design().objects, start);
-    bench.note_pointer(true);
+    bench.note_pointer(true, true);
     for step in 1..=5 {
         bench.apply(&Command::SetObjects(beads(0.02 + 0.001 * f64::from(step)))).unwrap();
     }
-    bench.note_pointer(false);
+    bench.note_pointer(false, false);
     let dragged = bench.design().objects.clone();
     let chosen = [beads(0.03), beads(0.04), ObjectSource::BeadsMax { density: 0.04 }];
     for source in &chosen {
-        bench.note_pointer(true);
-        bench.note_pointer(false);
+        // A tap that is over within a frame.
+        bench.note_pointer(false, true);
         bench.apply(&Command::SetObjects(source.clone())).unwrap();
     }
     // By keys alone, sooner than two changes of one number would be two steps.
@@ -113,6 +115,17 @@ fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
         assert_eq!(bench.design().objects, *source);
     }
     assert_eq!(bench.undoes(), None);
+}
+
+#[test]
+fn lenslets_that_are_added_in_quick_succession_are_steps_of_their_own() {
+    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    bench.set_live(false);
+    for _ in 0..2 {
+        bench.apply(&Command::AddLenslet(Lenslet::round(16.0, 16.0, 0.8, 0.5))).unwrap();
+    }
+    bench.undo();
+    assert_eq!(bench.design().encoder.lenslets().unwrap().lenslets.len(), 10);
 }
 
 /// What the worker answers to all that it was asked.

@@ -12,7 +12,7 @@ use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
-use crate::workbench::{Command, DesignRun, Job, look_command, repeat_command};
+use crate::workbench::{Command, DesignRun, Job, Workbench, look_command, repeat_command};
 
 /// Arrangements of rooms that can be remembered.
 const LAYOUTS: usize = 2;
@@ -373,11 +373,8 @@ impl Action {
             Self::FitLenslets => state.bench.fit_lenslets(),
             Self::ExportDesign => ask(Purpose::ExportDesign),
             Self::ExportMeasurements => ask(Purpose::ExportMeasurements),
-            Self::Undo | Self::Redo => {
-                // Indices of what is held may mean other lenslets now.
-                state.drag = None;
-                if self == Self::Undo { state.bench.undo() } else { state.bench.redo() }
-            }
+            Self::Undo => state.go(Workbench::undo),
+            Self::Redo => state.go(Workbench::redo),
             Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
             Self::Delete => state.delete_selection(),
             Self::AddLenslet => state.add_lenslet(),
@@ -397,7 +394,7 @@ impl Action {
                 state.bench.follow_run(false);
                 state.guard(ctx, super::state::Leave::Accept);
             }
-            Self::LookAway => state.bench.look_away(),
+            Self::LookAway => state.go(Workbench::look_away),
             Self::KeepDesign => {
                 state.keep_snapshot();
                 state.arrange = Some(Arrange::Show(Pane::Compare));

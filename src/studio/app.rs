@@ -7,6 +7,7 @@ use egui_tiles::Tree;
 
 use super::actions::Action;
 use super::dialogs;
+use super::hand::CLICK_REACH;
 use super::home::{Home, KEPT, ZOOM};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
@@ -14,7 +15,9 @@ use super::pace::Pace;
 use super::state::{Arrange, Leave, State};
 use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
-use super::{capture, jobs_window, layout, leaving, menus, palette, recovery, run_strip, run_view, sheets, welcome};
+use super::{
+    capture, jobs_window, layout, leaving, menus, modal, palette, recovery, run_strip, run_view, sheets, welcome,
+};
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
 use crate::workbench::{
@@ -51,6 +54,7 @@ impl Studio {
             // Secondary text is read too: the default is too faint on white.
             style.visuals.weak_text_alpha = 0.75;
         });
+        ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
         let (repaint, pace) = (ctx.clone(), Pace::default());
         let paced = pace.clone();
         let bench = Workbench::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
@@ -195,17 +199,20 @@ impl Studio {
     /// Takes up results, answers and shortcuts.
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
+        let waits_for_save = leaving::waits_for_save(state);
         for outcome in state.bench.take_outcomes() {
             hear(state, &outcome);
         }
         for activity in state.bench.take_ended() {
             hear_end(state, &activity);
         }
-        state.bench.note_pointer(ctx.input(|input| input.pointer.any_down()));
+        let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
+        state.bench.note_pointer(down, pressed);
         run_view::take_up(state);
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
-        let current = |revision| revision == state.bench.revision();
+        // Masks of a run are no edits: they would push those out.
+        let current = |revision| revision == state.bench.revision() && !state.bench.is_looking();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
             state.trail.note(information.revision, &information.value, state.bench.design(), &objects);
@@ -216,19 +223,10 @@ impl Studio {
         state.snapshots.take_up(&state.live, &state.estimates);
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
-        if !state.bench.is_looking() {
-            // Those of the open design, whatever is shown.
-            state.locks.check(state.bench.document(), count);
-        }
-        if state.leaving.as_ref().is_some_and(|leaving| leaving.saving)
-            && !state.bench.is_dirty()
-            && let Some(leaving) = state.leaving.take()
-        {
-            let close = leaving.what == Leave::Close;
-            state.leave(ctx, leaving.what);
-            if close {
-                self.close();
-            }
+        // Those of the open design, whatever is shown.
+        state.locks.check(state.bench.lenslets());
+        if !waits_for_save && leaving::after_save(ctx, state) {
+            self.close();
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
             if self.state.bench.is_dirty() || leaving::going_on(&self.state).is_some() {
@@ -361,8 +359,7 @@ impl Studio {
 
     fn ask_about_dropped(&mut self, ctx: &egui::Context) {
         let Some(path) = self.dropped.clone() else { return };
-        egui::Modal::new(egui::Id::unique("dropped file")).show(ctx, |ui| {
-            ui.set_width(340.0);
+        modal::show(ctx, "dropped file", 340.0, |ui| {
             ui.heading(format!("Use {}", file_name(Some(&path))));
             ui.add_space(8.0);
             ui.horizontal(|ui| {

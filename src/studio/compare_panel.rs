@@ -28,6 +28,8 @@ pub struct Comparison {
     pair: [Option<u64>; 2],
     side: Side,
     what: What,
+    /// A person has just chosen a design or the measurement: what failed is tried again.
+    tries_again: bool,
     picture: ImageView,
     difference: ImageView,
     /// Which part of them is seen.
@@ -55,6 +57,7 @@ impl Default for Comparison {
             pair: [None; 2],
             side: Side::A,
             what: What::Psf,
+            tries_again: false,
             picture: ImageView::new("Comparison", "", Colormap::Viridis),
             difference: ImageView::new("Difference", "", Colormap::Diverging),
             viewport: Viewport::default(),
@@ -161,6 +164,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
                 name_widget(&response, &format!("{letter} is snapshot {number}"));
                 if response.clicked() {
                     comparison.pair[side] = (!chosen).then_some(number);
+                    comparison.tries_again = true;
                 }
             }
             let mut name = snapshot.name.clone();
@@ -280,6 +284,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
         for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
             let response = ui.selectable_label(comparison.what == what, text);
             name_widget(&response, &format!("Compare {text}"));
+            comparison.tries_again |= response.clicked();
             if response.clicked() && comparison.what != what {
                 comparison.what = what;
                 // Levels of one quantity mean nothing for another.
@@ -336,11 +341,14 @@ fn pair(ui: &mut Ui, state: &mut State) {
 
 /// Asks for the measurements of the pair that are not known, as those of another day are not.
 fn measure(state: &mut State) {
+    let tries_again = std::mem::take(&mut state.comparison.tries_again);
     for number in state.comparison.pair.into_iter().flatten() {
         let snapshot = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number);
-        if let Some(snapshot) = snapshot
-            && snapshot.wants_measurement()
-        {
+        let Some(snapshot) = snapshot else { continue };
+        if tries_again {
+            snapshot.forget_failed_measurement();
+        }
+        if snapshot.wants_measurement() {
             let (name, design) = (snapshot.name.clone(), snapshot.design.clone());
             state.bench.submit(Job::MeasureSnapshot { number, name, design });
         }

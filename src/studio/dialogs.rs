@@ -12,6 +12,7 @@ use egui::{Key, TextEdit};
 use ndarray::{Array2, Array3, Array4, ArrayD, Axis};
 
 use super::messages::{Severity, speak};
+use super::modal;
 use super::state::State;
 use crate::objects::ObjectSource;
 use crate::workbench::{
@@ -278,8 +279,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     }
     let mut done = false;
     let mut cancelled = false;
-    egui::Modal::new(egui::Id::unique("path question")).show(ctx, |ui| {
-        ui.set_width(480.0_f32.min(ui.ctx().content_rect().width() - 40.0));
+    modal::show(ctx, "path question", 480.0, |ui| {
         ui.heading(question.purpose.title());
         ui.add_space(4.0);
         ui.label(question.purpose.hint());

@@ -73,8 +73,16 @@ impl EstimateForm {
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     order(ui, state);
-    images_form::show(ui, state);
-    ui.separator();
+    // All of it scrolls: beside a fit that goes on there is little room in a low window.
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        images_form::show(ui, state);
+        ui.separator();
+        results(ui, state);
+    });
+}
+
+/// The estimate that is computed, and those that are finished.
+fn results(ui: &mut Ui, state: &mut State) {
     let running = state.estimates.running.clone();
     let finished = state.estimates.finished.clone();
     if let Some(running) = &running {
@@ -82,7 +90,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let share = progress.done as f32 / progress.total.max(1) as f32;
         ui.label(format!("{}: {}", running.model.estimator(), progress.step));
         ui.add(ProgressBar::new(share).desired_height(8.0));
-        fit_plot(ui, &running.curve, 150.0);
+        ui.push_id("running", |ui| fit_plot(ui, &running.curve, 150.0));
     }
     if state.estimates.gone.is_some() {
         let back = ui.small_button("Bring back the deleted estimate");
@@ -95,15 +103,15 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.weak("An estimate runs beside your work: edit on, its result keeps the design it belongs to.");
         return;
     }
-    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        for (index, result) in finished.iter().enumerate().rev() {
-            entry(ui, state, index, result);
-        }
-        let shown = state.estimate_form.chosen.and_then(|index| finished.get(index)).or(finished.last());
-        if let Some(shown) = shown.filter(|shown| running.is_none() && !shown.value.curve.is_empty()) {
-            fit_plot(ui, &shown.value.curve, 170.0);
-        }
-    });
+    for (index, result) in finished.iter().enumerate().rev() {
+        entry(ui, state, index, result);
+    }
+    // Beside one that is computed the newest is not of interest by itself.
+    let newest = finished.last().filter(|_| running.is_none());
+    let shown = state.estimate_form.chosen.and_then(|index| finished.get(index)).or(newest);
+    if let Some(shown) = shown.filter(|shown| !shown.value.curve.is_empty()) {
+        fit_plot(ui, &shown.value.curve, 170.0);
+    }
 }
 
 /// Estimator, patch, time, and the button.

@@ -13,6 +13,9 @@ const KEY_NOTCH: f64 = 40.0;
 /// An arrow key moves by this share of the picture's room.
 const KEY_PAN: f32 = 0.1;
 
+/// A pointer that moves less than this between press and release clicks, points.
+pub const CLICK_REACH: f32 = 3.0;
+
 /// What the pointer does on a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hand {

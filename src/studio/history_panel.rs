@@ -6,7 +6,8 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 use super::dialogs::Purpose;
 use super::image_view::{name_widget, placeholder, toolbar};
 use super::information_panel::{CEILING, DENSITY, GAUSSIAN};
-use super::state::{State, TrailPoint};
+use super::past_edits::TrailPoint;
+use super::state::State;
 
 /// Shows the bounds after each edit.
 pub fn show(ui: &mut Ui, state: &mut State) {

@@ -230,10 +230,22 @@ impl Drop for Home {
 /// What a file of preferences is to hold where they have changed from `before` to `now`: another window may have changed others.
 fn changed(path: &Path, before: &Value, now: Value) -> Value {
     let (Ok(Value::Object(mut file)), Value::Object(now)) = (read_json(path), &now) else { return now };
-    file.extend(
-        now.iter().filter(|&(name, value)| before.get(name) != Some(value)).map(|(n, v)| (n.clone(), v.clone())),
-    );
+    for (name, value) in now.iter().filter(|&(name, value)| before.get(name) != Some(value)) {
+        let value = if name == "recent" { with_others(value, file.get(name)) } else { value.clone() };
+        file.insert(name.clone(), value);
+    }
     Value::Object(file)
+}
+
+/// The recent files of this window, and those that another has opened besides; none where they were to be forgotten.
+fn with_others(own: &Value, known: Option<&Value>) -> Value {
+    match (own.as_array(), known.and_then(Value::as_array)) {
+        (Some(own), Some(known)) if !own.is_empty() => {
+            let others = known.iter().filter(|path| !own.contains(path));
+            own.iter().chain(others).take(RECENT).cloned().collect()
+        }
+        _ => own.clone(),
+    }
 }
 
 /// JSON with sorted keys, so that equal values are equal texts.
@@ -281,13 +293,20 @@ mod tests {
         let (mut one, mut chosen, _) = Home::in_folder(folder.path()).unwrap();
         let (mut other, mut zoomed, _) = Home::in_folder(folder.path()).unwrap();
         chosen.unsaved = Some("/a/safe".into());
+        chosen.remember(Path::new("/a/one.json"));
         assert_eq!(one.keep(&chosen, None), None);
         drop(one);
         zoomed.zoom = 1.5;
+        zoomed.remember(Path::new("/a/other.json"));
         assert_eq!(other.keep(&zoomed, None), None);
         drop(other);
-        let (_, known, _) = Home::in_folder(folder.path()).unwrap();
+        let (mut next, mut known, _) = Home::in_folder(folder.path()).unwrap();
+        chosen.remember(Path::new("/a/other.json"));
         assert_eq!(known, Preferences { zoom: 1.5, ..chosen });
+        known.recent.clear();
+        assert_eq!(next.keep(&known, None), None);
+        drop(next);
+        assert!(Home::in_folder(folder.path()).unwrap().1.recent.is_empty(), "they were to be forgotten");
     }
 
     #[test]

@@ -189,7 +189,10 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
         ui.add_space(8.0);
         ui.strong(pane.title());
         let back = ui.small_button("Back to all rooms").on_hover_text("Or press Escape");
-        let escape = ui.memory(|memory| memory.focused().is_none())
+        // A question in front, or an open menu, is closed first.
+        let is_in_front = ui.memory(|memory| memory.focused().is_none() && memory.allows_interaction(ui.layer_id()));
+        let escape = is_in_front
+            && !egui::Popup::is_any_open(ui.ctx())
             && ui.input_mut(|input| input.consume_key(egui::Modifiers::NONE, egui::Key::Escape));
         if back.clicked() || escape {
             state.maximised = None;

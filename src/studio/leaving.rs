@@ -4,51 +4,67 @@ use egui::Key;
 
 use super::actions::Action;
 use super::app::file_name;
+use super::modal;
 use super::state::{Leave, State};
 use crate::workbench::ActivityKind;
 
-/// Asks, where an answer is wanted. Tells whether the window is to be closed.
-pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
-    let waits = state.dialogs.is_open() || state.bench.has_open_jobs();
-    let Some(leaving) = &mut state.leaving else { return false };
-    if leaving.saving && waits {
+/// Whether the answer was to save, and that is still to come: its path is asked for, or the file is written.
+pub fn waits_for_save(state: &State) -> bool {
+    let has_answered = state.leaving.as_ref().is_some_and(|leaving| leaving.saving);
+    has_answered && (state.dialogs.is_open() || state.bench.is_saving())
+}
+
+/// Goes on where the design is in its file by now; a save that was cancelled or has failed leaves the question open. Tells whether the
+/// window is to be closed. To be called when answers of jobs have been taken, if [`waits_for_save`] was false before.
+pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
+    let Some(leaving) = state.leaving.as_mut().filter(|leaving| leaving.saving) else { return false };
+    leaving.saving = false;
+    if state.bench.is_dirty() {
         return false;
     }
-    // A save that was cancelled or failed leaves the question open.
-    leaving.saving = false;
+    let what = leaving.what.clone();
+    let close = what == Leave::Close;
+    state.leave(ctx, what);
+    close
+}
+
+/// Asks, where an answer is wanted. Tells whether the window is to be closed.
+pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
+    let Some(leaving) = state.leaving.as_ref().filter(|leaving| !leaving.saving) else { return false };
     let what = leaving.what.clone();
     // A run leaves the design as it is.
     let dirty = what != Leave::Run && state.bench.is_dirty();
     if !dirty && !matches!(what, Leave::Close | Leave::Run) {
-        // The save that was waited for has come.
+        // A save from before the question has come.
         state.leave(ctx, what);
         return false;
     }
     let work = if what == Leave::Close { going_on(state) } else { None };
     let mut leave = false;
-    egui::Modal::new(egui::Id::unique("leaving")).show(ctx, |ui| {
-        ui.set_width(340.0);
-        if dirty {
-            ui.heading("Save your changes?");
-            ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
-        } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
-            ui.heading("Give up the last run?");
-            let end = if run.can_go_on() {
-                format!("It was stopped at {} and could still go on.", run.place())
-            } else if state.bench.has_untaken_result() {
-                "What it found was not accepted.".into()
-            } else if run.ranked.len() > 1 {
-                format!("It has {} results.", run.ranked.len())
+    modal::show(ctx, "leaving", 340.0, |ui| {
+        modal::body(ui, |ui| {
+            if dirty {
+                ui.heading("Save your changes?");
+                ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
+            } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
+                ui.heading("Give up the last run?");
+                let end = if run.can_go_on() {
+                    format!("It was stopped at {} and could still go on.", run.place())
+                } else if state.bench.has_untaken_result() {
+                    "What it found was not accepted.".into()
+                } else if run.ranked.len() > 1 {
+                    format!("It has {} results.", run.ranked.len())
+                } else {
+                    "Its result was compared with others.".into()
+                };
+                ui.label(format!("{end} Its masks and their numbers are lost where another run takes its place."));
             } else {
-                "Its result was compared with others.".into()
-            };
-            ui.label(format!("{end} Its masks and their numbers are lost where another run takes its place."));
-        } else {
-            ui.heading("Close the window?");
-        }
-        if let Some(work) = work {
-            ui.label(work);
-        }
+                ui.heading("Close the window?");
+            }
+            if let Some(work) = work {
+                ui.label(work);
+            }
+        });
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if dirty && ui.button("Save").clicked() {

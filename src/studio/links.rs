@@ -73,7 +73,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
         .checkbox(&mut state.preferences.link_views, "Link")
         .on_hover_text("Object and measurement show the same place: one zoom, one cursor");
     name_widget(&response, "Link views");
-    if response.clicked() && state.preferences.link_views {
+    if response.clicked() {
         follow(ui, state, Side::Object);
     }
 }
@@ -81,7 +81,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
 /// After a picture was drawn: the other one follows, and the status bar tells what is under the pointer.
 pub fn after(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
     let linked = state.preferences.link_views;
-    if linked && shown.moved {
+    if shown.moved {
         follow(ui, state, side);
     }
     let pass = ui.ctx().cumulative_pass_nr();
@@ -107,9 +107,9 @@ pub fn after(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: Array
     }
 }
 
-/// The other picture shows what this one shows.
-fn follow(ui: &Ui, state: &mut State, side: Side) {
-    let Some(by) = way(state, side) else { return };
+/// Where they are linked the other picture shows what this one shows.
+pub fn follow(ui: &Ui, state: &mut State, side: Side) {
+    let Some(by) = way(state, side).filter(|_| state.preferences.link_views) else { return };
     let viewport = side.view(&mut state.views).viewport.shifted(by);
     side.other().view(&mut state.views).viewport = viewport;
     ui.ctx().request_repaint();

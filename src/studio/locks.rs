@@ -8,10 +8,8 @@ use crate::workbench::Command;
 #[derive(Default)]
 pub struct Locks {
     indices: BTreeSet<usize>,
-    /// Number of the document that they are in.
-    document: u64,
-    /// Lenslets of the design that the indices are of.
-    count: usize,
+    /// Number of the lenslets that the indices are of.
+    lenslets: u64,
 }
 
 impl Locks {
@@ -29,8 +27,8 @@ impl Locks {
         }
     }
 
-    /// Follows a command that has left so many lenslets.
-    pub fn follow(&mut self, command: &Command, count: usize) {
+    /// Follows a command that has left the lenslets of this number.
+    pub fn follow(&mut self, command: &Command, lenslets: u64) {
         match command {
             Command::DeleteLenslets(deleted) => {
                 let left = self.indices.iter().filter(|index| !deleted.contains(index));
@@ -39,14 +37,19 @@ impl Locks {
             Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => self.indices.clear(),
             _ => {}
         }
-        self.count = count;
+        self.lenslets = lenslets;
     }
 
-    /// Forgets all where another document is open, or lenslets came or went otherwise, as by a run or an undo: nobody
-    /// knows which of them were locked.
-    pub fn check(&mut self, document: u64, count: usize) {
-        if (self.document, self.count) != (document, count) {
-            *self = Self { indices: BTreeSet::new(), document, count };
+    /// Forgets all where the lenslets are others, as after an undo, in another document or by a run: nobody knows which of them
+    /// were locked.
+    pub fn check(&mut self, lenslets: u64) {
+        if self.lenslets != lenslets {
+            *self = Self { indices: BTreeSet::new(), lenslets };
         }
+    }
+
+    /// Forgets all.
+    pub fn forget(&mut self) {
+        self.indices.clear();
     }
 }

@@ -1,16 +1,16 @@
 //! The PSF plane: the picture of the PSF under one handle per lenslet.
 //!
-//! Click selects (Shift adds), drag moves the selection, a drag on the picture draws a box, a double click adds,
+//! Click selects (Shift adds, or takes out), drag moves the selection, a drag on the picture draws a box, a double click adds,
 //! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
 //! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves
 //! the zoomed picture.
 
 use std::collections::BTreeSet;
 
-use egui::{Color32, Key, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
+use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
 use super::actions::Action;
-use super::hand::{Hand, is_panning, zoomed_by_keys};
+use super::hand::{CLICK_REACH, Hand, is_panning, zoomed_by_keys};
 use super::image_view::{Shown, placeholder, toolbar};
 use super::lenslet_menu::{self, inside, select};
 use super::menus;
@@ -158,7 +158,7 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
     if response.clicked() && !shift {
         state.selection.clear();
     }
-    if response.drag_started()
+    if response.drag_started_by(PointerButton::Primary)
         && !is_panning(ui)
         && let Some(position) = ui.input(|input| input.pointer.press_origin())
     {
@@ -174,7 +174,8 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
     }
     drag_lenslets(state, placement, response, array);
     if let Some(MaskDrag::Select { start, kept }) = &state.drag {
-        if let (true, Some(position)) = (response.dragged(), ui.input(|input| input.pointer.latest_pos())) {
+        let held = response.dragged_by(PointerButton::Primary);
+        if let (true, Some(position)) = (held, ui.input(|input| input.pointer.latest_pos())) {
             let end = placement.to_pixels(position);
             let between = |a: f64, b: f64, value: f64| (a.min(b)..=a.max(b)).contains(&value);
             state.selection = kept.clone();
@@ -201,18 +202,22 @@ fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, poi
     if !state.selection.contains(&index) {
         select(state, index, ui.input(|input| input.modifiers.shift));
     }
-    state.drag = Some(MaskDrag::Move { from: state.selected_lenslets(), start: placement.to_pixels(pointer) });
+    let (from, start) = (state.selected_lenslets(), placement.to_pixels(pointer));
+    state.drag = Some(MaskDrag::Move { from, start, begun: false });
 }
 
 /// Moves the lenslets that are held with the pointer.
 fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
-    if response.dragged()
-        && let Some(MaskDrag::Move { from, start }) = &state.drag
+    if response.dragged_by(PointerButton::Primary)
+        && let Some(MaskDrag::Move { from, start, begun }) = &mut state.drag
         && let Some(position) = response.interact_pointer_pos()
     {
         let (x, y) = placement.to_pixels(position);
-        let moved = moved_by(from, x - start.0, y - start.1, array);
-        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+        *begun |= position.distance(placement.to_screen(start.0, start.1)) > CLICK_REACH;
+        if *begun {
+            let moved = moved_by(from, x - start.0, y - start.1, array);
+            state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+        }
     }
     if response.drag_stopped() {
         state.drag = None;
@@ -245,10 +250,13 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
     let shift = ui.input(|input| input.modifiers.shift);
 
     if response.clicked() {
-        select(state, index, shift);
+        // Space is a click, too, and is held to move the picture: it leaves the others as they are.
+        if response.clicked_by(PointerButton::Primary) || shift || !selected {
+            select(state, index, shift);
+        }
         response.request_focus();
     }
-    if response.drag_started() && !is_panning(ui) {
+    if response.drag_started_by(PointerButton::Primary) && !is_panning(ui) {
         response.request_focus();
         if let Some(origin) = ui.input(|input| input.pointer.press_origin()) {
             take_hold(ui, state, placement, index, origin);
@@ -259,7 +267,8 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         // Arrow keys nudge lenslets instead of moving the focus.
         let filter = egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
         ui.memory_mut(|memory| memory.set_focus_lock_filter(id, filter));
-        if response.gained_focus() && !state.selection.contains(&index) {
+        // By Tab: a click has selected it, or taken it out.
+        if response.gained_focus() && !response.clicked() && !state.selection.contains(&index) {
             select(state, index, false);
         }
     }

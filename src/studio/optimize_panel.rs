@@ -160,8 +160,8 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             state.guard(&ui.ctx().clone(), Leave::Run);
         }
         let Some(last) = last.filter(|run| !run.is_active()) else { return };
-        // Of several starts that came to their end one goes on.
-        let place = run_view::place_of_chosen(state, last);
+        // Of several starts that came to their end one goes on, the best where the last has failed.
+        let place = run_view::place_of_shown(state, last).unwrap_or(0);
         let text = if last.status == RunStatus::Finished && last.start_number.1 > 1 {
             format!("Go on with result {}", place + 1)
         } else {

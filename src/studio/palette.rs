@@ -4,9 +4,10 @@ use egui::Key;
 
 use super::actions::Action;
 use super::image_view::name_widget;
+use super::modal;
 use super::state::State;
 
-/// Actions that are listed at a time.
+/// Most actions that are listed at a time.
 const LISTED: usize = 12;
 /// The open palette.
 #[derive(Default)]
@@ -35,8 +36,9 @@ fn found(query: &str, state: &State) -> Vec<Action> {
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(mut palette) = state.palette.take() else { return };
     let mut chosen = None;
-    let response = egui::Modal::new(egui::Id::unique("palette")).show(ctx, |ui| {
-        ui.set_width(420.0);
+    // As many as there is room for below the field.
+    let listed = ((ctx.content_rect().height() - 120.0) / 24.0).clamp(1.0, LISTED as f32) as usize;
+    let response = modal::show(ctx, "palette", 420.0, |ui| {
         // Before the text field sees these keys.
         let (down, up, enter) = ui.input_mut(|input| {
             let mut pressed = |key| input.consume_key(egui::Modifiers::NONE, key);
@@ -52,10 +54,10 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         }
         let last = actions.len().saturating_sub(1);
         palette.marked = (palette.marked + usize::from(down)).saturating_sub(usize::from(up)).min(last);
-        let first = (palette.marked + 1).saturating_sub(LISTED);
+        let first = (palette.marked + 1).saturating_sub(listed);
         ui.add_space(4.0);
         ui.with_layout(egui::Layout::top_down_justified(egui::Align::LEFT), |ui| {
-            for (index, action) in actions.iter().enumerate().skip(first).take(LISTED) {
+            for (index, action) in actions.iter().enumerate().skip(first).take(listed) {
                 let mut button = egui::Button::selectable(index == palette.marked, action.label());
                 if let Some(shortcut) = action.shortcut() {
                     button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));

@@ -5,7 +5,7 @@ use ndarray::{Array2, Axis};
 
 use super::dialogs::Purpose;
 use super::image_view::{ImageView, Shown};
-use super::links::{measurement_of, object_of};
+use super::links::{Side, follow, measurement_of, object_of};
 use super::mtf_panel::MtfView;
 use super::state::State;
 use super::viewport::Viewport;
@@ -115,6 +115,11 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
         let fitted = view.of(state).viewport.is_fitted();
         if ui.add_enabled(!fitted, egui::Button::new("Show all of it")).clicked() {
             view.of_mut(state).viewport = Viewport::default();
+            match view {
+                View::Object => follow(ui, state, Side::Object),
+                View::Measurement => follow(ui, state, Side::Measurement),
+                View::Psf | View::Mtf | View::Information => {}
+            }
             ui.close();
         }
         if ui.button("Copy the value here").clicked() {

@@ -3,6 +3,7 @@
 use std::time::SystemTime;
 
 use super::messages::Severity;
+use super::modal;
 use super::state::State;
 use crate::workbench::{Recovered, spoken};
 
@@ -15,17 +16,18 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
     let what = format!("{} before {}", found.design.encoder.describe(), found.design.objects);
     let others = left.len() - 1;
     let mut answer = None;
-    egui::Modal::new(egui::Id::unique("recovery")).show(ctx, |ui| {
-        ui.set_width(400.0);
-        ui.heading("Recover unsaved changes?");
-        ui.label("The studio ended without being closed. This was open, with changes that are in no file:");
-        ui.add_space(4.0);
-        ui.strong(name);
-        ui.label(what);
-        ui.label(format!("Kept {} ago", spoken(age)));
-        if others > 0 {
-            ui.weak(format!("{others} more after this one"));
-        }
+    modal::show(ctx, "recovery", 400.0, |ui| {
+        modal::body(ui, |ui| {
+            ui.heading("Recover unsaved changes?");
+            ui.label("The studio ended without being closed. This was open, with changes that are in no file:");
+            ui.add_space(4.0);
+            ui.strong(name);
+            ui.label(what);
+            ui.label(format!("Kept {} ago", spoken(age)));
+            if others > 0 {
+                ui.weak(format!("{others} more after this one"));
+            }
+        });
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             for (text, choice) in [("Recover", Answer::Recover), ("Discard", Answer::Discard), ("Later", Answer::Later)]

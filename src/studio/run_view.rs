@@ -75,9 +75,9 @@ fn show_result(state: &mut State, run: &DesignRun, place: usize) {
     }
 }
 
-/// The place of the result that is looked at, the best where none was chosen.
-pub fn place_of_chosen(state: &State, run: &DesignRun) -> usize {
-    state.optimize_form.chosen.as_deref().and_then(|chosen| place_of(run, chosen)).unwrap_or(0)
+/// The place of the result that is looked at: that of the last run where none was chosen. None where that run has no result.
+pub fn place_of_shown(state: &State, run: &DesignRun) -> Option<usize> {
+    place_of(run, state.optimize_form.chosen.as_deref().unwrap_or(run))
 }
 
 /// The place among the results of `all` of the one that a run has led to.
@@ -187,6 +187,9 @@ fn go_on_from(ui: &mut Ui, state: &mut State, all: &DesignRun, run: &DesignRun, 
     if shown + 1 >= run.frames.len() || all.status == RunStatus::Running || all.is_being_scored() {
         return;
     }
+    // Of several starts that came to their end the one that is shown goes on, if it can.
+    let is_of_several = all.status == RunStatus::Finished && all.start_number.1 > 1;
+    let Some(place) = place_of(all, run).or((!is_of_several).then_some(0)) else { return };
     let text = format!("Go on from step {}", run.frames[shown].step);
     let hint = "The run takes up this mask again and goes on from it, where with Go on or Resume it would go on from the newest. \
                 The masks after it stay in the curve";
@@ -194,8 +197,7 @@ fn go_on_from(ui: &mut Ui, state: &mut State, all: &DesignRun, run: &DesignRun, 
         let done = if all.status == RunStatus::Paused {
             state.bench.resume_run_from(shown)
         } else {
-            let (steps, place) = (state.optimize_form.further_steps(all), place_of_chosen(state, all));
-            state.bench.extend_run(steps, place, Some(shown))
+            state.bench.extend_run(state.optimize_form.further_steps(all), place, Some(shown))
         };
         went_on(state, done);
     }

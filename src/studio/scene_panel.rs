@@ -155,6 +155,7 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
             state.send(&Command::SetSeed(seed.round() as u64));
         }
         if ui.button("New").on_hover_text("Draws other objects and other noise").clicked() {
+            state.bench.begin_step();
             state.send(&Command::SetSeed(design.seed.wrapping_add(1) % 9_000_000_000_000_000));
         }
     });

@@ -8,14 +8,20 @@ use super::actions::Action;
 use super::dialogs::Purpose;
 use super::home::{THREADS, ZOOM};
 use super::image_view::name_widget;
+use super::modal;
 use super::state::State;
 use super::window::RendererChoice;
 use crate::information::EngineChoice;
 use crate::workbench::study::Machine;
 
+/// Width of the sheet of keys and gestures side by side, points.
+const TWO_COLUMNS: f32 = 860.0;
+/// Width of the names of keys and gestures, points.
+const KEYS: f32 = 170.0;
+
 /// What the mouse and the keyboard do on the mask.
 const ON_THE_MASK: [(&str, &str); 12] = [
-    ("Click", "Select a lenslet; with Shift, add it to the selection"),
+    ("Click", "Select a lenslet; with Shift, add it to the selection or take it out"),
     ("Drag a lenslet", "Move the selection"),
     ("Drag the picture", "Select in a box; with Shift, add to the selection"),
     ("Double click", "Add a lenslet"),
@@ -43,12 +49,17 @@ pub enum Sheet {
 /// Draws the sheet that is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(sheet) = state.sheet else { return };
-    let response = egui::Modal::new(egui::Id::unique("sheet")).show(ctx, |ui| {
-        match sheet {
+    let width = match sheet {
+        Sheet::Shortcuts => TWO_COLUMNS,
+        Sheet::Settings => 400.0,
+        Sheet::About => 420.0,
+    };
+    let response = modal::show(ctx, "sheet", width, |ui| {
+        modal::body(ui, |ui| match sheet {
             Sheet::Shortcuts => shortcuts(ui),
             Sheet::Settings => settings(ui, state),
             Sheet::About => about(ui, state),
-        }
+        });
         ui.add_space(8.0);
         ui.button("Close").clicked()
     });
@@ -58,35 +69,50 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
 }
 
 fn shortcuts(ui: &mut Ui) {
+    let room = ui.available_width();
     ui.heading("Keys and gestures");
     ui.add_space(4.0);
-    ui.horizontal_top(|ui| {
-        let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
-        egui::Grid::new("keys").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
-            let actions: Vec<(String, String)> = Action::all()
-                .chain([Action::Palette])
-                .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
-                .collect();
-            let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Size of everything".to_owned())];
-            for (keys, what) in actions.into_iter().chain(zoom) {
-                ui.label(RichText::new(keys).strong());
-                ui.label(what);
-                ui.end_row();
-            }
+    if room < TWO_COLUMNS {
+        // What they do is wrapped beside them.
+        keys(ui, room - KEYS);
+        ui.add_space(12.0);
+        gestures(ui, room - KEYS);
+    } else {
+        ui.horizontal_top(|ui| {
+            keys(ui, f32::INFINITY);
+            ui.add_space(24.0);
+            gestures(ui, f32::INFINITY);
         });
-        ui.add_space(24.0);
-        egui::Grid::new("gestures").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
-            for (keys, what) in ON_THE_MASK {
-                ui.label(RichText::new(keys).strong());
-                ui.label(what);
-                ui.end_row();
-            }
-        });
+    }
+}
+
+fn keys(ui: &mut Ui, most: f32) {
+    let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
+    egui::Grid::new("keys").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
+        let actions: Vec<(String, String)> = Action::all()
+            .chain([Action::Palette])
+            .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
+            .collect();
+        let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Size of everything".to_owned())];
+        for (keys, what) in actions.into_iter().chain(zoom) {
+            ui.label(RichText::new(keys).strong());
+            ui.label(what);
+            ui.end_row();
+        }
+    });
+}
+
+fn gestures(ui: &mut Ui, most: f32) {
+    egui::Grid::new("gestures").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
+        for (keys, what) in ON_THE_MASK {
+            ui.label(RichText::new(keys).strong());
+            ui.label(what);
+            ui.end_row();
+        }
     });
 }
 
 fn settings(ui: &mut Ui, state: &mut State) {
-    ui.set_width(400.0);
     ui.heading("Settings");
     ui.add_space(4.0);
     egui::Grid::new("settings").num_columns(2).spacing([16.0, 8.0]).show(ui, |ui| {
@@ -203,7 +229,6 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
 static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
 
 fn about(ui: &mut Ui, state: &State) {
-    ui.set_width(420.0);
     ui.heading("Lenslet Studio");
     ui.label(env!("CARGO_PKG_DESCRIPTION"));
     ui.add_space(6.0);

@@ -91,23 +91,35 @@ fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
     }
 }
 
-/// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
-fn tenths(input: GridInput) -> Vec<GridMark> {
-    let (low, high) = input.bounds;
-    let tenths = (10.0 * low).ceil() as i32..=(10.0 * high).floor() as i32;
-    tenths.map(|tenth| GridMark { value: 0.1 * f64::from(tenth), step_size: 0.25 }).collect()
+/// Steps between marks are made ten times as long until there are about this many at most: the axes can be zoomed out without end.
+const MOST_MARKS: f64 = 100.0;
+
+/// The multiples of `step`, or of ten, a hundred and so on times it, that lie between two bounds, and the step between them.
+fn multiples((low, high): (f64, f64), mut step: f64) -> (f64, impl Iterator<Item = f64>) {
+    let span = high - low;
+    while span.is_finite() && span / step > MOST_MARKS {
+        step *= 10.0;
+    }
+    let (first, last) =
+        if span.is_finite() { ((low / step).ceil() as i64, (high / step).floor() as i64) } else { (0, -1) };
+    (step, (first..=last).map(move |multiple| step * multiple as f64))
 }
 
-/// Marks at 1, 2 and 5 times the powers of ten, of an axis of logarithms.
+/// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
+fn tenths(input: GridInput) -> Vec<GridMark> {
+    let (step, tenths) = multiples(input.bounds, 0.1);
+    tenths.map(|value| GridMark { value, step_size: 2.5 * step }).collect()
+}
+
+/// Marks at 1, 2 and 5 times the powers of ten, of an axis of logarithms; at powers of ten alone where many are seen.
 fn decades(input: GridInput) -> Vec<GridMark> {
     let (low, high) = input.bounds;
-    let decades = low.floor() as i32..=high.ceil() as i32;
+    let (step, decades) = multiples((low - 1.0, high), 1.0);
+    let parts: &[(f64, f64)] =
+        if high - low < MOST_MARKS / 3.0 { &[(1.0, 1.0), (2.0, 0.3), (5.0, 0.3)] } else { &[(1.0, 1.0)] };
     decades
         .flat_map(|decade| {
-            [(1.0_f64, 1.0), (2.0, 0.3), (5.0, 0.3)].map(|(step, step_size)| {
-                let value = f64::from(decade) + step.log10();
-                GridMark { value, step_size }
-            })
+            parts.iter().map(move |(part, size)| GridMark { value: decade + part.log10(), step_size: size * step })
         })
         .filter(|mark| (low..=high).contains(&mark.value))
         .collect()
@@ -119,6 +131,8 @@ fn power_mark(logarithm: f64) -> String {
     match power {
         1.0..1e5 => format!("{power:.0}"),
         0.001..1.0 => format!("{power:.3}").trim_end_matches('0').to_owned(),
+        // Far out a power is too large, or too small, to be told from its logarithm otherwise.
+        _ if logarithm.fract() == 0.0 => format!("1e{logarithm:.0}"),
         _ => format!("{power:.0e}"),
     }
 }
@@ -147,6 +161,26 @@ mod tests {
         let marks = decades(GridInput { bounds: (0.9, 2.4), base_step_size: 0.01 });
         let texts: Vec<String> = marks.iter().map(|mark| power_mark(mark.value)).collect();
         assert_eq!(texts, ["10", "20", "50", "100", "200"]);
-        assert_eq!([-1.0, 5.0, 7.0].map(power_mark), ["0.1", "1e5", "1e7"]);
+        assert_eq!([-1.0, 5.0, 7.0, -400.0].map(power_mark), ["0.1", "1e5", "1e7", "1e-400"]);
+    }
+
+    #[test]
+    fn marks_stay_few_however_far_the_axes_are_zoomed_out() {
+        let marks = |bounds| {
+            let input = || GridInput { bounds, base_step_size: 0.01 };
+            [tenths(input()), decades(input())].map(|marks| marks.len())
+        };
+        assert_eq!(marks((0.0, 0.5)), [6, 2]);
+        for bounds in [(-3.0, 30.0), (-1.0, 40.0), (-1e3, 1e3), (-1e12, 1e12), (1e300, 2e300), (-1e300, 1.0)] {
+            assert!(
+                marks(bounds).into_iter().all(|count| (2..=105).contains(&count)),
+                "{bounds:?} {:?}",
+                marks(bounds)
+            );
+        }
+        for (low, high) in [(f64::NAN, 1.0), (0.0, f64::NAN), (f64::NEG_INFINITY, f64::INFINITY), (f64::MIN, f64::MAX)]
+        {
+            assert_eq!(marks((low, high)), [0, 0]);
+        }
     }
 }

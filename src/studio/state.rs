@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use crate::optics::Lenslet;
 use crate::workbench::{
-    Closer, CloserKey, CloserOrder, Colormap, Command, Curve, Design, DesignRun, Estimates, Live, LiveEstimate,
-    LiveInformation, LiveRecord, Measurements, Recovered, Snapshots, Stamped, Workbench,
+    Closer, CloserKey, CloserOrder, Colormap, Command, Design, DesignRun, Estimates, Live, LiveEstimate, LiveRecord,
+    Measurements, Recovered, Snapshots, Stamped, Workbench,
 };
 
 use super::capture::Capture;
@@ -27,6 +27,7 @@ use super::messages::{Messages, Severity};
 use super::mtf_panel::MtfView;
 use super::optimize_panel::{self, OptimizeForm};
 use super::palette::Palette;
+use super::past_edits::Trail;
 use super::sheets::Sheet;
 use super::welcome::Guide;
 
@@ -146,7 +147,7 @@ pub enum Arrange {
 pub struct Leaving {
     /// What waits.
     pub what: Leave,
-    /// The answer was to save; as soon as the file is written, it goes on.
+    /// The answer was to save; when the file is written it goes on.
     pub saving: bool,
 }
 
@@ -172,6 +173,8 @@ pub enum MaskDrag {
         from: Vec<(usize, Lenslet)>,
         /// Pointer (x, y).
         start: (f64, f64),
+        /// Whether the pointer has been farther from there than in a click: a long press trembles.
+        begun: bool,
     },
     /// A box is drawn around lenslets, from this pointer place in PSF pixels.
     Select {
@@ -180,101 +183,6 @@ pub enum MaskDrag {
         /// What was selected before and stays so.
         kept: BTreeSet<usize>,
     },
-}
-
-/// Information of past edits.
-#[derive(Default)]
-pub struct Trail {
-    /// Oldest first.
-    pub points: Vec<TrailPoint>,
-    /// Scene and sensor of the last point.
-    setting: String,
-}
-
-/// Information after one edit, bits per pixel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrailPoint {
-    /// Revision of the design.
-    pub revision: u64,
-    /// Gaussian bound, or approximation.
-    pub gaussian: f64,
-    /// Whether that is a bound.
-    pub gaussian_is_bound: bool,
-    /// Object-entropy ceiling.
-    pub ceiling: Option<f64>,
-    /// Newest live estimate.
-    pub live: Option<f64>,
-    /// Counts scenes and sensors: points of different ones are not comparable.
-    pub setting: usize,
-}
-
-impl Trail {
-    const KEPT: usize = 400;
-
-    /// Notes the information of a revision of `design`, once; of an older revision than the last one never. `objects` is the
-    /// fingerprint of what it images.
-    pub fn note(&mut self, revision: u64, information: &LiveInformation, design: &Design, objects: &str) {
-        let last = self.points.last().copied();
-        if last.is_some_and(|last| last.revision >= revision) {
-            return;
-        }
-        if self.points.len() >= Self::KEPT {
-            self.points.remove(0);
-        }
-        let setting = format!(
-            "{objects} {} {} {} {} {}",
-            design.objects, design.mean_photons, design.bias_photons, design.noise, design.seed
-        );
-        let changed = usize::from(self.setting != setting);
-        self.setting = setting;
-        self.points.push(TrailPoint {
-            revision,
-            gaussian: information.gaussian.bits_per_pixel,
-            gaussian_is_bound: information.gaussian_is_bound,
-            ceiling: information.ceiling_bits(),
-            live: None,
-            setting: last.map_or(0, |last| last.setting + changed),
-        });
-    }
-
-    /// Notes the live estimate of a revision that is in the trail.
-    pub fn note_live(&mut self, revision: u64, bits_per_pixel: f64) {
-        if let Some(point) = self.points.iter_mut().rev().find(|point| point.revision == revision) {
-            point.live = Some(bits_per_pixel);
-        }
-    }
-
-    /// Runs of points that are comparable.
-    pub fn runs(&self) -> impl Iterator<Item = &[TrailPoint]> {
-        self.points.chunk_by(|one, next| one.setting == next.setting)
-    }
-
-    /// The trail as columns for a file.
-    pub fn curve(&self) -> Curve {
-        Curve {
-            names: Vec::new(),
-            header: [
-                "revision",
-                "setting",
-                "gaussian_bound_bits_per_pixel",
-                "gaussian_is_bound",
-                "ceiling_bits_per_pixel",
-                "live_estimate_bits_per_pixel",
-            ]
-            .map(String::from)
-            .to_vec(),
-            rows: self
-                .points
-                .iter()
-                .map(|point| {
-                    let known = |bits: Option<f64>| bits.unwrap_or(f64::NAN);
-                    let (revision, setting) = (point.revision as f64, point.setting as f64);
-                    let is_bound = f64::from(u8::from(point.gaussian_is_bound));
-                    vec![revision, setting, point.gaussian, is_bound, known(point.ceiling), known(point.live)]
-                })
-                .collect(),
-        }
-    }
 }
 
 impl State {
@@ -369,8 +277,7 @@ impl State {
 
     /// Changes the design; a refusal is told.
     pub fn send(&mut self, command: &Command) {
-        // Whoever edits a mask of the run has accepted it: locks that are not of so many lenslets go.
-        let accepted = (self.bench.is_looking() && command.edits_lenslets()).then(|| self.lenslet_count());
+        let are_others = !self.bench.shows_own_lenslets();
         if let Err(error) = self.bench.apply(command) {
             return self.messages.push(Severity::Failure, error.to_string());
         }
@@ -382,10 +289,26 @@ impl State {
             }
             _ => {}
         }
-        if let Some(count) = accepted {
-            self.locks.check(self.bench.document(), count);
+        match (are_others, command.edits_lenslets()) {
+            // Whoever edits a mask of the run has accepted it.
+            (true, true) => self.locks.forget(),
+            // The open design is shown again.
+            (true, false) => self.selection.clear(),
+            (false, _) => {}
         }
-        self.locks.follow(command, self.lenslet_count());
+        self.locks.follow(command, self.bench.lenslets());
+    }
+
+    /// Goes to another design, back or forth. Indices of what is held, selected or locked may mean other lenslets there.
+    pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
+        let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
+        let before = shown(&self.bench);
+        go(&mut self.bench);
+        self.drag = None;
+        if shown(&self.bench) != before {
+            self.selection.clear();
+        }
+        self.locks.check(self.bench.lenslets());
     }
 
     /// Lenslets of the open design.

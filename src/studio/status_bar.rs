@@ -33,6 +33,8 @@ pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
         let work = jobs_window::summary(state).unwrap_or_else(|| {
             if state.bench.is_computing() {
                 "Computing".into()
+            } else if state.failure().is_some() {
+                "No numbers".into()
             } else {
                 format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
             }

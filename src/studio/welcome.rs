@@ -4,6 +4,7 @@ use egui::{RichText, Ui};
 
 use super::actions::Action;
 use super::layout::Pane;
+use super::modal;
 use super::state::{Arrange, Leave, State};
 use crate::workbench::SAMPLES;
 
@@ -72,29 +73,30 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
         return;
     }
     let mut leave = false;
-    let response = egui::Modal::new(egui::Id::unique("welcome")).show(ctx, |ui| {
-        ui.set_width(545.0);
-        ui.heading("Welcome to Lenslet Studio");
-        ui.label("Place lenslets before a sensor and see how much its measurements tell about the scene.");
-        ui.add_space(8.0);
-        ui.strong("Start from");
-        for sample in &SAMPLES {
+    let response = modal::show(ctx, "welcome", 545.0, |ui| {
+        modal::body(ui, |ui| {
+            ui.heading("Welcome to Lenslet Studio");
+            ui.label("Place lenslets before a sensor and see how much its measurements tell about the scene.");
+            ui.add_space(8.0);
+            ui.strong("Start from");
+            for sample in &SAMPLES {
+                ui.horizontal(|ui| {
+                    if ui.add_sized([120.0, 22.0], egui::Button::new(sample.name)).clicked()
+                        && let Some(design) = sample.design()
+                    {
+                        state.guard(ctx, Leave::Sample(Box::new(design)));
+                        leave = true;
+                    }
+                    ui.weak(sample.about);
+                });
+            }
             ui.horizontal(|ui| {
-                if ui.add_sized([120.0, 22.0], egui::Button::new(sample.name)).clicked()
-                    && let Some(design) = sample.design()
-                {
-                    state.guard(ctx, Leave::Sample(Box::new(design)));
+                if ui.add_sized([120.0, 22.0], egui::Button::new("Open my data...")).clicked() {
+                    Action::OpenObjects.run(ctx, state);
                     leave = true;
                 }
-                ui.weak(sample.about);
+                ui.weak("Images, IDX, CIFAR-10, NPY, NPZ or TIFF to look at");
             });
-        }
-        ui.horizontal(|ui| {
-            if ui.add_sized([120.0, 22.0], egui::Button::new("Open my data...")).clicked() {
-                Action::OpenObjects.run(ctx, state);
-                leave = true;
-            }
-            ui.weak("Images, IDX, CIFAR-10, NPY, NPZ or TIFF to look at");
         });
         ui.add_space(8.0);
         ui.horizontal(|ui| {

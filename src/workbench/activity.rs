@@ -16,7 +16,9 @@ const LINES: usize = 60;
 /// Where an activity is done, and how it is stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ActivityKind {
-    /// Reading or writing a file; it is done before one can stop it.
+    /// Writing the file of a design; it is done before one can stop it.
+    Save,
+    /// Reading or writing another file; it is done before one can stop it.
     File,
     /// Reading objects.
     Objects,
@@ -79,7 +81,7 @@ impl Activity {
 
     /// Whether it can be stopped.
     pub fn can_stop(&self) -> bool {
-        self.is_open() && self.kind != ActivityKind::File
+        self.is_open() && !matches!(self.kind, ActivityKind::Save | ActivityKind::File)
     }
 
     /// Time since its beginning, or from its beginning to its end.

@@ -38,6 +38,8 @@ pub struct Workbench {
     saved_contents: u64,
     /// Number of the document: another one is open after New and Open, whatever the last one is still waiting for.
     document: u64,
+    /// Number of the open design's lenslets; like that of its contents, it comes back with an undo.
+    pub(super) lenslets: u64,
     pub(super) history: History,
     path: Option<PathBuf>,
     threads: Threads,
@@ -73,6 +75,7 @@ impl Workbench {
             contents: 1,
             saved_contents: 1,
             document: 1,
+            lenslets: 1,
             history: History::default(),
             path,
             worker,
@@ -105,9 +108,9 @@ impl Workbench {
         self.contents != self.saved_contents
     }
 
-    /// Number of the document: another one is open after New, Open and whatever else is no edit of the last one.
-    pub fn document(&self) -> u64 {
-        self.document
+    /// Number of the open design's lenslets: while it stays the same, indices mean the same ones, however they were moved.
+    pub fn lenslets(&self) -> u64 {
+        self.lenslets
     }
 
     /// The design's file.
@@ -207,7 +210,7 @@ impl Workbench {
     /// Stops an activity, if it can be stopped.
     pub fn stop(&self, activity: &Activity) {
         match activity.kind {
-            ActivityKind::File => {}
+            ActivityKind::Save | ActivityKind::File => {}
             ActivityKind::Objects => self.worker.cancel_numbered(activity.number),
             ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
             ActivityKind::Run => self.stop_run(),
@@ -239,12 +242,21 @@ impl Workbench {
         self.history.note(self.version(), command.label(), command.kind());
         self.show(Arc::new(changed));
         self.contents = self.revision;
+        if !command.keeps_lenslets() {
+            self.lenslets = self.revision;
+        }
         Ok(())
     }
 
-    /// Notes whether the pointer is held down: what happens meanwhile is one gesture.
-    pub fn note_pointer(&mut self, down: bool) {
-        self.history.note_pointer(down);
+    /// Notes whether the pointer is held down: what happens meanwhile is one gesture. And whether it was pressed since the last
+    /// time, that is, began another.
+    pub fn note_pointer(&mut self, down: bool, pressed: bool) {
+        self.history.note_pointer(down, pressed);
+    }
+
+    /// What comes next is a step of its own, as what a button does.
+    pub fn begin_step(&mut self) {
+        self.history.begin_step();
     }
 
     /// What [`Workbench::undo`] would undo.
@@ -277,14 +289,14 @@ impl Workbench {
 
     fn go_to(&mut self, version: Version) {
         self.watched.following = false;
-        self.contents = version.number;
+        (self.contents, self.lenslets) = (version.number, version.lenslets);
         self.note_contents(version.number);
         self.show(version.design);
     }
 
     /// The open design as a step of the past.
     pub(super) fn version(&self) -> Version {
-        Version { design: Arc::clone(self.open_design()), number: self.contents }
+        Version { design: Arc::clone(self.open_design()), number: self.contents, lenslets: self.lenslets }
     }
 
     /// Takes up a design that was read from `path`.
@@ -305,7 +317,7 @@ impl Workbench {
         self.document += 1;
         self.history.clear();
         self.show(Arc::new(design));
-        self.contents = self.revision;
+        (self.contents, self.lenslets) = (self.revision, self.revision);
         self.saved_contents = self.contents;
         self.path = path;
     }
@@ -388,6 +400,11 @@ impl Workbench {
     pub fn save_to(&self, path: PathBuf) {
         let (design, document, contents) = (Arc::clone(self.open_design()), self.document, self.contents);
         self.submit(Job::SaveDesign { design, document, contents, path });
+    }
+
+    /// Whether a design is being saved, or waits for that. Its answer is there to be taken when it no longer is.
+    pub fn is_saving(&self) -> bool {
+        self.activities.all().iter().any(|activity| activity.kind == ActivityKind::Save && activity.is_open())
     }
 
     /// Opens a design file in place of the open design, unless that is changed before the file has been read.

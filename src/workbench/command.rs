@@ -121,18 +121,26 @@ impl Command {
         matches!(self, Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. })
     }
 
-    /// What it changes: commands of one kind that follow each other make one step of a gesture.
-    pub fn kind(&self) -> String {
-        match self {
+    /// Whether the lenslets after it are those before it, at most moved or changed: indices mean the same ones.
+    pub fn keeps_lenslets(&self) -> bool {
+        !matches!(
+            self,
+            Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ReplaceEncoder { .. } | Self::ReplaceDesign { .. }
+        )
+    }
+
+    /// What it changes: commands of one kind that follow each other make one step of a gesture. None where each is a step of its
+    /// own.
+    pub fn kind(&self) -> Option<String> {
+        Some(match self {
             Self::ChangeLenslets { what, lenslets } => {
                 let indices: Vec<usize> = lenslets.iter().map(|(index, _)| *index).collect();
                 format!("{what:?} {indices:?}")
             }
-            // Each of these is a step of its own.
             Self::AddLenslet(_)
             | Self::DeleteLenslets(_)
             | Self::ReplaceEncoder { .. }
-            | Self::ReplaceDesign { .. } => format!("{self:?}"),
+            | Self::ReplaceDesign { .. } => return None,
             // The density is dragged and typed; another kind of objects is chosen.
             Self::SetObjects(source) => format!("objects {:?}", std::mem::discriminant(source)),
             Self::SetMeanPhotons(_) => "mean photons".into(),
@@ -140,7 +148,7 @@ impl Command {
             Self::SetNoise(_) => "noise".into(),
             Self::SetSeed(_) => "seed".into(),
             Self::SetLimits(_) => "limits".into(),
-        }
+        })
     }
 
     /// The design after this command.

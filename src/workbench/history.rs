@@ -9,8 +9,9 @@ use super::design::Design;
 const STEPS: usize = 1000;
 /// Most memory that they take, bytes, roughly.
 const BYTES: usize = 256 << 20;
-/// Changes of one kind that follow each other sooner make one step: typed digits, keys held down, turns of a wheel.
-const ONE_STEP: Duration = Duration::from_millis(600);
+/// Changes of one kind that follow each other sooner make one step: typed digits, turns of a wheel, keys held down, which repeat
+/// after up to most of a second.
+const ONE_STEP: Duration = Duration::from_secs(1);
 
 /// A design and the number of its contents; equal numbers mean equal designs.
 #[derive(Clone, Debug)]
@@ -19,6 +20,8 @@ pub struct Version {
     pub design: Arc<Design>,
     /// Number of its contents.
     pub number: u64,
+    /// Number of its lenslets; equal numbers mean that indices mean the same ones.
+    pub lenslets: u64,
 }
 
 /// One step back or forth.
@@ -42,26 +45,31 @@ struct Pointer {
 pub struct History {
     past: Vec<Step>,
     future: Vec<Step>,
-    /// The last change: its kind, when it was made, and at which state of the pointer.
-    last: Option<(String, Instant, Pointer)>,
+    /// The last change: its kind, if another of it can go on with it, when it was made, and at which state of the pointer.
+    last: Option<(Option<String>, Instant, Pointer)>,
     pointer: Pointer,
 }
 
 impl History {
-    /// Notes whether the pointer is held down.
-    pub fn note_pointer(&mut self, down: bool) {
-        self.pointer.presses += u64::from(down && !self.pointer.down);
+    /// Notes whether the pointer is held down, and whether it was pressed since the last time: it may be up again.
+    pub fn note_pointer(&mut self, down: bool, pressed: bool) {
+        self.pointer.presses += u64::from(pressed);
         self.pointer.down = down;
     }
 
+    /// What comes next is a step of its own, whatever it is.
+    pub fn begin_step(&mut self) {
+        self.last = None;
+    }
+
     /// Notes that the design `before` is about to change. Changes of one kind are one step while the pointer is held down, or
-    /// shortly after each other where it is not.
-    pub fn note(&mut self, before: Version, label: String, kind: String) {
+    /// shortly after each other where it is not; one without a kind is a step of its own.
+    pub fn note(&mut self, before: Version, label: String, kind: Option<String>) {
         let now = Instant::now();
         let same = self.last.as_ref().is_some_and(|(last, at, pointer)| {
             // Every click is a gesture of its own, however soon it comes.
             let goes_on = *pointer == self.pointer && (pointer.down || now.duration_since(*at) < ONE_STEP);
-            *last == kind && goes_on
+            kind.is_some() && *last == kind && goes_on
         });
         self.future.clear();
         if let Some(step) = self.past.last_mut().filter(|_| same) {
@@ -124,20 +132,20 @@ mod tests {
 
     fn version(number: u64) -> Version {
         let design = Arc::new(Design { seed: number, ..Design::default() });
-        Version { design, number }
+        Version { design, number, lenslets: 1 }
     }
 
     #[test]
     fn a_gesture_is_one_step_and_steps_go_both_ways() {
         let mut history = History::default();
         for press in 0..2 {
-            history.note_pointer(true);
+            history.note_pointer(true, true);
             for number in 0..5 {
-                history.note(version(5 * press + number), "Move lenslet".into(), "move 1".into());
+                history.note(version(5 * press + number), "Move lenslet".into(), Some("move 1".into()));
             }
-            history.note_pointer(false);
+            history.note_pointer(false, false);
         }
-        history.note(version(10), "Add lenslet".into(), "add".into());
+        history.note(version(10), "Add lenslet".into(), None);
         assert_eq!((history.undoes(), history.redoes()), (Some("Add lenslet"), None));
         assert_eq!(history.undo(version(11)).unwrap().number, 10);
         assert_eq!(history.undo(version(10)).unwrap().number, 5);
@@ -145,7 +153,7 @@ mod tests {
         assert!(history.undo(version(0)).is_none());
         assert_eq!(history.redoes(), Some("Move lenslet"));
         assert_eq!(history.redo(version(0)).unwrap().number, 5);
-        history.note(version(5), "Set seed".into(), "seed".into());
+        history.note(version(5), "Set seed".into(), Some("seed".into()));
         assert_eq!(history.redoes(), None, "a change after an undo leaves nothing to redo");
     }
 
@@ -153,23 +161,35 @@ mod tests {
     fn clicks_are_steps_of_their_own_and_typed_digits_are_not() {
         let mut history = History::default();
         for number in 0..3 {
-            history.note_pointer(true);
-            history.note_pointer(false);
-            history.note(version(number), format!("Set seed to {}", number + 1), "seed".into());
+            // The last is over within a frame.
+            if number < 2 {
+                history.note_pointer(true, true);
+            }
+            history.note_pointer(false, number == 2);
+            history.note(version(number), format!("Set seed to {}", number + 1), Some("seed".into()));
         }
         assert_eq!(history.past.len(), 3);
         for (number, typed) in [(3, "2"), (4, "25"), (5, "250")] {
-            history.note(version(number), format!("Set mean to {typed} photons"), "mean photons".into());
+            history.note(version(number), format!("Set mean to {typed} photons"), Some("mean photons".into()));
         }
         assert_eq!((history.past.len(), history.undoes()), (4, Some("Set mean to 250 photons")));
         assert_eq!(history.undo(version(6)).unwrap().number, 3);
+        for number in [3, 4] {
+            history.note(version(number), "Add lenslet".into(), None);
+        }
+        assert_eq!(history.past.len(), 5, "however soon they come");
+        for number in [5, 6] {
+            history.begin_step();
+            history.note(version(number), "Set seed".into(), Some("seed".into()));
+        }
+        assert_eq!(history.past.len(), 7, "by a button, too");
     }
 
     #[test]
     fn the_oldest_steps_are_forgotten() {
         let mut history = History::default();
         for number in 0..STEPS as u64 + 50 {
-            history.note(version(number), "Set seed".into(), number.to_string());
+            history.note(version(number), "Set seed".into(), Some(number.to_string()));
         }
         assert_eq!(history.past.len(), STEPS);
         assert_eq!(history.past[0].version.number, 50);
@@ -182,14 +202,14 @@ mod tests {
             let mut psf = ndarray::Array2::zeros((SIDE, SIDE));
             psf[(number as usize, 0)] = 1.0;
             let encoder = Encoder::Image(PsfImage { psf, origin: "camera.tiff".into() });
-            Version { design: Arc::new(Design { encoder, ..Design::default() }), number }
+            Version { design: Arc::new(Design { encoder, ..Design::default() }), number, lenslets: 1 }
         };
         let takes = |steps: &[Step]| steps.len() * SIDE * SIDE * size_of::<f32>();
         // Twice what there is room for.
         let count = (2 * BYTES / (SIDE * SIDE * size_of::<f32>())) as u64;
         let mut history = History::default();
         for number in 0..count {
-            history.note(pictured(number), format!("Import {number}"), number.to_string());
+            history.note(pictured(number), format!("Import {number}"), None);
             assert!(takes(&history.past) <= BYTES);
             assert_eq!(history.undoes(), Some(&*format!("Import {number}")));
         }

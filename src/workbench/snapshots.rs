@@ -89,6 +89,13 @@ impl Snapshot {
         wants
     }
 
+    /// Forgets why there is no measurement, so that it is asked for again.
+    pub fn forget_failed_measurement(&mut self) {
+        if self.measurement.take_if(|measured| measured.is_err()).is_some() {
+            self.asked = false;
+        }
+    }
+
     fn take_up(&mut self, live: &Live, estimates: &Estimates) {
         let Some(revision) = self.revision else { return };
         let before = self.numbers.clone();

@@ -15,6 +15,8 @@ use crate::optics::{Encoder, LensletArray};
 pub(super) struct WatchedRun {
     /// Whether masks are shown as they come.
     pub following: bool,
+    /// Number of the lenslets that it started with, where that was the open design's own mask.
+    lenslets: Option<u64>,
     /// Numbers of the contents from which the run was started, and of those that its masks made of them.
     contents: Vec<u64>,
     /// The last of its masks that was accepted, and the number of the contents that it made; none where an undo has gone
@@ -42,8 +44,10 @@ impl Workbench {
     /// # Errors
     /// One sentence where another run goes on, or the mask allows none.
     pub fn start_run(&mut self, starts: Vec<Start>, settings: IdealSettings) -> Result<(), String> {
+        let is_own = matches!(&starts[..], [only] if only.design.encoder == self.open_design().encoder);
         self.designer.start(starts, settings)?;
-        self.watched = WatchedRun { following: true, contents: vec![self.contents], accepted: None };
+        let lenslets = is_own.then_some(self.lenslets);
+        self.watched = WatchedRun { following: true, lenslets, contents: vec![self.contents], accepted: None };
         Ok(())
     }
 
@@ -129,6 +133,14 @@ impl Workbench {
         self.open.is_some()
     }
 
+    /// Whether the lenslets that are shown are those of the open design, at most moved: a mask of a run from something else has
+    /// others, and one that has lost some of them, too.
+    pub fn shows_own_lenslets(&self) -> bool {
+        let count = |design: &Design| design.encoder.lenslets().map(|array| array.lenslets.len());
+        let is_own = self.watched.lenslets == Some(self.lenslets);
+        !self.is_looking() || (is_own && count(&self.design) == count(self.open_design()))
+    }
+
     /// Shows the open design again.
     pub fn look_away(&mut self) {
         self.watched.following = false;
@@ -152,8 +164,10 @@ impl Workbench {
         }
         self.watched.following = false;
         // Every mask that is accepted is a step of its own.
-        let (before, kind) = (self.version(), format!("accept {}", self.revision));
-        self.history.note(before, "Optimize the mask".into(), kind);
+        self.history.note(self.version(), "Optimize the mask".into(), None);
+        if !self.shows_own_lenslets() {
+            self.lenslets = self.revision;
+        }
         self.open = None;
         self.contents = self.revision;
         self.note_accepted();

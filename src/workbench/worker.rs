@@ -128,10 +128,10 @@ impl Worker {
     /// Hands over a job.
     pub fn submit(&self, job: Job) {
         lock(&self.shared.results).open_jobs += 1;
-        let kind = if matches!(job, Job::OpenObjects { .. } | Job::MeasureSnapshot { .. }) {
-            ActivityKind::Objects
-        } else {
-            ActivityKind::File
+        let kind = match job {
+            Job::OpenObjects { .. } | Job::MeasureSnapshot { .. } => ActivityKind::Objects,
+            Job::SaveDesign { .. } => ActivityKind::Save,
+            _ => ActivityKind::File,
         };
         let entry = self.shared.activities.add(kind, job.name());
         lock(&self.shared.mailbox).jobs.push_back((job, entry));
@@ -249,8 +249,10 @@ fn run(shared: &Shared) {
         if let Task::Job(job, entry) = task {
             match answer {
                 Some(answer) => {
-                    entry.end(answer.as_ref().map(Outcome::sentence).map_err(Clone::clone));
+                    let told = answer.as_ref().map(Outcome::sentence).map_err(Clone::clone);
+                    // Who sees that it has ended finds its answer.
                     lock(&shared.results).outcomes.push(answer);
+                    entry.end(told);
                 }
                 None => lock(&shared.mailbox).jobs.push_back((job, entry)),
             }

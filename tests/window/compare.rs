@@ -2,8 +2,10 @@
 
 use egui::{Key, Modifiers};
 use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::workbench::Design;
 
+use super::home::at_home;
 use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
 
 #[test]
@@ -90,6 +92,29 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     click(&mut window, "Keep this design");
     window.get_by_label("a");
     window.get_by_label("b");
+}
+
+#[test]
+fn a_measurement_that_failed_is_tried_again_when_it_is_chosen_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let objects = folder.path().join("objects.npy");
+    let design = Design { objects: ObjectSource::Stack(objects.clone()), ..Design::default() };
+    let kept = serde_json::json!({ "name": "Of a disk that is not there", "design": design });
+    std::fs::create_dir(folder.path().join("kept")).unwrap();
+    std::fs::write(folder.path().join("kept/1.json"), kept.to_string()).unwrap();
+    let mut window = at_home(folder.path());
+    window.key_press_modifiers(Modifiers::COMMAND, Key::D);
+    settle(&mut window);
+    for name in ["A is snapshot 1", "B is snapshot 2", "Compare Measurement"] {
+        click(&mut window, name);
+    }
+    settle(&mut window);
+    assert!(window.query_by_label("Comparison").is_none() && window.query_by_label("Measuring").is_none());
+    let pixels = ndarray::Array3::from_shape_fn((12, 96, 96), |(n, r, c)| ((n * 7 + r * c) % 101) as f32);
+    lenslet_studio::formats::write_array(&objects, pixels.view()).unwrap();
+    click(&mut window, "Compare Measurement");
+    settle(&mut window);
+    window.get_by_label("Comparison");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use egui::{Key, Modifiers, Role, Theme, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::workbench::Design;
 
-use super::{Window, answer, click, close, lenslets, menu, open, open_window, settle, studio, type_number};
+use super::{Window, answer, click, close, lenslets, menu, open, open_sized, open_window, settle, studio, type_number};
 
 /// A window that lives in a folder, not for the first time.
 pub fn at_home(folder: &Path) -> Window {
@@ -25,6 +25,40 @@ fn first_at_home(folder: &Path) -> Window {
     window.state_mut().as_mut().unwrap().set_live(false);
     window.run_steps(4);
     window
+}
+
+/// Presses a key and finds something on the sheet that it opens.
+fn is_in_reach(window: &mut Window, modifiers: Modifiers, key: Key, name: &str) {
+    window.key_press_modifiers(modifiers, key);
+    window.run_steps(4);
+    let (seen, place) = (window.ctx.content_rect(), window.get_by_label(name).rect());
+    assert!(seen.contains_rect(place), "{name}: {place:?} in {seen:?}");
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+}
+
+#[test]
+fn sheets_are_no_larger_than_a_small_window() {
+    let mut window = open_sized(Design::default(), Vec2::new(640.0, 360.0));
+    is_in_reach(&mut window, Modifiers::NONE, Key::F1, "Close");
+    is_in_reach(&mut window, Modifiers::COMMAND, Key::Comma, "Close");
+    is_in_reach(&mut window, Modifiers::COMMAND, Key::K, "Find an action");
+    // Both columns of keys and gestures, where there is just room for them.
+    let mut wide = open_sized(Design::default(), Vec2::new(905.0, 640.0));
+    is_in_reach(
+        &mut wide,
+        Modifiers::NONE,
+        Key::F1,
+        "Zoom; middle drag, or Space and drag, moves the picture; 0 shows all",
+    );
+    // What is below is scrolled to.
+    window.key_press(Key::F1);
+    window.run_steps(4);
+    let last = |window: &Window| window.get_by_label("Next lenslet or control; Space selects").rect();
+    assert!(last(&window).top() > 360.0);
+    window.get_by_label("Next lenslet or control; Space selects").scroll_to_me();
+    window.run_steps(40);
+    assert!(window.ctx.content_rect().contains_rect(last(&window)), "{:?}", last(&window));
 }
 
 fn type_and_enter(window: &mut Window, text: &str) {

@@ -305,6 +305,7 @@ fn noise_and_photons_are_set_in_the_scene() {
     settle(&mut window);
     let failure = live(&window).failure.expect("information is unbounded without noise");
     assert!(failure.1.contains("unbounded"), "{}", failure.1);
+    window.get_by_label("No numbers");
     click(&mut window, "Both noise");
     settle(&mut window);
     assert!(live(&window).failure.is_none());
@@ -385,6 +386,22 @@ fn closing_asks_about_unsaved_changes() {
     answer(&mut window, &file, "Save");
     assert!(!studio(&window).bench().is_dirty());
     assert_eq!(Design::open(&file).unwrap(), **studio(&window).bench().design());
+}
+
+#[test]
+fn a_cancelled_save_asks_again_whatever_else_is_going_on() {
+    let mut window = open(Design::default());
+    menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
+    for _ in 0..4 {
+        studio(&window).bench().fit_lenslets();
+    }
+    close(&mut window);
+    click(&mut window, "Save");
+    click(&mut window, "Cancel");
+    assert!(studio(&window).bench().has_open_jobs(), "the fits were too fast");
+    window.get_by_label("Save your changes?");
+    click(&mut window, "Cancel");
+    assert!(window.query_by_label("Save your changes?").is_none());
 }
 
 #[test]

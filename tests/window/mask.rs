@@ -66,6 +66,31 @@ fn a_drag_of_two_points_is_a_click() {
 }
 
 #[test]
+fn a_drag_of_four_points_moves_and_a_long_press_that_trembles_does_not() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let from = window.get_by_label("Lenslet 3").rect().center();
+    let press = |pressed| {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        egui::Event::PointerButton { pos: from, button, pressed, modifiers }
+    };
+    window.hover_at(from);
+    window.step();
+    window.input_mut().events.push(press(true));
+    // Longer than any click.
+    for step in 0..90 {
+        window.hover_at(from + Vec2::new((step % 2) as f32, 0.0));
+        window.step();
+    }
+    window.input_mut().events.push(press(false));
+    settle(&mut window);
+    assert_eq!((lenslets(&window), studio(&window).bench().undoes()), (start.clone(), None));
+    drag(&mut window, from, Vec2::new(4.0, 0.0), PointerButton::Primary);
+    settle(&mut window);
+    assert!(lenslets(&window)[2].x > start[2].x);
+}
+
+#[test]
 fn lenslets_are_added_nudged_and_deleted() {
     let mut window = open(Design::default());
     click(&mut window, "Add lenslet");
@@ -104,6 +129,48 @@ fn a_double_click_adds_where_it_was() {
     assert_eq!(added.len(), 10);
     let handle = window.get_by_label("Lenslet 10").rect().center();
     assert!((handle - place).length() < 1.5, "{handle:?} {place:?}");
+}
+
+#[test]
+fn shift_click_takes_one_out_of_the_selection_and_space_leaves_it_as_it_is() {
+    let mut window = open(Design::default());
+    let shift_click = |window: &mut Window, name: &str| {
+        window.get_by_label(name).click_modifiers(Modifiers::SHIFT);
+        window.run_steps(3);
+    };
+    click(&mut window, "Lenslet 1");
+    for name in ["Lenslet 2", "Lenslet 3"] {
+        shift_click(&mut window, name);
+    }
+    window.get_by_label("3 selected");
+    shift_click(&mut window, "Lenslet 2");
+    window.get_by_label("2 selected");
+    shift_click(&mut window, "Lenslet 2");
+    window.get_by_label("3 selected");
+    // The last one has the keyboard.
+    window.key_press(Key::Space);
+    window.run_steps(3);
+    window.get_by_label("3 selected");
+    click(&mut window, "Lenslet 1");
+    window.get_by_label("1 selected");
+}
+
+#[test]
+fn the_right_button_neither_moves_lenslets_nor_selects() {
+    let mut window = open(Design::default());
+    let start = lenslets(&window);
+    let picture = window.get_by_label("PSF").rect();
+    drag(
+        &mut window,
+        picture.left_top() + Vec2::splat(3.0),
+        picture.size() - Vec2::splat(7.0),
+        PointerButton::Secondary,
+    );
+    let from = window.get_by_label("Lenslet 5").rect().center();
+    drag(&mut window, from, Vec2::new(40.0, -24.0), PointerButton::Secondary);
+    settle(&mut window);
+    assert_eq!(lenslets(&window), start);
+    window.get_by_label_contains("Double-click adds a lenslet");
 }
 
 #[test]
@@ -245,6 +312,42 @@ fn locked_lenslets_stay_locked_while_others_go_and_a_run_leaves_them() {
     assert_eq!((run.array.lenslets[1].x, run.array.lenslets[1].y), (kept.x, kept.y));
     assert_ne!(run.array.lenslets[0].x, run.start.encoder.lenslets().unwrap().lenslets[0].x);
     click(&mut window, "Stop run");
+}
+
+#[test]
+fn after_an_undo_nothing_is_selected_or_locked_that_was_another_lenslet() {
+    let mut window = open(Design::default());
+    let is_locked = |window: &Window| {
+        let node = window.get_by_label("Lock lenslet 1");
+        node.accesskit_node().toggled() == Some(egui::accesskit::Toggled::True)
+    };
+    let undo = |window: &mut Window| {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        settle(window);
+    };
+    for _ in 0..2 {
+        menu(&mut window, &["Presets", "25 random lenslets"]);
+    }
+    click(&mut window, "Lenslet 1");
+    click(&mut window, "Lock lenslet 1");
+    window.key_press(Key::ArrowRight);
+    settle(&mut window);
+    // One that was only moved is the same.
+    undo(&mut window);
+    window.get_by_label("1 selected");
+    assert!(is_locked(&window));
+    undo(&mut window);
+    assert_eq!(lenslets(&window).len(), 25);
+    assert!(!is_locked(&window));
+    window.get_by_label_contains("Double-click adds a lenslet");
+    // What was deleted comes back where it was, and moves the others on.
+    click(&mut window, "Select lenslet 1");
+    click(&mut window, "Delete selected");
+    click(&mut window, "Select lenslet 1");
+    let selected = lenslets(&window)[0];
+    undo(&mut window);
+    assert_eq!(lenslets(&window)[1], selected);
+    window.get_by_label_contains("Double-click adds a lenslet");
 }
 
 #[test]

@@ -144,6 +144,23 @@ fn a_run_is_started_watched_rewound_and_undone() {
 }
 
 #[test]
+fn masks_of_a_run_push_no_edits_out_of_the_history() {
+    let mut window = open(Design::default());
+    for name in ["Optimize", "Details", "16 px", "Start run"] {
+        click(&mut window, name);
+    }
+    wait_for(&mut window, "some masks", |window| studio(window).bench().run().is_some_and(|run| run.step >= 30));
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    click(&mut window, "Back to the design");
+    settle(&mut window);
+    menu(&mut window, &["View", "Room", "Show History"]);
+    // At the start, at the beginning of the run, and when it was shown again.
+    let is_listed = |count: usize| window.query_by_label(&format!("{count} designs")).is_some();
+    assert!((2..=5).any(is_listed), "there are more");
+}
+
+#[test]
 fn an_edit_takes_over_from_a_run_up_a_density_model() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
@@ -230,10 +247,8 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     assert_eq!(open_lenslets(&window).len(), newest.len());
 }
 
-#[test]
-fn results_keep_the_runs_that_led_to_them_and_are_compared() {
-    // Two starts that came to their end when the program was here last.
-    let folder = tempfile::tempdir().unwrap();
+/// Keeps two starts in a folder, as if they had come to their end when the program was here last; their results.
+fn two_results_in(folder: &Path) -> Vec<RankedStart> {
     let settings = IdealSettings {
         patch: Some((6, 6)),
         steps: 4,
@@ -255,7 +270,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
         weights: WeightsFiles::default(),
     };
     let go_on = || std::ops::ControlFlow::Continue(());
-    let kept = KeptRun::in_folder(&folder.path().join("run")).unwrap();
+    let kept = KeptRun::in_folder(&folder.join("run")).unwrap();
     let found = |(at, start): (usize, &Start)| {
         let keep = &mut |ideal: &Ideal<'_>| kept.store(at, &ideal.to_bytes()?);
         let record = run_ideal(&start.design, &settings, None, &|_| go_on(), keep, &mut |_| go_on()).unwrap();
@@ -265,10 +280,35 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
         RankedStart { name, design, sensor: Some(estimate.clone()), estimate, is_scored: true, record }
     };
     let ranked: Vec<RankedStart> = starts.iter().enumerate().map(found).collect();
-    let (starts, settings, ranked) = (starts, settings.clone(), ranked.clone());
-    let order = KeptOrder { at: 1, ranked: ranked.clone(), ..KeptOrder::new(starts, settings) };
+    let (starts, settings, found) = (starts, settings.clone(), ranked.clone());
+    let order = KeptOrder { at: 1, ranked: found, ..KeptOrder::new(starts, settings) };
     kept.note(&order).unwrap();
+    ranked
+}
 
+#[test]
+fn of_several_starts_the_one_that_is_shown_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let ranked = two_results_in(folder.path());
+    let mut window = at_home(folder.path());
+    click(&mut window, "Optimize");
+    // Nothing was chosen: the start that came last is shown, which is not the first in the list.
+    let begun = |result: &RankedStart| result.record.as_ref().unwrap().frames[0].array.lenslets.clone();
+    click(&mut window, "Back to start");
+    assert_eq!(lenslets(&window), begun(&ranked[1]));
+    window.get_by_label("Go on with result 2");
+    click(&mut window, "Go on from step 0");
+    wait_for(&mut window, "its next steps", |window| studio(window).bench().run().unwrap().step > 4);
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    let run = studio(&window).bench().run().unwrap();
+    assert_eq!((run.start_number, &run.frames[0].array.lenslets), ((2, 2), &begun(&ranked[1])));
+}
+
+#[test]
+fn results_keep_the_runs_that_led_to_them_and_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let ranked = two_results_in(folder.path());
     let mut window = at_home(folder.path());
     click(&mut window, "Optimize");
     // The run of each is there, from its start to its end.
@@ -315,6 +355,9 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     click(&mut window, "Start run");
     window.get_by_label_contains("It has 2 results.");
     click(&mut window, "Cancel");
+    // Where nothing was chosen the last start is shown.
+    window.get_by_label("Go on with result 2");
+    click(&mut window, "Result 1");
     window.get_by_label("Go on with result 1");
     click(&mut window, "Result 2");
     click(&mut window, "Go on with result 2");

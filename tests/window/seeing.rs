@@ -127,6 +127,11 @@ fn object_and_measurement_are_linked_until_they_are_not() {
     };
     let cursor = description(&window, "Object");
     assert!(cursor.contains(&format!("x {}.", col + 14)) || cursor.contains(&format!("x {}.", col + 15)), "{cursor}");
+    window.get_by_role_and_label(Role::Image, "Object").click_secondary();
+    window.run_steps(4);
+    click(&mut window, "Show all of it");
+    assert_eq!((view_of(&window, "Object").0, view_of(&window, "Measurement").0), (1.0, 1.0));
+    turn(&mut window, place, 6.0, Modifiers::NONE);
     // From the object, too; beyond the field of the sensor there is nothing.
     click(&mut window, "Fit Object");
     assert_eq!(view_of(&window, "Measurement").0, 1.0);

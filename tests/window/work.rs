@@ -283,6 +283,14 @@ fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
     window.run_steps(4);
     assert!(window.get_by_role_and_label(Role::Image, "Measurement").rect().width() > 1.5 * before);
     assert!(window.query_by_label("Lenslet 1").is_none());
+    // What is in front is closed first.
+    window.key_press(Key::F1);
+    window.run_steps(4);
+    window.get_by_label("Select in a box; with Shift, add to the selection");
+    window.key_press(Key::Escape);
+    window.run_steps(4);
+    assert!(window.query_by_label("Select in a box; with Shift, add to the selection").is_none());
+    window.get_by_label("Back to all rooms");
     window.key_press(Key::Escape);
     window.run_steps(4);
     window.get_by_label("Lenslet 1");
