@@ -9,7 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
-use super::design_args::{SceneArgs, check_inputs_stay, open_design};
+use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
 use super::design_runs::{Ranking, climb, in_words, outputs, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
@@ -201,7 +201,8 @@ impl Arguments {
         }
         check_folder(&self.out)?;
         let named = [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::file)];
-        check_inputs_stay(named, &design.objects, &outputs(&self.out, self.starts), None)?;
+        let inputs = files_of(named, &design.objects);
+        check_inputs_stay(&inputs, &outputs(&self.out, self.starts), ("--out", None))?;
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
         if self.starts == 1 {

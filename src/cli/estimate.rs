@@ -8,13 +8,13 @@ use clap::Args;
 use super::choices::{
     BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches, is_same_file,
 };
-use super::design_args::{DesignArgs, SceneArgs};
+use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::output::Meter;
 use super::{Failure, output};
 use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
-    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
+    Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
     estimate, lower_bound_at_once,
 };
 
@@ -153,18 +153,6 @@ impl Arguments {
             let advice = "--weights and --save-weights are for --estimator pixelcnn; leave them out";
             return Err(anyhow::anyhow!(advice).into());
         }
-        for file in [&self.resume, &self.save_weights].into_iter().flatten() {
-            check_writable(file)?;
-        }
-        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
-            && is_same_file(kept, weights)
-        {
-            return Err(anyhow::anyhow!(
-                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
-                weights.display()
-            )
-            .into());
-        }
         check_fresh(self.fresh, estimator)?;
         if let Some(steps) = self.steps {
             check_count("--steps", steps, 1..=MOST_STEPS)?;
@@ -174,6 +162,7 @@ impl Arguments {
             }
         }
         let design = self.design.design(&self.scene)?;
+        self.check_files(&design)?;
         let model = DensityModel::new(estimator, budget, self.engine.unwrap_or_default());
         let request = EstimateRequest {
             model: self.steps.map_or(model, |steps| model.of_steps(steps)),
@@ -215,6 +204,31 @@ impl Arguments {
         printed?;
         // Whatever could not be printed is there for the same command.
         request.end_kept();
+        Ok(())
+    }
+}
+
+impl Arguments {
+    /// Refuses files of the result that cannot be written, are one, or would take the place of one that is read.
+    fn check_files(&self, design: &Design) -> anyhow::Result<()> {
+        for file in [&self.resume, &self.save_weights].into_iter().flatten() {
+            check_writable(file)?;
+        }
+        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
+            && is_same_file(kept, weights)
+        {
+            anyhow::bail!(
+                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
+                weights.display()
+            );
+        }
+        let mut inputs = self.design.files(design);
+        if let Some(source) = &self.measured.measurements {
+            inputs.extend(source.files()?);
+        }
+        for (flag, file) in [("--resume", &self.resume), ("--save-weights", &self.save_weights)] {
+            check_inputs_stay(&inputs, file.as_slice(), (flag, None))?;
+        }
         Ok(())
     }
 }

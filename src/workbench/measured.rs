@@ -129,6 +129,14 @@ impl FromStr for MeasuredSource {
 }
 
 impl MeasuredSource {
+    /// The files of the images.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a folder cannot be read.
+    pub fn files(&self) -> Result<Vec<PathBuf>, FormatError> {
+        if self.0.is_dir() { picture_files(&self.0) } else { Ok(vec![self.0.clone()]) }
+    }
+
     /// The same by a path that means the same in every folder.
     fn absolute(&self) -> Self {
         Self(std::path::absolute(&self.0).unwrap_or_else(|_| self.0.clone()))
@@ -197,7 +205,7 @@ impl MeasuredImages {
     pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
         calibration.check()?;
         let path = &source.0;
-        let files = if path.is_dir() { picture_files(path)? } else { vec![path.clone()] };
+        let files = source.files()?;
         let mut photons: Option<Array3<f32>> = None;
         let mut whole_levels = true;
         for (index, file) in files.iter().enumerate() {

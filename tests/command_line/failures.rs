@@ -275,6 +275,32 @@ fn nothing_is_written_in_place_of_what_it_is_made_from() {
     assert!(bench.path("data/objects.tiff").is_file());
 }
 
+#[test]
+fn weights_and_states_of_an_estimate_take_the_place_of_no_input() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --out cam");
+    let images: Vec<f32> = (0..6 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("data/images.npy", npy("(6, 40, 40)", &images));
+    let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
+    let before = read();
+    let sizes = "--estimator pixelcnn --budget 0.2s --patch 8 --patches-train 20 --patches-test 10";
+    for flag in ["--save-weights", "--resume"] {
+        for (subject, file) in [
+            ("cam/design.json", "cam/design.json"),
+            ("--lenslets design:cam/design.json", "cam/design.json"),
+            ("--lenslets psf:cam/psf.npy", "cam/psf.npy"),
+            ("--objects stack:data/images.npy", "data/images.npy"),
+            ("--objects images:data", "data/images.npy"),
+            ("--measurements data/images.npy", "data/images.npy"),
+            ("--measurements data", "data/images.npy"),
+        ] {
+            let told = bench.refused(&format!("estimate {subject} {sizes} {flag} cam/../{file}"));
+            assert_told(&told, &[file, "take the place of this one", flag]);
+            assert!(read() == before, "{subject} {flag}");
+        }
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_folder_that_is_read_only_is_named() {
