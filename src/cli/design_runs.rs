@@ -11,8 +11,8 @@ use super::choices::about_objects;
 use super::output::{self, Meter};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::workbench::{
-    DESIGN_FILES, Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of,
-    export_design, run_ideal, score_in_patches, score_whole, spoken,
+    Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, design_outputs,
+    run_ideal, score_in_patches, score_whole, spoken, write_design,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -55,8 +55,11 @@ const RECORD: &str = "run.json";
 /// All files that the results of so many starts are written to.
 pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
     let own = (1..=starts).filter(|_| starts > 1).map(|number| start_folder(out, number));
-    let names = || DESIGN_FILES.iter().chain(&[CURVE, RECORD]);
-    own.chain([out.to_path_buf()]).flat_map(|folder| names().map(move |name| folder.join(name))).collect()
+    let files = |folder: PathBuf| {
+        let own = [CURVE, RECORD].map(|name| folder.join(name));
+        design_outputs(&folder).into_iter().chain(own)
+    };
+    own.chain([out.to_path_buf()]).flat_map(files).collect()
 }
 
 /// The folder of one of several starts, by its number from 1.
@@ -66,7 +69,7 @@ fn start_folder(out: &Path, number: usize) -> PathBuf {
 
 /// Writes design, PSF, curve and record.
 pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    let mut files = export_design(&record.design(), folder)?;
+    let mut files = write_design(&record.design(), folder, None)?;
     let curve = folder.join(CURVE);
     curve_of(record.settings.objective, &record.frames).write(&curve)?;
     let path = folder.join(RECORD);

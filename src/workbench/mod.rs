@@ -51,7 +51,7 @@ pub use estimator::{Estimates, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
-pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
+pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, design_outputs, export_design, write_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,

@@ -339,3 +339,39 @@ fn an_earlier_result_survives_a_failure() {
     assert!(!bench.path("out/noiseless.npy").exists());
     assert!(kept[..2].iter().zip(&before).all(|(name, bytes)| std::fs::read(bench.path(name)).unwrap() == *bytes));
 }
+
+#[test]
+fn an_export_that_fails_leaves_the_files_of_one_mask() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --colormap viridis --out out");
+    let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
+    for name in ["lenslets.csv", "design.json", "psf-viridis.png"] {
+        let whole = std::fs::read(bench.path("out").join(name)).unwrap();
+        std::fs::remove_file(bench.path("out").join(name)).unwrap();
+        std::fs::create_dir(bench.path("out").join(name)).unwrap();
+        let before = read();
+        let told = bench.refused("export --lenslets heuristic:7 --colormap viridis --out out");
+        assert_told(&told, &[name, "a folder or device"]);
+        assert!(read() == before, "{name}");
+        std::fs::remove_dir(bench.path("out").join(name)).unwrap();
+        bench.write(&format!("out/{name}"), whole);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --out out");
+    // What a program that was killed has left.
+    bench.write("out/.writing-Ab12Cd", "half a stack");
+    let folder = std::fs::File::open(bench.path("out")).unwrap();
+    folder.lock().unwrap();
+    for line in ["export --lenslets heuristic:7 --out out", "measure --count 2 --out out"] {
+        assert_told(&bench.refused(line), &["out", "found another run at work in it", "choose another folder"]);
+    }
+    drop(folder);
+    bench.done("measure --count 2 --out out");
+    assert!(!bench.path("out/.writing-Ab12Cd").exists());
+    bench.done("export --lenslets heuristic:7 --out out");
+}

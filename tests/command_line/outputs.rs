@@ -82,6 +82,14 @@ fn colours_are_extra_and_change_no_data() {
     for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
         assert_eq!(bytes(&bench, &format!("plain/{name}")), bytes(&bench, &format!("coloured/{name}")), "{name}");
     }
+    // Those of one mask stay beside each other, and go where another one comes.
+    let coloured = |name: &str| bench.path(format!("coloured/psf-{name}.png")).exists();
+    assert!(["gray", "viridis", "inferno", "cividis", "diverging"].into_iter().all(coloured));
+    bench.done("export --out coloured --lenslets heuristic:2 --colormap gray");
+    assert!(coloured("gray") && !["viridis", "inferno", "cividis", "diverging"].into_iter().any(coloured));
+    // Nor is one of them removed that is read.
+    let refusal = bench.refused("export --lenslets psf:coloured/psf-gray.png --out coloured");
+    assert!(refusal.contains("psf-gray.png"), "{refusal}");
 }
 
 #[test]
