@@ -15,7 +15,7 @@ use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, lower_bound_at_once,
+    estimate, lower_bound_at_once, tells_of_unwritten_weights,
 };
 
 /// Most repetitions.
@@ -201,10 +201,17 @@ impl Arguments {
         meter.finish();
         let printed =
             if self.json { output::print_json(&result) } else { output::print(&lines_of(&result).join("\n")) };
-        printed?;
-        // Whatever could not be printed is there for the same command.
-        request.end_kept();
-        Ok(())
+        let lost = result.notes.iter().find(|note| tells_of_unwritten_weights(note));
+        match (printed, lost) {
+            // Whether anybody reads the result or not; what was kept is there for the same command.
+            (Ok(()) | Err(Failure::Closed), Some(lost)) => Err(Failure::Incomplete(anyhow::anyhow!("{lost}"))),
+            (Ok(()), None) => {
+                request.end_kept();
+                Ok(())
+            }
+            // Whatever could not be printed is there for the same command.
+            (printed, _) => printed,
+        }
     }
 }
 

@@ -19,6 +19,7 @@ mod tables;
 mod tiff_pages;
 mod write;
 
+pub use bytes::read_bytes;
 pub use cifar::read_cifar;
 pub use error::FormatError;
 pub use folder::picture_files;

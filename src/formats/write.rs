@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use tempfile::NamedTempFile;
 
-use super::FormatError;
+use super::{FormatError, read_bytes};
 
 /// How the names of temporary files begin, which only a kill in the middle of a write leaves behind.
 pub const TEMPORARY_PREFIX: &str = ".writing-";
@@ -207,12 +207,11 @@ pub fn remove_if_there(path: &Path) -> Result<(), FormatError> {
 /// The bytes of a file that [`write_safely`] may have written; none where it is not there.
 ///
 /// # Errors
-/// [`FormatError`] where it is there and cannot be read.
+/// [`FormatError`] where it is there and cannot be read, or is a folder, device or pipe.
 pub fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, FormatError> {
-    match std::fs::read(path) {
-        Ok(bytes) => Ok(Some(bytes)),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(FormatError::from_read(path, error)),
+    match read_bytes(path, u64::MAX) {
+        Err(FormatError::NotFound { .. }) => Ok(None),
+        read => read.map(Some),
     }
 }
 

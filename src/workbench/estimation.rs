@@ -362,8 +362,16 @@ fn network(
     Ok(network_trial(&network, &request.weights, smallest, watch)?)
 }
 
+/// How the note begins that a trial has where its weights are in no file.
+const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
+
+/// Whether a note of an estimate says that weights which were to be kept are in no file.
+pub fn tells_of_unwritten_weights(note: &str) -> bool {
+    note.starts_with(WEIGHTS_NOT_WRITTEN)
+}
+
 /// The trial of a `PixelCNN` that is fitted, or of weights that are there; those of a fit are kept where it is smaller than the
-/// `smallest` trial before.
+/// `smallest` trial before. Where they cannot be, the trial is worth having all the same and has a note.
 pub(super) fn network_trial(
     request: &PixelCnnRequest<'_>,
     files: &WeightsFiles,
@@ -376,8 +384,9 @@ pub(super) fn network_trial(
     let (trial, fitted) = pixelcnn_estimate(request, &mut |fit| watch(&fit.into()))?;
     if let Some(file) = &files.to
         && smallest.is_none_or(|smallest| trial.bits_per_pixel() < smallest)
+        && let Err(error) = fitted.save(file)
     {
-        fitted.save(file)?;
+        return Ok(trial.noting(format!("{WEIGHTS_NOT_WRITTEN}{error}")));
     }
     Ok(trial)
 }

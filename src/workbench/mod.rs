@@ -46,7 +46,7 @@ pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
 pub use estimate_files::{EstimateOrder, FinishedEstimate};
-pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
+pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate, tells_of_unwritten_weights};
 pub use estimator::{Estimates, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,

@@ -1,6 +1,7 @@
 //! What cannot be read, computed or written is told in one sentence that names the file, and leaves nothing behind.
 
 use std::io::Write;
+use std::process::Stdio;
 
 use serde_json::{Value, json};
 
@@ -374,4 +375,44 @@ fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
     bench.done("measure --count 2 --out out");
     assert!(!bench.path("out/.writing-Ab12Cd").exists());
     bench.done("export --lenslets heuristic:7 --out out");
+}
+
+#[test]
+fn weights_that_cannot_be_written_take_no_estimate_along() {
+    let bench = Bench::new();
+    let sizes = "--lenslets heuristic:1 --patch 8 --patches-train 60 --patches-test 20 --budget 1s";
+    let line = format!("estimate --estimator pixelcnn {sizes} --save-weights network --resume kept --json");
+    let mut program = bench.command();
+    program.args(line.split_whitespace()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut program = program.spawn().unwrap();
+    while !bench.path("kept").exists() {
+        assert!(program.try_wait().unwrap().is_none(), "it ended before its weights had nowhere to go");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    std::fs::create_dir(bench.path("network")).unwrap();
+    let output = program.wait_with_output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert_told(&told, &["the weights were not written: network: ", "a folder or device"]);
+    assert_eq!(told.matches("network").count(), 1, "{told}");
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(result["bits_per_pixel"].is_number());
+    assert_told(&result["notes"].to_string(), &["the weights were not written"]);
+    // The same command tries again.
+    std::fs::remove_dir(bench.path("network")).unwrap();
+    let again: Value = serde_json::from_str(&bench.done(&line)).unwrap();
+    assert!(!again["notes"].to_string().contains("not written"), "{}", again["notes"]);
+    assert_eq!(bench.files(), [bench.path("network")]);
+}
+
+#[cfg(unix)]
+#[test]
+fn weights_are_read_from_files_alone() {
+    let bench = Bench::new();
+    assert!(std::process::Command::new("mkfifo").arg(bench.path("pipe")).status().unwrap().success());
+    for line in ["estimate --estimator pixelcnn --weights", "first-weights density --out new --start"] {
+        for (file, found) in [("pipe", "a device or pipe"), ("/dev/zero", "a device or pipe"), ("none", "nothing")] {
+            assert_told(&bench.refused(&format!("{line} {file}")), &[file, "expected a file", found]);
+        }
+    }
 }

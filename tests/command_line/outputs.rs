@@ -403,7 +403,7 @@ fn weights_to_begin_with_are_fitted_and_gone_on_with() {
         assert!(bytes(&bench, of) != bytes(&bench, "more"), "{of}");
     }
     let sentence = bench.refused("first-weights density --budget 1s --start decoder --out other");
-    assert!(sentence.contains("lenslet-studio/first-density-model"), "{sentence}");
+    assert!(sentence.contains("decoder: ") && sentence.contains("lenslet-studio/first-density-model"), "{sentence}");
 }
 
 #[test]
