@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
-use super::design_runs::{Ranking, climb, in_words, outputs, rank, write};
+use super::design_runs::{Ranking, check_place, climb, in_words, outputs, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
@@ -205,6 +205,7 @@ impl Arguments {
         check_inputs_stay(&inputs, &outputs(&self.out, self.starts), ("--out", None))?;
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
+        check_place(&kept, &self.out, self.starts)?;
         if self.starts == 1 {
             let record = climb(&design, &settings, (&kept, &self.out))?;
             return self.finish(&record, &[]);

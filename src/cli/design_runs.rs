@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 
 use super::choices::about_objects;
 use super::output::{self, Meter};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::formats::check_writable;
 use crate::workbench::{
-    Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, design_outputs,
-    run_ideal, score_in_patches, score_whole, spoken, write_design,
+    DESIGN_FILES, Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of,
+    design_outputs, run_ideal, score_in_patches, score_whole, spoken, write_design,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -60,6 +61,25 @@ pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
         design_outputs(&folder).into_iter().chain(own)
     };
     own.chain([out.to_path_buf()]).flat_map(files).collect()
+}
+
+/// Refuses a folder that holds results of another kind of run, or whose files cannot be written, before anything long is computed.
+pub(super) fn check_place(kept: &KeptRun, out: &Path, starts: usize) -> anyhow::Result<()> {
+    if starts == 1 && (kept.has_order() || start_folder(out, 1).exists()) {
+        bail!(
+            "{}: expected a folder for one run, found the runs of several starts; choose another --out, or give their --starts",
+            out.display()
+        );
+    }
+    if starts > 1 && kept.has_run() {
+        bail!(
+            "{}: expected a folder for the runs of several starts, found a single run; choose another --out, or leave --starts out",
+            out.display()
+        );
+    }
+    kept.check_writable()?;
+    DESIGN_FILES.iter().chain(&[CURVE, RECORD]).try_for_each(|name| check_writable(&out.join(name)))?;
+    Ok(())
 }
 
 /// The folder of one of several starts, by its number from 1.

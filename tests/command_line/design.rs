@@ -104,6 +104,24 @@ fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
     assert!(!bench.path("a/score-1").exists());
     let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
     assert!(sentence.contains("--start random:25"), "{sentence}");
+    // A single run takes the place of none of it.
+    let sentence = bench.refused(&format!("{TINY} --steps 1 --out a"));
+    assert!(sentence.contains("found the runs of several starts; choose another --out"), "{sentence}");
+}
+
+#[test]
+fn a_folder_that_cannot_take_the_result_is_told_before_the_run() {
+    let bench = Bench::new();
+    for name in ["run.safetensors", "run.json", "curve.csv", "psf.npy"] {
+        std::fs::create_dir_all(bench.path("taken").join(name)).unwrap();
+        // Objects are read before the first fit, and are not there.
+        let sentence = bench.refused("design --objects idx:none --out taken");
+        assert!(sentence.contains(name) && sentence.contains("a folder or device"), "{sentence}");
+        std::fs::remove_dir(bench.path("taken").join(name)).unwrap();
+    }
+    bench.write("single/run.safetensors", "a state");
+    let sentence = bench.refused(&format!("{TINY} --starts 2 --steps 1 --out single"));
+    assert!(sentence.contains("found a single run"), "{sentence}");
 }
 
 #[test]
