@@ -17,7 +17,7 @@ use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::information::{
     Beginning, CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, Trial,
-    TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
+    TrialSettings, causal_estimate, check_causal_patch, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
@@ -95,6 +95,14 @@ impl DensityModel {
             Self::Stationary | Self::Full | Self::Analytic => None,
             Self::PixelCnn { budget, .. } => budget.map(FitLength::Time),
             Self::Causal { length, .. } | Self::Bracket { length } => Some(*length),
+        }
+    }
+
+    /// Refuses a patch, rows and columns in pixels, that is too large for it, where thousands would be drawn of any size.
+    pub(super) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
+        match self {
+            Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
+            Self::Stationary | Self::Full | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
         }
     }
 
@@ -195,6 +203,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let patch = request.patch.unwrap_or((rows, cols));
     // A patch that fits no measurement is told before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
+    request.model.check_patch(patch)?;
     let protocol = request.protocol;
     let source = PatchSource { design: &bounding, imaging: &imaging, convolver: &convolver, patch, protocol };
     let (channel, refusal) = bead_channel(design, &imaging, patch)?;

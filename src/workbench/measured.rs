@@ -289,6 +289,7 @@ impl MeasuredImages {
         let patch = request.patch.unwrap_or((rows, cols));
         // A patch that fits no image is told before anything is cut.
         Patches::draw((images, rows, cols), patch, 0, seed)?;
+        request.model.check_patch(patch)?;
         let test_images = images.div_ceil(TEST_SHARE);
         // All trials are tested on the same patches: the smallest of estimates on other scenes would be that of the dullest.
         let test_seed = derived_seed(seed, 2);

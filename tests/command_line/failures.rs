@@ -416,3 +416,17 @@ fn weights_are_read_from_files_alone() {
         }
     }
 }
+
+#[test]
+fn a_patch_that_is_too_large_for_a_density_model_is_told() {
+    let bench = Bench::new();
+    let images: Vec<f32> = (0..3 * 140 * 140).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("images.npy", npy("(3, 140, 140)", &images));
+    for line in [
+        "estimate --measurements images.npy --estimator live --steps 2 --patches-test 2 --patch sensor",
+        "estimate --objects stack:images.npy --estimator live --steps 2 --patches-test 2 --patch sensor",
+        "design --objects stack:images.npy --objective density --patch 100 --out out",
+    ] {
+        assert_told(&bench.refused(line), &["cannot be modelled; use 1 to 8192 pixels"]);
+    }
+}
