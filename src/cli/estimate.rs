@@ -250,9 +250,15 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
         (bracket.lower, &bracket.lower_from, bracket.lower_interval_95)
     {
         let (least, most) = Bracket::in_order(lower, bracket.upper);
+        // Where they cross, the smaller number is not the lower bound.
+        let (below, above) = if lower > bracket.upper {
+            (format!(" {lower:.4}"), format!(" {:.4}", bracket.upper))
+        } else {
+            (String::new(), String::new())
+        };
         return format!(
-            "between {least:.4} and {most:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
-             the {from_above} [{low_upper:.4}, {high_upper:.4}]{others}"
+            "between {least:.4} and {most:.4} bits per pixel: lower bound{below} from the {from} [{low:.4}, {high:.4}], \
+             upper{above} from the {from_above} [{low_upper:.4}, {high_upper:.4}]{others}"
         );
     }
     let below = if knows_prior { "" } else { "; no lower bound is known" };
@@ -281,6 +287,7 @@ fn per_patch(result: &Estimate) -> String {
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
+    let smallest = result.smallest_trial.map_or(String::new(), |trial| format!(", the smallest is trial {trial}"));
     let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
     let mut lines = vec![format!("{} before {}, {} noise", result.encoder, result.objects, result.noise)];
     lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
@@ -300,7 +307,7 @@ fn lines_of(result: &Estimate) -> Vec<String> {
             None => "ceiling unknown: the entropy of these objects is not known, so only upper bounds are".into(),
         },
         format!(
-            "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}), seed {}, {:.1} s",
+            "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}{smallest}), seed {}, {:.1} s",
             result.patches_train, result.patches_test, result.trials, result.trial_spread, result.seed, result.seconds
         ),
     ]);

@@ -322,8 +322,7 @@ impl MeasuredImages {
         let mut estimate = Estimate::new(&trials, provenance)?;
         if estimate.interval_95[1] < 0.0 {
             estimate.notes.push(
-                "the estimate is negative, which information is not: the measurements vary less than the noise that \
-                 was stated; check gain, offset, binning and noise"
+                "the measurements vary less than the noise that was stated; check gain, offset, binning and noise"
                     .into(),
             );
         }
