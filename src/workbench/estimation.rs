@@ -12,7 +12,7 @@ use super::evaluation::{EvaluationError, ceiling_of};
 use super::kept_estimate::{self, KeptEstimate};
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, tell};
-use super::simulation::{imaging, open_set_with};
+use super::simulation::{imaging, notices_of, open_set_with};
 use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::information::{
     Beginning, CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
@@ -232,7 +232,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         trials
             .push(kept.trial(index, |keeper| trial(&source, request, density_share, (seed, keeper, smallest), watch))?);
     }
-    let mut notes = set.notices().to_vec();
+    let mut notes = notices_of(design, &set)?;
     if analytic_alone && !set.is_stationary(patch) {
         // Fitted Gaussians see such patches as they are.
         notes.push(PHASES.to_owned());

@@ -264,6 +264,26 @@ fn beads_that_no_light_comes_from_are_told_before_a_fit() {
 }
 
 #[test]
+fn light_from_planes_that_the_objects_do_not_have_is_told() {
+    let bench = Bench::new();
+    let part = "33.3 % of the PSF lies on planes that these objects do not have: they have 3, the mask has 5";
+    let scene = "--lenslets depth:3 --objects volume:3:0.02";
+    let sizes = "--patch 6 --patches-train 60 --patches-test 20";
+    for (line, entry) in [
+        (format!("look {scene}"), "notices"),
+        (format!("measure {scene} --count 1 --out a"), "notices"),
+        (format!("estimate {scene} {sizes}"), "notes"),
+        (format!("estimate {scene} {sizes} --estimator gaussian-analytic"), "notes"),
+        (format!("estimate {scene} {sizes} --estimator live --steps 2"), "notes"),
+    ] {
+        let found = bench.json(&line)[entry].to_string();
+        assert!(found.contains(part), "{line}: {found}");
+        let found = bench.json(&line.replace("volume:3", "volume:5"))[entry].to_string();
+        assert!(!found.contains("of the PSF lies"), "{line}: {found}");
+    }
+}
+
+#[test]
 fn a_design_is_not_replaced_by_another_one() {
     let bench = Bench::new();
     bench.done("export --lenslets heuristic:2 --out own");
