@@ -407,6 +407,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
         lines.push(format!("some lenslets are {least:.2} px apart, although {asked} px were asked for"));
     }
     lines.extend(IdealEvent::detours(&record.events));
+    lines.extend(record.notices.iter().map(|notice| format!("note: {notice}")));
     lines
 }
 

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Bench, idx, text};
+use super::{Bench, idx, npy, text};
 
 /// Cells of fractions of a second.
 const TINY: &str = "--patch 6 --patches-train 200 --patches-test 40 --estimator gaussian";
@@ -51,6 +51,22 @@ fn a_grid_is_computed_into_one_file_and_tables() {
     assert_eq!(written(&bench, "a/study.csv").lines().count(), 5);
     assert!(written(&bench, "a/study.md").contains("| beads:0.05 | heuristic:4 | 6 x 6 px |"));
     assert!(!bench.path("a/study.svg").exists());
+}
+
+#[test]
+fn pictures_that_were_left_out_are_told() {
+    let bench = Bench::new();
+    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("seen/all.npy", npy("(12, 40, 40)", &pictures));
+    bench.write("seen/bad.png", "no picture");
+    let line = format!("study grid {TINY} --objects images:seen --lenslets 2 --out a");
+    let printed = bench.done(&line);
+    let notice = "- images:seen: 1 unreadable files were left out: bad.png";
+    assert!(printed.contains(notice) && written(&bench, "a/study.md").contains(notice), "{printed}");
+    assert!(read(&bench, "a/study.json")["notices"][0].as_str().unwrap().contains("bad.png"));
+    // It is the same study where they can be read later.
+    std::fs::remove_file(bench.path("seen/bad.png")).unwrap();
+    assert!(!bench.done(&line).contains("left out"));
 }
 
 #[test]

@@ -67,7 +67,7 @@ pub fn run_ideal(
         ideal.advance(watch)?;
         keep(&ideal)?;
     }
-    Ok(IdealRecord::new(design, &ideal))
+    Ok(IdealRecord { notices: set.notices().to_vec(), ..IdealRecord::new(design, &ideal) })
 }
 
 /// The lenslets of a design.
