@@ -278,7 +278,7 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("grid --estimator gaussian --budget 60s --out out", "leave it out"),
         ("grid --estimator magic --out out", "live"),
         ("grid --noise none --out out", "without noise"),
-        ("grid --patches-test 0 --out out", "--patches-test 0: expected 1"),
+        ("grid --patches-test 0 --out out", "--patches-test 0: expected 2"),
         ("grid --patch 0 --out out", "patch \"0\""),
         ("patches --sides 8,x --out out", "patch \"x\""),
         ("patches --sides 8,8 --out out", "8 x 8 px twice"),
