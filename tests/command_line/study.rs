@@ -93,6 +93,9 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
         published(&format!("{sets} --published-as cifar10 --published-as fashion --out d")),
         [json!(0.1691), json!(0.3829)]
     );
+    // No set was published that is of beads.
+    let sentence = bench.refused("study grid --objects beads:0.02 --published-as mnist --out f");
+    assert!(sentence.contains("beads:0.02") && sentence.contains("--published-as none"), "{sentence}");
     // Gaussian bounds of beads fall with the number of lenslets, published values of sparse ones rise.
     let told = bench.done(
         "study grid --estimator gaussian --patches-train 2000 --patches-test 200 --objects beads:0.008 --lenslets 1,4,9 --out e",
