@@ -9,6 +9,7 @@ mod cifar;
 mod error;
 mod folder;
 mod idx;
+mod jpeg;
 mod npy;
 mod npy_header;
 mod npz;

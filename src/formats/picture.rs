@@ -4,10 +4,13 @@ use std::io::{self, BufReader};
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader, Limits};
+use image::{
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
+};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-use super::bytes::open;
+use super::bytes::{open, read_bytes};
+use super::jpeg::has_its_end;
 use super::{CompleteFile, FormatError, PixelStack, Samples, complete_file, read_stack};
 
 /// Longest side of a picture, px.
@@ -52,6 +55,10 @@ pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
     let mut reader = ImageReader::new(BufReader::new(file))
         .with_guessed_format()
         .map_err(|error| FormatError::from_read(path, error))?;
+    if reader.format() == Some(ImageFormat::Jpeg) && !has_its_end(&read_bytes(path, length)?) {
+        let advice = "the file is cut short; copy it again";
+        return Err(FormatError::malformed(path, "the end of the picture", "the end of the file", advice));
+    }
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
     limits.max_image_height = Some(LONGEST_SIDE_PX);
@@ -194,6 +201,24 @@ mod tests {
         write_png16(&path, picture.view(), 0.0, 1.0).unwrap();
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 32768.0, 65535.0], [0.0, 65535.0, 0.0]]));
         assert_eq!(read_page(&path).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
+    }
+
+    #[test]
+    fn a_jpeg_that_is_cut_short_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.jpg");
+        let pixels: Vec<u8> = (0..64 * 64).map(|index| (index * 37 % 251) as u8).collect();
+        let mut whole = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new(&mut whole).write_image(&pixels, 64, 64, ExtendedColorType::L8).unwrap();
+        std::fs::write(&path, &whole).unwrap();
+        let read = read_grey(&path).unwrap();
+        std::fs::write(&path, [&whole[..], b"what a camera adds"].concat()).unwrap();
+        assert_eq!(read_grey(&path).unwrap(), read);
+        for length in [whole.len() / 2, whole.len() - 2] {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let message = read_grey(&path).unwrap_err().to_string();
+            assert!(message.contains("cut short"), "{length}: {message}");
+        }
     }
 
     #[test]
