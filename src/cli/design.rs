@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
-use super::design_runs::{Ranking, check_place, climb, in_words, outputs, rank, write};
+use super::design_runs::{Ranking, check_effects, check_place, climb, in_words, outputs, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
@@ -295,6 +295,7 @@ impl Arguments {
         };
         if let Encoder::Lenslets(array) = &design.encoder {
             settings.check(array)?;
+            check_effects(&settings, array.lenslets.len(), self.set.iter().map(|choice| choice.name.as_str()))?;
         }
         Ok(settings)
     }

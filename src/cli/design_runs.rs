@@ -5,15 +5,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
 use super::output::{self, Meter};
-use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::design::{Ideal, IdealError, IdealProgress, IdealSettings, Objective, time_left};
 use crate::formats::check_writable;
+use crate::information::InformationError;
 use crate::workbench::{
-    DESIGN_FILES, Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of,
-    design_outputs, run_ideal, score_in_patches, score_whole, spoken, write_design,
+    DESIGN_FILES, Design, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
+    curve_of, design_outputs, run_ideal, score_in_patches, score_whole, spoken, write_design,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -37,9 +38,17 @@ pub(super) fn climb(
     let reading = |_| ControlFlow::Continue(());
     let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
     let record = run_ideal(design, settings, from.as_deref().map(GoOn::newest), &reading, keep, &mut watch)
-        .map_err(|error| about_objects(design, error))
+        .map_err(|error| about_state(design, kept, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     meter.finish();
+    if let (Some((rows, cols)), Some(taken)) = (settings.patch, record.settings.patch)
+        && taken != (rows, cols)
+    {
+        let (most_rows, most_cols) = taken;
+        output::tell(format_args!(
+            "{folder}: a patch of {rows} x {cols} px is larger than the measurement; the run has patches of {most_rows} x {most_cols} px"
+        ));
+    }
     if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
         let taken = end.step;
         output::tell(format_args!(
@@ -47,6 +56,34 @@ pub(super) fn climb(
         ));
     }
     Ok(record)
+}
+
+/// The error of a run, with the file of the state that it was to go on from where that is what it is about.
+fn about_state(design: &Design, kept: &KeptRun, error: EvaluationError) -> anyhow::Error {
+    match error {
+        EvaluationError::Ideal(
+            error @ (IdealError::OtherRun { .. } | IdealError::Information(InformationError::Network(_))),
+        ) => anyhow!("{}: {error}; choose another --out, or remove this file to begin anew", kept.run_file().display()),
+        other => about_objects(design, other),
+    }
+}
+
+/// Refuses what was asked for and would change nothing in a run from so many lenslets; `named` are settings by their names.
+pub(super) fn check_effects<'a>(
+    settings: &IdealSettings,
+    lenslets: usize,
+    mut named: impl Iterator<Item = &'a str>,
+) -> anyhow::Result<()> {
+    if settings.anisotropic && !settings.free.widths {
+        bail!("--anisotropic is for widths that may change; add widths to --free, or leave it out");
+    }
+    if let Some(left) = settings.lenslets.filter(|&left| left > lenslets) {
+        bail!("--lenslets {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer");
+    }
+    if settings.objective == Objective::Posterior && named.any(|name| name == "objects") {
+        bail!("--set objects is for density models, the posterior draws scenes by patches; leave it out");
+    }
+    Ok(())
 }
 
 /// Names of the curve and the record of a run.
@@ -71,7 +108,7 @@ pub(super) fn check_place(kept: &KeptRun, out: &Path, starts: usize) -> anyhow::
             out.display()
         );
     }
-    if starts > 1 && kept.has_run() {
+    if starts > 1 && kept.run_file().exists() {
         bail!(
             "{}: expected a folder for the runs of several starts, found a single run; choose another --out, or leave --starts out",
             out.display()

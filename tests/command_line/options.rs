@@ -37,7 +37,10 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --estimator pixelcnn --resume fit --save-weights ./fit", "expected two files"),
         ("estimate --estimator pixelcnn --weights none", "none"),
         ("estimate --estimator pixelcnn --weights none --trials 2", "--trials"),
-        ("estimate --estimator pixelcnn --budget 1s --save-weights none/fit", "none"),
+        (
+            "estimate --estimator pixelcnn --budget 1s --save-weights none/fit",
+            "none/fit: expected to write the file, found \"no such folder\"",
+        ),
         ("estimate --estimator live --engine cpu", "--estimator pixelcnn"),
         ("estimate --fresh", "--estimator live, full or bracket"),
         ("study grid --estimator gaussian --fresh --out study", "--estimator live, full or bracket"),

@@ -143,9 +143,9 @@ impl KeptRun {
         Ok(lock_folder(&self.folder)?)
     }
 
-    /// Whether the state of a run is in the folder itself.
-    pub fn has_run(&self) -> bool {
-        self.state(0).exists()
+    /// Where the state of a single run lies.
+    pub fn run_file(&self) -> PathBuf {
+        self.state(0)
     }
 
     /// Whether an order is in the folder.
