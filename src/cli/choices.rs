@@ -183,10 +183,10 @@ pub(super) fn check_fresh(fresh: bool, estimator: Estimator) -> anyhow::Result<(
     Ok(())
 }
 
-/// Refuses more patches than memory holds.
+/// Refuses more patches than memory holds, and a single one to test on, which tells nothing of the interval.
 pub fn check_patches(train: usize, test: usize) -> anyhow::Result<()> {
     check_count("--patches-train", train, 0..=MOST_PATCHES)?;
-    check_count("--patches-test", test, 1..=MOST_PATCHES)
+    check_count("--patches-test", test, 2..=MOST_PATCHES)
 }
 
 /// The error of objects and mask that do not fit each other, with the name of the objects.

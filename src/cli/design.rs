@@ -9,8 +9,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
-use super::design_args::{SceneArgs, check_inputs_stay, open_design};
-use super::design_runs::{Ranking, climb, in_words, outputs, rank, write};
+use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
+use super::design_runs::{Ranking, check_effects, check_place, climb, in_words, outputs, rank, write};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
@@ -201,9 +201,11 @@ impl Arguments {
         }
         check_folder(&self.out)?;
         let named = [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::file)];
-        check_inputs_stay(named, &design.objects, &outputs(&self.out, self.starts), None)?;
+        let inputs = files_of(named, &design.objects);
+        check_inputs_stay(&inputs, &outputs(&self.out, self.starts), ("--out", None))?;
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
+        check_place(&kept, &self.out, self.starts)?;
         if self.starts == 1 {
             let record = climb(&design, &settings, (&kept, &self.out))?;
             return self.finish(&record, &[]);
@@ -293,6 +295,7 @@ impl Arguments {
         };
         if let Encoder::Lenslets(array) = &design.encoder {
             settings.check(array)?;
+            check_effects(&settings, array.lenslets.len(), self.set.iter().map(|choice| choice.name.as_str()))?;
         }
         Ok(settings)
     }
@@ -405,6 +408,7 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
         lines.push(format!("some lenslets are {least:.2} px apart, although {asked} px were asked for"));
     }
     lines.extend(IdealEvent::detours(&record.events));
+    lines.extend(record.notices.iter().map(|notice| format!("note: {notice}")));
     lines
 }
 

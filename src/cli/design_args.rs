@@ -55,8 +55,12 @@ pub struct SceneArgs {
 impl DesignArgs {
     /// Refuses to put any of `outputs` in place of a file that `design` is made from, but for one that holds this very design.
     pub fn check_inputs_stay(&self, outputs: &[PathBuf], design: &Design) -> anyhow::Result<()> {
-        let mask = self.lenslets.as_ref().and_then(EncoderChoice::file);
-        check_inputs_stay([self.design.as_deref(), mask], &design.objects, outputs, Some(design))
+        check_inputs_stay(&self.files(design), outputs, ("--out", Some(design)))
+    }
+
+    /// The files that `design` is made from.
+    pub fn files(&self, design: &Design) -> Vec<PathBuf> {
+        files_of([self.design.as_deref(), self.lenslets.as_ref().and_then(EncoderChoice::file)], &design.objects)
     }
 
     /// The design, with the scene replaced by what `scene` gives.
@@ -77,26 +81,30 @@ impl DesignArgs {
     }
 }
 
-/// Refuses to put one of the files `outputs` in place of one that is read, be it `named` or of the objects. A design file may be
-/// written again as it is: it will hold `design`, or one that is not known yet.
+/// The files that are read: those that are `named`, but for standard input, and those of the objects.
+pub fn files_of(named: [Option<&Path>; 2], objects: &ObjectSource) -> Vec<PathBuf> {
+    let named = named.into_iter().flatten().filter(|input| *input != Path::new("-")).map(Path::to_owned);
+    named.chain(objects.files()).collect()
+}
+
+/// Refuses to put one of the files `outputs`, which `flag` names, in place of one of the `inputs`. A design file may be written
+/// again as it is: where it will hold `design`.
 pub fn check_inputs_stay(
-    named: [Option<&Path>; 2],
-    objects: &ObjectSource,
+    inputs: &[PathBuf],
     outputs: &[PathBuf],
-    design: Option<&Design>,
+    (flag, design): (&str, Option<&Design>),
 ) -> anyhow::Result<()> {
     // What is not there yet takes no place.
     let outputs: Vec<_> = outputs.iter().filter_map(|output| Some((output.canonicalize().ok()?, output))).collect();
     if outputs.is_empty() {
         return Ok(());
     }
-    let named = named.into_iter().flatten().filter(|input| *input != Path::new("-")).map(Path::to_owned);
-    for input in named.chain(objects.files()) {
+    for input in inputs {
         let Ok(read) = input.canonicalize() else { continue };
         let Some((_, output)) = outputs.iter().find(|(place, _)| *place == read) else { continue };
-        let stays = output.ends_with(DESIGN_FILE) && design.is_some() && Design::open(&input).ok().as_ref() == design;
+        let stays = output.ends_with(DESIGN_FILE) && design.is_some() && Design::open(input).ok().as_ref() == design;
         if !stays {
-            bail!("{}: a file of the result would take the place of this one; choose another --out", input.display());
+            bail!("{}: a file of the result would take the place of this one; choose another {flag}", input.display());
         }
     }
     Ok(())

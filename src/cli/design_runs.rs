@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
 use super::output::{self, Meter};
-use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::design::{Ideal, IdealError, IdealProgress, IdealSettings, Objective, time_left};
+use crate::formats::check_writable;
+use crate::information::InformationError;
 use crate::workbench::{
-    DESIGN_FILES, Design, EstimateProgress, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of,
-    export_design, run_ideal, score_in_patches, score_whole, spoken,
+    DESIGN_FILES, Design, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
+    curve_of, design_outputs, run_ideal, score_in_patches, score_whole, spoken, write_design,
 };
 
 /// A run in its folder, from where it was stopped there.
@@ -36,9 +38,17 @@ pub(super) fn climb(
     let reading = |_| ControlFlow::Continue(());
     let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
     let record = run_ideal(design, settings, from.as_deref().map(GoOn::newest), &reading, keep, &mut watch)
-        .map_err(|error| about_objects(design, error))
+        .map_err(|error| about_state(design, kept, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     meter.finish();
+    if let (Some((rows, cols)), Some(taken)) = (settings.patch, record.settings.patch)
+        && taken != (rows, cols)
+    {
+        let (most_rows, most_cols) = taken;
+        output::tell(format_args!(
+            "{folder}: a patch of {rows} x {cols} px is larger than the measurement; the run has patches of {most_rows} x {most_cols} px"
+        ));
+    }
     if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
         let taken = end.step;
         output::tell(format_args!(
@@ -48,6 +58,34 @@ pub(super) fn climb(
     Ok(record)
 }
 
+/// The error of a run, with the file of the state that it was to go on from where that is what it is about.
+fn about_state(design: &Design, kept: &KeptRun, error: EvaluationError) -> anyhow::Error {
+    match error {
+        EvaluationError::Ideal(
+            error @ (IdealError::OtherRun { .. } | IdealError::Information(InformationError::Network(_))),
+        ) => anyhow!("{}: {error}; choose another --out, or remove this file to begin anew", kept.run_file().display()),
+        other => about_objects(design, other),
+    }
+}
+
+/// Refuses what was asked for and would change nothing in a run from so many lenslets; `named` are settings by their names.
+pub(super) fn check_effects<'a>(
+    settings: &IdealSettings,
+    lenslets: usize,
+    mut named: impl Iterator<Item = &'a str>,
+) -> anyhow::Result<()> {
+    if settings.anisotropic && !settings.free.widths {
+        bail!("--anisotropic is for widths that may change; add widths to --free, or leave it out");
+    }
+    if let Some(left) = settings.lenslets.filter(|&left| left > lenslets) {
+        bail!("--lenslets {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer");
+    }
+    if settings.objective == Objective::Posterior && named.any(|name| name == "objects") {
+        bail!("--set objects is for density models, the posterior draws scenes by patches; leave it out");
+    }
+    Ok(())
+}
+
 /// Names of the curve and the record of a run.
 const CURVE: &str = "curve.csv";
 const RECORD: &str = "run.json";
@@ -55,8 +93,30 @@ const RECORD: &str = "run.json";
 /// All files that the results of so many starts are written to.
 pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
     let own = (1..=starts).filter(|_| starts > 1).map(|number| start_folder(out, number));
-    let names = || DESIGN_FILES.iter().chain(&[CURVE, RECORD]);
-    own.chain([out.to_path_buf()]).flat_map(|folder| names().map(move |name| folder.join(name))).collect()
+    let files = |folder: PathBuf| {
+        let own = [CURVE, RECORD].map(|name| folder.join(name));
+        design_outputs(&folder).into_iter().chain(own)
+    };
+    own.chain([out.to_path_buf()]).flat_map(files).collect()
+}
+
+/// Refuses a folder that holds results of another kind of run, or whose files cannot be written, before anything long is computed.
+pub(super) fn check_place(kept: &KeptRun, out: &Path, starts: usize) -> anyhow::Result<()> {
+    if starts == 1 && (kept.has_order() || start_folder(out, 1).exists()) {
+        bail!(
+            "{}: expected a folder for one run, found the runs of several starts; choose another --out, or give their --starts",
+            out.display()
+        );
+    }
+    if starts > 1 && kept.run_file().exists() {
+        bail!(
+            "{}: expected a folder for the runs of several starts, found a single run; choose another --out, or leave --starts out",
+            out.display()
+        );
+    }
+    kept.check_writable()?;
+    DESIGN_FILES.iter().chain(&[CURVE, RECORD]).try_for_each(|name| check_writable(&out.join(name)))?;
+    Ok(())
 }
 
 /// The folder of one of several starts, by its number from 1.
@@ -66,7 +126,7 @@ fn start_folder(out: &Path, number: usize) -> PathBuf {
 
 /// Writes design, PSF, curve and record.
 pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    let mut files = export_design(&record.design(), folder)?;
+    let mut files = write_design(&record.design(), folder, None)?;
     let curve = folder.join(CURVE);
     curve_of(record.settings.objective, &record.frames).write(&curve)?;
     let path = folder.join(RECORD);

@@ -8,14 +8,14 @@ use clap::Args;
 use super::choices::{
     BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches, is_same_file,
 };
-use super::design_args::{DesignArgs, SceneArgs};
+use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::output::Meter;
 use super::{Failure, output};
 use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
-    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, lower_bound_at_once,
+    Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
+    estimate, lower_bound_at_once, tells_of_unwritten_weights,
 };
 
 /// Most repetitions.
@@ -153,18 +153,6 @@ impl Arguments {
             let advice = "--weights and --save-weights are for --estimator pixelcnn; leave them out";
             return Err(anyhow::anyhow!(advice).into());
         }
-        for file in [&self.resume, &self.save_weights].into_iter().flatten() {
-            check_writable(file)?;
-        }
-        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
-            && is_same_file(kept, weights)
-        {
-            return Err(anyhow::anyhow!(
-                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
-                weights.display()
-            )
-            .into());
-        }
         check_fresh(self.fresh, estimator)?;
         if let Some(steps) = self.steps {
             check_count("--steps", steps, 1..=MOST_STEPS)?;
@@ -174,6 +162,7 @@ impl Arguments {
             }
         }
         let design = self.design.design(&self.scene)?;
+        self.check_files(&design)?;
         let model = DensityModel::new(estimator, budget, self.engine.unwrap_or_default());
         let request = EstimateRequest {
             model: self.steps.map_or(model, |steps| model.of_steps(steps)),
@@ -212,9 +201,41 @@ impl Arguments {
         meter.finish();
         let printed =
             if self.json { output::print_json(&result) } else { output::print(&lines_of(&result).join("\n")) };
-        printed?;
-        // Whatever could not be printed is there for the same command.
-        request.end_kept();
+        let lost = result.notes.iter().find(|note| tells_of_unwritten_weights(note));
+        match (printed, lost) {
+            // Whether anybody reads the result or not; what was kept is there for the same command.
+            (Ok(()) | Err(Failure::Closed), Some(lost)) => Err(Failure::Incomplete(anyhow::anyhow!("{lost}"))),
+            (Ok(()), None) => {
+                request.end_kept();
+                Ok(())
+            }
+            // Whatever could not be printed is there for the same command.
+            (printed, _) => printed,
+        }
+    }
+}
+
+impl Arguments {
+    /// Refuses files of the result that cannot be written, are one, or would take the place of one that is read.
+    fn check_files(&self, design: &Design) -> anyhow::Result<()> {
+        for file in [&self.resume, &self.save_weights].into_iter().flatten() {
+            check_writable(file)?;
+        }
+        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
+            && is_same_file(kept, weights)
+        {
+            anyhow::bail!(
+                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
+                weights.display()
+            );
+        }
+        let mut inputs = self.design.files(design);
+        if let Some(source) = &self.measured.measurements {
+            inputs.extend(source.files()?);
+        }
+        for (flag, file) in [("--resume", &self.resume), ("--save-weights", &self.save_weights)] {
+            check_inputs_stay(&inputs, file.as_slice(), (flag, None))?;
+        }
         Ok(())
     }
 }
@@ -229,9 +250,15 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
         (bracket.lower, &bracket.lower_from, bracket.lower_interval_95)
     {
         let (least, most) = Bracket::in_order(lower, bracket.upper);
+        // Where they cross, the smaller number is not the lower bound.
+        let (below, above) = if lower > bracket.upper {
+            (format!(" {lower:.4}"), format!(" {:.4}", bracket.upper))
+        } else {
+            (String::new(), String::new())
+        };
         return format!(
-            "between {least:.4} and {most:.4} bits per pixel: lower bound from the {from} [{low:.4}, {high:.4}], upper from \
-             the {from_above} [{low_upper:.4}, {high_upper:.4}]{others}"
+            "between {least:.4} and {most:.4} bits per pixel: lower bound{below} from the {from} [{low:.4}, {high:.4}], \
+             upper{above} from the {from_above} [{low_upper:.4}, {high_upper:.4}]{others}"
         );
     }
     let below = if knows_prior { "" } else { "; no lower bound is known" };
@@ -260,6 +287,7 @@ fn per_patch(result: &Estimate) -> String {
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
+    let smallest = result.smallest_trial.map_or(String::new(), |trial| format!(", the smallest is trial {trial}"));
     let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
     let mut lines = vec![format!("{} before {}, {} noise", result.encoder, result.objects, result.noise)];
     lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
@@ -279,7 +307,7 @@ fn lines_of(result: &Estimate) -> Vec<String> {
             None => "ceiling unknown: the entropy of these objects is not known, so only upper bounds are".into(),
         },
         format!(
-            "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}), seed {}, {:.1} s",
+            "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}{smallest}), seed {}, {:.1} s",
             result.patches_train, result.patches_test, result.trials, result.trial_spread, result.seed, result.seconds
         ),
     ]);

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::choices::{check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::workbench::{Colormap, DESIGN_FILES, export_design};
+use crate::workbench::{Colormap, design_outputs, export_design};
 
 /// Arguments of `export`.
 #[derive(Args, Debug)]
@@ -45,20 +45,8 @@ impl Arguments {
     pub fn run(self) -> Result<(), Failure> {
         let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
-        let coloured = self.colormap.map(|colormap| {
-            let name = format!("psf-{}.png", colormap.to_string().to_lowercase());
-            (colormap, self.out.join(name))
-        });
-        let mut outputs: Vec<PathBuf> = DESIGN_FILES.map(|name| self.out.join(name)).into();
-        outputs.extend(coloured.iter().map(|(_, path)| path.clone()));
-        self.design.check_inputs_stay(&outputs, &design)?;
-        let mut files = export_design(&design, &self.out)?;
-        if let Some((colormap, path)) = coloured {
-            let image = design.psf(1)?.sum_axis(ndarray::Axis(0)).mapv(|value| value as f32);
-            let peak = image.iter().copied().fold(0.0, f32::max);
-            colormap.write_png(image.view(), (0.0, peak), &path)?;
-            files.push(path);
-        }
+        self.design.check_inputs_stay(&design_outputs(&self.out), &design)?;
+        let files = export_design(&design, &self.out, self.colormap)?;
         let (psf_rows, psf_cols) = design.encoder.grid();
         let files = names_of(&files);
         let result = Exported { encoder: design.encoder.describe(), psf_rows, psf_cols, files };

@@ -5,14 +5,17 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use clap::{Args, ValueEnum};
 
 use super::choices::BudgetChoice;
 use super::{Failure, output};
-use crate::formats::{check_writable, read_if_there, write_safely};
+use crate::formats::{check_writable, read_bytes, write_safely};
 use crate::information::{Decoder, DecoderFit, DecoderKind, FirstWeights, InformationError};
 use crate::workbench::{first_channel, first_scene, spoken};
 
+/// Largest file of weights that is read, bytes.
+const LARGEST_WEIGHTS: u64 = 1 << 28;
 /// Time between two files.
 const WRITTEN_EVERY: Duration = Duration::from_mins(1);
 
@@ -52,20 +55,15 @@ enum Of {
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
-        let start =
-            match &self.start {
-                Some(path) => Some(read_if_there(path)?.ok_or_else(|| {
-                    anyhow::anyhow!("{}: expected weights to go on from, found no file", path.display())
-                })?),
-                None => None,
-            };
+        let start = self.start.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
+        let of_start = || self.start.as_deref().unwrap_or(Path::new("")).display().to_string();
         check_writable(&self.out)?;
         let (seed, length) = (self.seed, (self.budget.0, self.seed));
         let mut writer = Writer::new(&self.out);
         let (fitted, bytes) = match self.of {
             Of::Decoder => {
                 let mut decoder = match &start {
-                    Some(bytes) => Decoder::from_bytes(bytes)?,
+                    Some(bytes) => Decoder::from_bytes(bytes).with_context(of_start)?,
                     None => Decoder::new(DecoderFit::of_steps(0, DecoderKind::Autoregressive, 0).unrolled, seed)?,
                 };
                 let fitted =
@@ -78,7 +76,7 @@ impl Arguments {
             }
             Of::Density => {
                 let mut weights = match &start {
-                    Some(bytes) => FirstWeights::from_bytes(bytes)?,
+                    Some(bytes) => FirstWeights::from_bytes(bytes).with_context(of_start)?,
                     None => FirstWeights::new(seed),
                 };
                 let fitted = weights.fit(&|number| first_scene(seed, number), length, &mut |now, snapshot| {

@@ -9,7 +9,7 @@ use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{NoiseEntropy, Protocol};
-use crate::workbench::{Design, EvaluationError, LiveInformation, Optics, Scene, SceneOptics};
+use crate::workbench::{Design, EvaluationError, LiveInformation, Optics, Scene, SceneOptics, notices_of};
 
 /// Arguments of `look`.
 #[derive(Args, Debug)]
@@ -134,7 +134,7 @@ impl Look {
             no_information,
             sensor_tamura: measurements.tamura.mean,
             object_tamura: scene.tamura.mean,
-            notices: scene.set.notices().to_vec(),
+            notices: notices_of(design, &scene.set)?,
         })
     }
 

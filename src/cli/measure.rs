@@ -10,7 +10,7 @@ use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::tamura::Summary;
 use super::{Failure, output};
-use crate::workbench::{DESIGN_FILE, MEASUREMENT_STACKS, MeasurementFormat, Simulator, measure_into};
+use crate::workbench::{DESIGN_FILE, MEASUREMENT_STACKS, MeasurementFormat, Simulator, measure_into, notices_of};
 
 /// Most objects of one run; as 96 x 96 px floats they fill 370 GB.
 const MOST_OBJECTS: usize = 10_000_000;
@@ -81,7 +81,7 @@ impl Arguments {
             object_shape: stacks.object_shape,
             measurement_shape: stacks.measurement_shape,
             tamura: Summary::of(&stacks.tamura)?,
-            notices: set.notices().to_vec(),
+            notices: notices_of(&design, set)?,
             files: names_of(&stacks.files),
         };
         if self.json {

@@ -190,6 +190,13 @@ impl Grid {
                  none for those that nothing was published for"
             );
         }
+        let published_as = self.objects.iter().zip(&self.published_as);
+        if let Some((drawn, _)) = published_as.clone().find(|(source, name)| !source.is_read() && name.set().is_some())
+        {
+            anyhow::bail!(
+                "{drawn}: expected pictures that a published set holds, found beads; give --published-as none for them"
+            );
+        }
         let names = self.published_as.iter().map(|choice| choice.set()).chain(std::iter::repeat(None));
         let objects = self.objects.iter().cloned().zip(names);
         let objects: Vec<StudyObjects> = objects.map(|(source, set)| StudyObjects::new(source, set)).collect();

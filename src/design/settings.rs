@@ -333,7 +333,8 @@ impl IdealSettings {
         }
         let locked = self.locked.iter().collect::<BTreeSet<_>>().len();
         if self.lenslets.is_some_and(|kept| kept == 0 || kept < locked) {
-            return wrong("lenslets", format!("{:?}", self.lenslets), "at least 1, and at least those that are locked");
+            let found = self.lenslets.unwrap_or_default().to_string();
+            return wrong("lenslets", found, "at least 1, and at least those that are locked");
         }
         let Free { positions, widths, weights } = self.free;
         if !(positions || widths || weights) || locked == count {

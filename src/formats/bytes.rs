@@ -23,6 +23,21 @@ pub(super) fn open(path: &Path) -> Result<(File, u64), FormatError> {
     Ok((file, metadata.len()))
 }
 
+/// All bytes of a file that has at most `most`.
+///
+/// # Errors
+/// [`FormatError`] where it is not there, is no regular file, cannot be read, or is larger.
+pub fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
+    let (file, length) = open(path)?;
+    if length > most {
+        let expected = format!("a file of at most {most} bytes");
+        return Err(FormatError::malformed(path, expected, format!("{length} bytes"), "choose another file"));
+    }
+    let mut bytes = Vec::new();
+    file.take(most).read_to_end(&mut bytes).map_err(|error| FormatError::from_read(path, error))?;
+    Ok(bytes)
+}
+
 /// The first `N` bytes of the file; zeros stand for what a shorter file lacks.
 pub(super) fn magic<const N: usize>(path: &Path) -> Result<[u8; N], FormatError> {
     let (file, _) = open(path)?;

@@ -9,6 +9,7 @@ mod cifar;
 mod error;
 mod folder;
 mod idx;
+mod jpeg;
 mod npy;
 mod npy_header;
 mod npz;
@@ -19,18 +20,19 @@ mod tables;
 mod tiff_pages;
 mod write;
 
+pub use bytes::read_bytes;
 pub use cifar::read_cifar;
 pub use error::FormatError;
 pub use folder::picture_files;
 pub use idx::read_idx;
 pub use npy::{ArrayWriter, read_array, write_array};
 pub use npz::{read_npz, read_npz_f64};
-pub use picture::{read_grey, write_png_rgb, write_png8, write_png16};
+pub use picture::{complete_png_rgb, complete_png8, complete_png16, read_grey, write_png_rgb, write_png8, write_png16};
 pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
 pub use stack::{read_picture_or_array, read_stack};
-pub use tables::{read_json, write_csv, write_csv_text, write_json};
+pub use tables::{complete_csv, complete_json, read_json, write_csv, write_csv_text, write_json};
 pub use tiff_pages::{PageWriter, read_pages, write_tiff};
 pub use write::{
-    CompleteFile, TEMPORARY_PREFIX, check_writable, create_folder, lock_folder, read_if_there, remove_if_there,
-    write_safely,
+    CompleteFile, TEMPORARY_PREFIX, check_writable, complete_file, create_folder, lock_folder, read_if_there,
+    remove_if_there, write_safely,
 };

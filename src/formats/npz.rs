@@ -91,7 +91,11 @@ fn choose(path: &Path, archive: &ZipArchive<BufReader<File>>, name: Option<&str>
         [] => "no array".into(),
         names => format!("{}{more}", names[..names.len().min(LISTED_NAMES)].join(", ")),
     };
-    Err(FormatError::malformed(path, wanted, found, "name one of the arrays or save it alone with numpy.save"))
+    let advice = match name {
+        Some(_) => "name one of the arrays",
+        None => "save the array alone with numpy.save",
+    };
+    Err(FormatError::malformed(path, wanted, found, advice))
 }
 
 #[cfg(test)]
@@ -129,7 +133,9 @@ mod tests {
             let two = archive(&[("psf", &[1.0]), ("objects/a", &[2.0])], method);
             assert_eq!(read_npz(two.path(), Some("objects/a")).unwrap().as_slice().unwrap(), [2.0]);
             let error = read_npz(two.path(), None).unwrap_err().to_string();
-            assert!(error.contains("objects/a, psf"), "{error}");
+            assert!(error.contains("objects/a, psf; save the array alone"), "{error}");
+            let error = read_npz(two.path(), Some("other")).unwrap_err().to_string();
+            assert!(error.contains("objects/a, psf; name one of the arrays"), "{error}");
         }
     }
 

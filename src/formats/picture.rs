@@ -4,11 +4,14 @@ use std::io::{self, BufReader};
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
-use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader, Limits};
+use image::{
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
+};
 use ndarray::{Array2, ArrayView2, ArrayView3};
 
-use super::bytes::open;
-use super::{FormatError, PixelStack, Samples, read_stack, write_safely};
+use super::bytes::{open, read_bytes};
+use super::jpeg::has_its_end;
+use super::{CompleteFile, FormatError, PixelStack, Samples, complete_file, read_stack};
 
 /// Longest side of a picture, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
@@ -52,6 +55,10 @@ pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
     let mut reader = ImageReader::new(BufReader::new(file))
         .with_guessed_format()
         .map_err(|error| FormatError::from_read(path, error))?;
+    if reader.format() == Some(ImageFormat::Jpeg) && !has_its_end(&read_bytes(path, length)?) {
+        let advice = "the file is cut short; copy it again";
+        return Err(FormatError::malformed(path, "the end of the picture", "the end of the file", advice));
+    }
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
     limits.max_image_height = Some(LONGEST_SIDE_PX);
@@ -89,8 +96,16 @@ pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written, has no pixel, or `high` is not above `low`.
 pub fn write_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
+    complete_png8(path, picture, low, high)?.put_in_place()
+}
+
+/// As [`write_png8`], up to the name.
+///
+/// # Errors
+/// As [`write_png8`].
+pub fn complete_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<CompleteFile, FormatError> {
     let bytes = levels(path, picture, low, high, 255.0)?.map(|level| level as u8).collect::<Vec<_>>();
-    write_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L8)
+    complete_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L8)
 }
 
 /// Writes a 16-bit grey PNG: `low` becomes 0, `high` 65535, values beyond are clipped and NaN is 0.
@@ -98,10 +113,18 @@ pub fn write_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) ->
 /// # Errors
 /// As [`write_png8`].
 pub fn write_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
+    complete_png16(path, picture, low, high)?.put_in_place()
+}
+
+/// As [`write_png16`], up to the name.
+///
+/// # Errors
+/// As [`write_png8`].
+pub fn complete_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<CompleteFile, FormatError> {
     let levels = levels(path, picture, low, high, 65_535.0)?;
     // The encoder takes 16-bit samples in the byte order of the machine.
     let bytes = levels.flat_map(|level| (level as u16).to_ne_bytes()).collect::<Vec<_>>();
-    write_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L16)
+    complete_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L16)
 }
 
 /// Writes an 8-bit colour PNG of shape (rows, cols, 3).
@@ -109,12 +132,20 @@ pub fn write_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written, has no pixel or the last axis is not 3.
 pub fn write_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<(), FormatError> {
+    complete_png_rgb(path, picture)?.put_in_place()
+}
+
+/// As [`write_png_rgb`], up to the name.
+///
+/// # Errors
+/// As [`write_png_rgb`].
+pub fn complete_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<CompleteFile, FormatError> {
     let (rows, cols, channels) = picture.dim();
     if channels != 3 {
         let source = io::Error::new(io::ErrorKind::InvalidInput, format!("{channels} colours instead of 3"));
         return Err(FormatError::from_write(path, source));
     }
-    write_png(path, &picture.iter().copied().collect::<Vec<_>>(), cols, rows, ExtendedColorType::Rgb8)
+    complete_png(path, &picture.iter().copied().collect::<Vec<_>>(), cols, rows, ExtendedColorType::Rgb8)
 }
 
 /// Values as whole levels of 0 to `top`, still as `f32`, row by row.
@@ -133,13 +164,13 @@ fn levels<'a>(
     Ok(picture.into_iter().map(move |value| ((value - low) / span * top).round().clamp(0.0, top)))
 }
 
-fn write_png(
+fn complete_png(
     path: &Path,
     bytes: &[u8],
     cols: usize,
     rows: usize,
     colour: ExtendedColorType,
-) -> Result<(), FormatError> {
+) -> Result<CompleteFile, FormatError> {
     let (Ok(width), Ok(height)) = (u32::try_from(cols), u32::try_from(rows)) else {
         return Err(FormatError::from_write(path, io::ErrorKind::InvalidInput.into()));
     };
@@ -147,7 +178,7 @@ fn write_png(
         let source = io::Error::new(io::ErrorKind::InvalidInput, "a picture without pixels");
         return Err(FormatError::from_write(path, source));
     }
-    write_safely(path, |writer| {
+    complete_file(path, |writer| {
         PngEncoder::new(writer).write_image(bytes, width, height, colour).map_err(|error| match error {
             ImageError::IoError(error) => error,
             error => io::Error::new(io::ErrorKind::InvalidInput, error),
@@ -170,6 +201,24 @@ mod tests {
         write_png16(&path, picture.view(), 0.0, 1.0).unwrap();
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 32768.0, 65535.0], [0.0, 65535.0, 0.0]]));
         assert_eq!(read_page(&path).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
+    }
+
+    #[test]
+    fn a_jpeg_that_is_cut_short_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.jpg");
+        let pixels: Vec<u8> = (0..64 * 64).map(|index| (index * 37 % 251) as u8).collect();
+        let mut whole = Vec::new();
+        image::codecs::jpeg::JpegEncoder::new(&mut whole).write_image(&pixels, 64, 64, ExtendedColorType::L8).unwrap();
+        std::fs::write(&path, &whole).unwrap();
+        let read = read_grey(&path).unwrap();
+        std::fs::write(&path, [&whole[..], b"what a camera adds"].concat()).unwrap();
+        assert_eq!(read_grey(&path).unwrap(), read);
+        for length in [whole.len() / 2, whole.len() - 2] {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let message = read_grey(&path).unwrap_err().to_string();
+            assert!(message.contains("cut short"), "{length}: {message}");
+        }
     }
 
     #[test]

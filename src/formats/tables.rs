@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::bytes::open;
-use super::{FormatError, write_safely};
+use super::{CompleteFile, FormatError, complete_file};
 
 /// Largest JSON file read, bytes.
 const LARGEST_JSON_BYTES: u64 = 256 << 20;
@@ -16,7 +16,19 @@ const LARGEST_JSON_BYTES: u64 = 256 << 20;
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written or a row is not as long as the header.
 pub fn write_csv(path: &Path, header: &[&str], rows: impl Iterator<Item = Vec<f64>>) -> Result<(), FormatError> {
-    write_csv_text(path, header, rows.map(|row| row.iter().map(|value| format!("{value:?}")).collect()))
+    complete_csv(path, header, rows)?.put_in_place()
+}
+
+/// As [`write_csv`], up to the name.
+///
+/// # Errors
+/// As [`write_csv`].
+pub fn complete_csv(
+    path: &Path,
+    header: &[&str],
+    rows: impl Iterator<Item = Vec<f64>>,
+) -> Result<CompleteFile, FormatError> {
+    complete_csv_text(path, header, rows.map(|row| row.iter().map(|value| format!("{value:?}")).collect()))
 }
 
 /// Writes a comma-separated table (RFC 4180) of texts, quoted where that is needed.
@@ -28,7 +40,15 @@ pub fn write_csv_text(
     header: &[&str],
     rows: impl Iterator<Item = Vec<String>>,
 ) -> Result<(), FormatError> {
-    write_safely(path, |writer| {
+    complete_csv_text(path, header, rows)?.put_in_place()
+}
+
+fn complete_csv_text(
+    path: &Path,
+    header: &[&str],
+    rows: impl Iterator<Item = Vec<String>>,
+) -> Result<CompleteFile, FormatError> {
+    complete_file(path, |writer| {
         let names: Vec<String> = header.iter().map(|name| quoted(name)).collect();
         writeln!(writer, "{}", names.join(","))?;
         for (index, row) in rows.enumerate() {
@@ -52,7 +72,15 @@ fn quoted(name: &str) -> String {
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written or has no JSON form.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), FormatError> {
-    write_safely(path, |writer| {
+    complete_json(path, value)?.put_in_place()
+}
+
+/// As [`write_json`], up to the name.
+///
+/// # Errors
+/// As [`write_json`].
+pub fn complete_json(path: &Path, value: &impl Serialize) -> Result<CompleteFile, FormatError> {
+    complete_file(path, |writer| {
         serde_json::to_writer_pretty(&mut *writer, value).map_err(io::Error::from)?;
         writer.write_all(b"\n")
     })

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use tempfile::NamedTempFile;
 
-use super::FormatError;
+use super::{FormatError, read_bytes};
 
 /// How the names of temporary files begin, which only a kill in the middle of a write leaves behind.
 pub const TEMPORARY_PREFIX: &str = ".writing-";
@@ -23,8 +23,18 @@ pub const TEMPORARY_PREFIX: &str = ".writing-";
 /// [`FormatError::NotWritten`] if `fill` fails, the folder is missing or not writable, the disk is full, or `path` is
 /// write-protected or not a regular file.
 pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), FormatError> {
-    let complete = filled(path, fill).map_err(|error| FormatError::from_write(path, error))?;
-    complete.put_in_place()
+    complete_file(path, fill)?.put_in_place()
+}
+
+/// As [`write_safely`], up to the name: files that belong together get their names when all are complete.
+///
+/// # Errors
+/// As [`write_safely`].
+pub fn complete_file(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<CompleteFile, FormatError> {
+    filled(path, fill).map_err(|error| FormatError::from_write(path, error))
 }
 
 /// Tells whether [`write_safely`] could write a file of this name now; nothing stays of the attempt.
@@ -46,13 +56,19 @@ pub fn create_folder(path: &Path) -> Result<(), FormatError> {
 /// Time that another program has to give back a lock.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Keeps other programs out of a folder until the file is dropped or the process ends, however it ends. Where the system
-/// knows no locks of folders, nobody is kept out.
+/// Keeps other programs out of a folder until the file is dropped or the process ends, however it ends, and removes the files that
+/// programs which were killed have left there half-written. Where the system knows no locks of folders, nobody is kept out.
 ///
 /// # Errors
 /// [`FormatError::Busy`] where another one has it, and still has it after half a second: one that was killed holds its
 /// locks until the system has taken back its memory.
 pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
+    let locked = locked(path)?;
+    remove_left_behind(path);
+    Ok(locked)
+}
+
+fn locked(path: &Path) -> Result<Option<File>, FormatError> {
     let Ok(folder) = File::open(path) else { return Ok(None) };
     let Err(TryLockError::WouldBlock) = folder.try_lock() else { return Ok(Some(folder)) };
     let (tell, told) = channel();
@@ -61,6 +77,21 @@ pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
     let waiting = std::thread::Builder::new().name("lenslet-lock".into()).spawn(wait);
     let locked = waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok());
     locked.map(Some).ok_or_else(|| FormatError::Busy { path: path.to_path_buf() })
+}
+
+/// Removes temporary files that nobody writes any more: whoever does has them locked.
+fn remove_left_behind(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let is_temporary = entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX);
+        if !is_temporary || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        let file = File::options().write(true).open(entry.path());
+        if file.is_ok_and(|file| file.try_lock().is_ok()) {
+            // Where it cannot be removed it does no harm.
+            let _ = fs::remove_file(entry.path());
+        }
+    }
 }
 
 /// A file on its way: a temporary one in the same folder, which takes its name when it is complete and is removed
@@ -81,6 +112,8 @@ impl SafeFile {
         #[cfg(unix)]
         builder.permissions(everyone);
         let temporary = builder.tempfile_in(folder_of(&target)).map_err(|error| without_name(&error))?;
+        // Tells others that it is being written; where the system knows no locks, nobody finds it without one either.
+        let _ = temporary.as_file().try_lock();
         Ok(Self { target, temporary })
     }
 
@@ -132,6 +165,9 @@ fn filled(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> i
 fn without_name(error: &io::Error) -> io::Error {
     let cause = error.get_ref().and_then(std::error::Error::source);
     let code = cause.and_then(|cause| cause.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error);
+    if error.kind() == io::ErrorKind::NotFound {
+        return io::Error::new(io::ErrorKind::NotFound, "no such folder");
+    }
     code.map_or_else(|| error.kind().into(), io::Error::from_raw_os_error)
 }
 
@@ -174,12 +210,11 @@ pub fn remove_if_there(path: &Path) -> Result<(), FormatError> {
 /// The bytes of a file that [`write_safely`] may have written; none where it is not there.
 ///
 /// # Errors
-/// [`FormatError`] where it is there and cannot be read.
+/// [`FormatError`] where it is there and cannot be read, or is a folder, device or pipe.
 pub fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, FormatError> {
-    match std::fs::read(path) {
-        Ok(bytes) => Ok(Some(bytes)),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(FormatError::from_read(path, error)),
+    match read_bytes(path, u64::MAX) {
+        Err(FormatError::NotFound { .. }) => Ok(None),
+        read => read.map(Some),
     }
 }
 
@@ -218,6 +253,22 @@ mod tests {
         assert!(error.to_string().contains("a folder or device"), "{error}");
         assert!(std::error::Error::source(&error).is_none(), "what the system said is told once");
         assert!(names(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn what_a_killed_program_left_is_removed_and_what_is_being_written_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join(".writing-Ab12Cd"), b"half").unwrap();
+        fs::write(folder.path().join("notes"), b"mine").unwrap();
+        let path = folder.path().join("a.npy");
+        let going_on = SafeFile::create(&path).unwrap();
+        let lock = lock_folder(folder.path()).unwrap();
+        let mut found = names(folder.path());
+        found.sort();
+        assert!(found.len() == 2 && found[0].starts_with(TEMPORARY_PREFIX) && found[1] == "notes", "{found:?}");
+        going_on.complete().unwrap().put_in_place().unwrap();
+        assert!(path.is_file() && lock.is_some());
+        assert!(matches!(lock_folder(folder.path()), Err(FormatError::Busy { .. })));
     }
 
     #[cfg(unix)]

@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use super::EngineChoice;
+use crate::formats::FormatError;
 use crate::network::NetworkError;
 
 /// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
@@ -252,4 +253,13 @@ pub enum InformationError {
         /// What was expected and found.
         reason: String,
     },
+}
+
+impl From<FormatError> for InformationError {
+    fn from(error: FormatError) -> Self {
+        let (path, text) = (error.path().display().to_string(), error.to_string());
+        // The text of the error begins with the file, which is named once.
+        let reason = text.strip_prefix(&format!("{path}: ")).unwrap_or(&text).to_owned();
+        Self::WeightsFile { path, reason }
+    }
 }

@@ -44,7 +44,7 @@ pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
     Beginning, CausalFit, CausalModel, CausalRefit, CausalRequest, CausalShape, CausalStart, FirstFitProgress,
     FirstScene, FirstWeights, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate, causal_model,
-    information_map, information_over, score, score_while,
+    check_causal_patch, information_map, information_over, score, score_while,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};

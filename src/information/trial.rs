@@ -187,6 +187,13 @@ impl Trial {
         self
     }
 
+    /// The same trial, with something else that a reader must know.
+    #[must_use]
+    pub fn noting(mut self, note: String) -> Self {
+        self.notes.push(note);
+        self
+    }
+
     /// The same trial, computed by this engine.
     #[must_use]
     pub fn on_engine(self, engine: EngineChoice) -> Self {

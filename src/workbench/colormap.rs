@@ -6,7 +6,7 @@ use std::path::Path;
 use colorgrad::Gradient;
 use ndarray::{Array3, ArrayView2};
 
-use crate::formats::{self, FormatError};
+use crate::formats::{self, CompleteFile, FormatError};
 
 /// A map from values to colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
@@ -60,12 +60,25 @@ impl Colormap {
     /// # Errors
     /// [`FormatError`] where the file cannot be written.
     pub fn write_png(self, image: ArrayView2<'_, f32>, limits: (f32, f32), path: &Path) -> Result<(), FormatError> {
+        self.complete_png(image, limits, path)?.put_in_place()
+    }
+
+    /// As [`Colormap::write_png`], up to the name of the file.
+    ///
+    /// # Errors
+    /// As [`Colormap::write_png`].
+    pub(super) fn complete_png(
+        self,
+        image: ArrayView2<'_, f32>,
+        limits: (f32, f32),
+        path: &Path,
+    ) -> Result<CompleteFile, FormatError> {
         let palette = self.palette();
         let (rows, cols) = image.dim();
         let pixels = Array3::from_shape_fn((rows, cols, 3), |(row, col, channel)| {
             palette[Self::index(image[(row, col)], limits)][channel]
         });
-        formats::write_png_rgb(path, pixels.view())
+        formats::complete_png_rgb(path, pixels.view())
     }
 }
 

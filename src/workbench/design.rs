@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::formats::{FormatError, read_json, write_json};
+use crate::formats::{CompleteFile, FormatError, complete_json, read_json};
 use crate::objects::ObjectSource;
 use crate::optics::{Diffuser, Encoder, LensletError, Limits, heuristic_layout};
 use crate::sensor::{DEFAULT_BIAS, Noise};
@@ -161,9 +161,17 @@ impl Design {
     /// # Errors
     /// [`DesignFileError`] where the design cannot be rendered or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), DesignFileError> {
+        Ok(self.complete_file(path)?.put_in_place()?)
+    }
+
+    /// As [`Design::save`], up to the name of the file.
+    ///
+    /// # Errors
+    /// As [`Design::save`].
+    pub(super) fn complete_file(&self, path: &Path) -> Result<CompleteFile, DesignFileError> {
         let psf = self.psf(1)?;
         let written = (psf.len() <= MOST_PSF_NUMBERS).then(|| rows_of(&psf));
-        Ok(write_json(path, &DesignFile::new(self, written))?)
+        Ok(complete_json(path, &DesignFile::new(self, written))?)
     }
 
     /// The text of a design file on one line, without the PSF.

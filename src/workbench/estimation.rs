@@ -12,12 +12,12 @@ use super::evaluation::{EvaluationError, ceiling_of};
 use super::kept_estimate::{self, KeptEstimate};
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, tell};
-use super::simulation::{imaging, open_set_with};
+use super::simulation::{imaging, notices_of, open_set_with};
 use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::information::{
     Beginning, CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, Trial,
-    TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
+    TrialSettings, causal_estimate, check_causal_patch, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
@@ -95,6 +95,14 @@ impl DensityModel {
             Self::Stationary | Self::Full | Self::Analytic => None,
             Self::PixelCnn { budget, .. } => budget.map(FitLength::Time),
             Self::Causal { length, .. } | Self::Bracket { length } => Some(*length),
+        }
+    }
+
+    /// Refuses a patch, rows and columns in pixels, that is too large for it, where thousands would be drawn of any size.
+    pub(super) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
+        match self {
+            Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
+            Self::Stationary | Self::Full | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
         }
     }
 
@@ -195,6 +203,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     let patch = request.patch.unwrap_or((rows, cols));
     // A patch that fits no measurement is told before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
+    request.model.check_patch(patch)?;
     let protocol = request.protocol;
     let source = PatchSource { design: &bounding, imaging: &imaging, convolver: &convolver, patch, protocol };
     let (channel, refusal) = bead_channel(design, &imaging, patch)?;
@@ -223,7 +232,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         trials
             .push(kept.trial(index, |keeper| trial(&source, request, density_share, (seed, keeper, smallest), watch))?);
     }
-    let mut notes = set.notices().to_vec();
+    let mut notes = notices_of(design, &set)?;
     if analytic_alone && !set.is_stationary(patch) {
         // Fitted Gaussians see such patches as they are.
         notes.push(PHASES.to_owned());
@@ -362,8 +371,16 @@ fn network(
     Ok(network_trial(&network, &request.weights, smallest, watch)?)
 }
 
+/// How the note begins that a trial has where its weights are in no file.
+const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
+
+/// Whether a note of an estimate says that weights which were to be kept are in no file.
+pub fn tells_of_unwritten_weights(note: &str) -> bool {
+    note.starts_with(WEIGHTS_NOT_WRITTEN)
+}
+
 /// The trial of a `PixelCNN` that is fitted, or of weights that are there; those of a fit are kept where it is smaller than the
-/// `smallest` trial before.
+/// `smallest` trial before. Where they cannot be, the trial is worth having all the same and has a note.
 pub(super) fn network_trial(
     request: &PixelCnnRequest<'_>,
     files: &WeightsFiles,
@@ -376,8 +393,9 @@ pub(super) fn network_trial(
     let (trial, fitted) = pixelcnn_estimate(request, &mut |fit| watch(&fit.into()))?;
     if let Some(file) = &files.to
         && smallest.is_none_or(|smallest| trial.bits_per_pixel() < smallest)
+        && let Err(error) = fitted.save(file)
     {
-        fitted.save(file)?;
+        return Ok(trial.noting(format!("{WEIGHTS_NOT_WRITTEN}{error}")));
     }
     Ok(trial)
 }

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use ndarray::Axis;
 use thiserror::Error;
 
+use super::colormap::Colormap;
 use super::design::{Design, DesignError, DesignFileError};
 use super::evaluation::EvaluationError;
-use crate::formats::{self, FormatError};
+use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::optics::Spot;
 
 /// Why an export was not written.
@@ -32,32 +33,59 @@ pub const DESIGN_FILES: [&str; 6] = ["psf.npy", "psf.tiff", "psf.png", "psf16.pn
 /// The one of them that can be opened.
 pub const DESIGN_FILE: &str = "design.json";
 
+/// The file of the PSF in these colours.
+fn coloured(colormap: Colormap) -> String {
+    format!("psf-{}.png", colormap.to_string().to_lowercase())
+}
+
+/// All files that an export into `folder` may write or remove.
+pub fn design_outputs(folder: &Path) -> Vec<PathBuf> {
+    let colours = Colormap::ALL.map(|colormap| folder.join(coloured(colormap)));
+    DESIGN_FILES.iter().map(|name| folder.join(name)).chain(colours).collect()
+}
+
 /// Writes a design into `folder`, which is made if need be: `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
-/// `psf16.png` (0 to the PSF's maximum), `design.json`, and `lenslets.csv` where there are lenslets; where there are
-/// none, that of an earlier export is removed.
+/// `psf16.png` (0 to the PSF's maximum), `design.json`, `lenslets.csv` where there are lenslets, and `psf-COLOURS.png` where
+/// colours are asked for. A table or colours that an earlier export of another mask has left there are removed.
 ///
 /// `psf.npy` and `psf.tiff` hold (rows, cols) values that sum to 1, or (planes, rows, cols) where lenslets are focused
-/// on several planes; the PNG files show all planes together.
+/// on several planes; the PNG files show all planes together. No file appears before all are complete.
 ///
 /// # Errors
-/// [`ExportError`] names the file that could not be written.
-pub fn export_design(design: &Design, folder: &Path) -> Result<Vec<PathBuf>, ExportError> {
+/// [`ExportError`] names the file that could not be written, or the folder where another program writes into it.
+pub fn export_design(design: &Design, folder: &Path, colours: Option<Colormap>) -> Result<Vec<PathBuf>, ExportError> {
+    formats::create_folder(folder)?;
+    let _lock = formats::lock_folder(folder)?;
+    write_design(design, folder, colours)
+}
+
+/// As [`export_design`], into a folder that is there and that the caller keeps others out of.
+///
+/// # Errors
+/// As [`export_design`].
+pub fn write_design(design: &Design, folder: &Path, colours: Option<Colormap>) -> Result<Vec<PathBuf>, ExportError> {
     let psf = design.psf(1)?.mapv(|value| value as f32);
     let image = psf.sum_axis(Axis(0));
     let peak = image.iter().copied().fold(0.0, f32::max);
-    formats::create_folder(folder)?;
     let [npy, tiff, png8, png16, json, csv] = DESIGN_FILES.map(|name| folder.join(name));
-    let stack = psf.view();
-    if psf.len_of(Axis(0)) == 1 {
-        formats::write_array(&npy, stack.index_axis(Axis(0), 0))?;
-    } else {
-        formats::write_array(&npy, stack)?;
-    }
-    formats::write_tiff(&tiff, psf.view())?;
-    formats::write_png8(&png8, image.view(), 0.0, peak)?;
-    formats::write_png16(&png16, image.view(), 0.0, peak)?;
-    design.save(&json)?;
-    let mut files = vec![npy, tiff, png8, png16, json];
+    let shape = match psf.shape() {
+        [1, plane @ ..] => plane,
+        all => all,
+    };
+    // A picture of the same mask in other colours may stay.
+    let earlier = formats::read_array(&npy).ok();
+    let is_of_another = earlier.is_some_and(|earlier| earlier.shape() != shape || !earlier.iter().eq(psf.iter()));
+    let mut array = ArrayWriter::create(&npy, shape)?;
+    array.append(psf.view())?;
+    let mut pages = PageWriter::create(&tiff, psf.dim())?;
+    pages.append(psf.view())?;
+    let mut complete = vec![
+        (npy, array.complete()?),
+        (tiff, pages.complete()?),
+        (png8.clone(), formats::complete_png8(&png8, image.view(), 0.0, peak)?),
+        (png16.clone(), formats::complete_png16(&png16, image.view(), 0.0, peak)?),
+        (json.clone(), design.complete_file(&json)?),
+    ];
     if let Some(array) = design.encoder.lenslets() {
         let header = ["x_px", "y_px", "sigma_px", "weight", "plane", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2"];
         let rows = array.lenslets.iter().map(|lenslet| {
@@ -68,13 +96,25 @@ pub fn export_design(design: &Design, folder: &Path) -> Result<Vec<PathBuf>, Exp
             };
             vec![lenslet.x, lenslet.y, sigma, lenslet.weight, lenslet.plane as f64, xx, xy, yy]
         });
-        formats::write_csv(&csv, &header, rows)?;
-        files.push(csv);
-    } else {
-        // Those of an earlier export are not of this mask.
-        formats::remove_if_there(&csv)?;
+        complete.push((csv.clone(), formats::complete_csv(&csv, &header, rows)?));
+    }
+    if let Some(colormap) = colours {
+        let path = folder.join(coloured(colormap));
+        complete.push((path.clone(), colormap.complete_png(image.view(), (0.0, peak), &path)?));
+    }
+    let files = put_in_place(complete)?;
+    let colours = Colormap::ALL.map(|colormap| folder.join(coloured(colormap)));
+    let stale = colours.iter().filter(|_| is_of_another).chain([&csv]);
+    for path in stale.filter(|path| !files.contains(path)) {
+        formats::remove_if_there(path)?;
     }
     Ok(files)
+}
+
+/// Names files once all of them are on the disk.
+pub(super) fn put_in_place(complete: Vec<(PathBuf, CompleteFile)>) -> Result<Vec<PathBuf>, ExportError> {
+    let place = |(path, file): (PathBuf, CompleteFile)| file.put_in_place().map(|()| path).map_err(ExportError::from);
+    complete.into_iter().map(place).collect()
 }
 
 /// Columns of numbers with names.

@@ -280,7 +280,7 @@ impl Job {
                 Ok(Outcome::LensletsFitted { fitted, replaces: *replaces })
             }
             Self::ExportDesign { design, folder } => {
-                let files = export::export_design(design, folder).map_err(|error| error.to_string())?;
+                let files = export::export_design(design, folder, None).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files })
             }
             Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {

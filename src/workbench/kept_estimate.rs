@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::estimation::tells_of_unwritten_weights;
 use crate::formats::{read_if_there, write_safely};
 use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
 
@@ -14,6 +15,8 @@ use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBE
 pub(super) struct KeptEstimate {
     path: Option<PathBuf>,
     parts: Parts,
+    /// Whether what comes is worth keeping: not once weights could not be written, which the same command is to try again.
+    goes_on: bool,
 }
 
 /// What stands in the file.
@@ -35,11 +38,10 @@ impl KeptEstimate {
     /// Where the file cannot be read, or is that of another estimate.
     pub fn open(path: Option<&Path>, what: &dyn Debug) -> Result<Self, InformationError> {
         // A mask may be a picture of millions of numbers, which nobody need write out where nothing is kept.
-        let Some(path) = path else { return Ok(Self { path: None, parts: Parts::default() }) };
+        let Some(path) = path else { return Ok(Self { path: None, parts: Parts::default(), goes_on: true }) };
         let key = key_of(what);
         let refused = |reason: String| failed(path, &reason);
-        let bytes = read_if_there(path).map_err(|error| refused(error.to_string()))?;
-        let parts = match bytes {
+        let parts = match read_if_there(path)? {
             Some(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
                 refused(format!("expected the state of an estimate, found another file ({error}); choose another name"))
             })?,
@@ -48,7 +50,7 @@ impl KeptEstimate {
         if parts.key != key {
             return Err(refused(InformationError::OtherFit.to_string()));
         }
-        let kept = Self { path: Some(path.to_owned()), parts };
+        let kept = Self { path: Some(path.to_owned()), parts, goes_on: true };
         kept.store()?;
         Ok(kept)
     }
@@ -68,6 +70,7 @@ impl KeptEstimate {
         }
         let fit = self.fit(index);
         let trial = compute(fit.as_ref().map(|fit| fit as _))?;
+        self.goes_on &= !trial.notes().iter().any(|note| tells_of_unwritten_weights(note));
         self.parts.trials.push(trial.clone());
         // What of the trial cannot be written down is in the state of its fit.
         if self.keep()
@@ -140,13 +143,13 @@ impl KeptEstimate {
 
     /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while.
     fn keep(&self) -> bool {
-        self.store().is_ok()
+        self.goes_on && self.store().is_ok()
     }
 
     fn store(&self) -> Result<(), InformationError> {
         let Some(path) = &self.path else { return Ok(()) };
         let text = serde_json::to_vec(&self.parts).map_err(|error| failed(path, &error.to_string()))?;
-        write_safely(path, |out| out.write_all(&text)).map_err(|error| failed(path, &error.to_string()))
+        Ok(write_safely(path, |out| out.write_all(&text))?)
     }
 
     /// The state of the fit of a trial, in a file of its own.
@@ -201,7 +204,7 @@ impl FitKeeper for KeptFit {
     }
 
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        read_if_there(&self.path).map_err(|error| failed(&self.path, &error.to_string()))
+        Ok(read_if_there(&self.path)?)
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {

@@ -129,6 +129,14 @@ impl FromStr for MeasuredSource {
 }
 
 impl MeasuredSource {
+    /// The files of the images.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a folder cannot be read.
+    pub fn files(&self) -> Result<Vec<PathBuf>, FormatError> {
+        if self.0.is_dir() { picture_files(&self.0) } else { Ok(vec![self.0.clone()]) }
+    }
+
     /// The same by a path that means the same in every folder.
     fn absolute(&self) -> Self {
         Self(std::path::absolute(&self.0).unwrap_or_else(|_| self.0.clone()))
@@ -197,7 +205,7 @@ impl MeasuredImages {
     pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
         calibration.check()?;
         let path = &source.0;
-        let files = if path.is_dir() { picture_files(path)? } else { vec![path.clone()] };
+        let files = source.files()?;
         let mut photons: Option<Array3<f32>> = None;
         let mut whole_levels = true;
         for (index, file) in files.iter().enumerate() {
@@ -281,6 +289,7 @@ impl MeasuredImages {
         let patch = request.patch.unwrap_or((rows, cols));
         // A patch that fits no image is told before anything is cut.
         Patches::draw((images, rows, cols), patch, 0, seed)?;
+        request.model.check_patch(patch)?;
         let test_images = images.div_ceil(TEST_SHARE);
         // All trials are tested on the same patches: the smallest of estimates on other scenes would be that of the dullest.
         let test_seed = derived_seed(seed, 2);
@@ -313,8 +322,7 @@ impl MeasuredImages {
         let mut estimate = Estimate::new(&trials, provenance)?;
         if estimate.interval_95[1] < 0.0 {
             estimate.notes.push(
-                "the estimate is negative, which information is not: the measurements vary less than the noise that \
-                 was stated; check gain, offset, binning and noise"
+                "the measurements vary less than the noise that was stated; check gain, offset, binning and noise"
                     .into(),
             );
         }

@@ -46,12 +46,12 @@ pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
 pub use estimate_files::{EstimateOrder, FinishedEstimate};
-pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
+pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate, tells_of_unwritten_weights};
 pub use estimator::{Estimates, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
 };
-pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, export_design};
+pub use export::{Curve, DESIGN_FILE, DESIGN_FILES, ExportError, design_outputs, export_design, write_design};
 pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
@@ -66,7 +66,7 @@ pub use recovery::Recovered;
 pub use refinement::{LiveEstimate, LiveRecipe};
 pub use repeat::{estimate_command, images_command, look_command, repeat_command, run_command};
 pub use samples::{SAMPLES, Sample};
-pub use simulation::{Simulated, Simulator};
+pub use simulation::{Simulated, Simulator, notices_of};
 pub use snapshots::{Bits, FileChange, FileText, Snapshot, SnapshotNumbers, Snapshots};
 pub use stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

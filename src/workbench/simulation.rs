@@ -2,9 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use ndarray::{Array3, Array4};
+use ndarray::{Array3, Array4, Axis, s};
 
-use super::design::Design;
+use super::design::{Design, DesignError};
 use super::evaluation::EvaluationError;
 use crate::design::Imaging;
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Progress, Split};
@@ -74,6 +74,25 @@ pub(super) fn open_set_with(
 ) -> Result<ObjectSet, ObjectError> {
     let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
     ObjectSet::open_with(&design.objects, &options, reading)
+}
+
+/// What a person must know of the objects of a design, and of light that none of them sends.
+///
+/// # Errors
+/// [`DesignError`] where the mask cannot be rendered.
+pub fn notices_of(design: &Design, set: &ObjectSet) -> Result<Vec<String>, DesignError> {
+    let psf = design.psf(set.planes())?;
+    let lost = psf.slice(s![set.planes().., .., ..]).sum() / psf.sum();
+    let notice = || {
+        let planes = set.planes();
+        format!(
+            "{:.1} % of the PSF lies on planes that these objects do not have: they have {planes}, the mask has {}, and no light \
+             comes from the others",
+            100.0 * lost,
+            psf.len_of(Axis(0))
+        )
+    };
+    Ok(set.notices().iter().cloned().chain((lost > 0.0).then(notice)).collect())
 }
 
 /// The optics of a design before a set of objects.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{ArrayViewD, Axis};
 
 use super::design::Design;
-use super::export::{DESIGN_FILE, ExportError};
+use super::export::{DESIGN_FILE, ExportError, put_in_place};
 use super::simulation::Simulator;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::sparsity::tamura_of_stack;
@@ -93,25 +93,20 @@ fn pages_of(shape: &[usize]) -> (usize, usize, usize) {
 /// has one page per plane.
 ///
 /// # Errors
-/// [`ExportError`] names the file that could not be written.
+/// [`ExportError`] names the file that could not be written, or the folder where another program writes into it.
 pub fn export_measurements(
     stacks: &[(&str, ArrayViewD<'_, f32>)],
     format: MeasurementFormat,
     folder: &Path,
 ) -> Result<Vec<PathBuf>, ExportError> {
     formats::create_folder(folder)?;
+    let _lock = formats::lock_folder(folder)?;
     let write = |(name, stack): &(&str, ArrayViewD<'_, f32>)| {
         let mut writer = StackWriter::create(folder, name, format, stack.shape())?;
         writer.append(stack.view())?;
         Ok(writer.complete()?)
     };
     put_in_place(stacks.iter().map(write).collect::<Result<_, ExportError>>()?)
-}
-
-/// Names files once all of them are on the disk.
-fn put_in_place(complete: Vec<(PathBuf, CompleteFile)>) -> Result<Vec<PathBuf>, ExportError> {
-    let place = |(path, file): (PathBuf, CompleteFile)| file.put_in_place().map(|()| path).map_err(ExportError::from);
-    complete.into_iter().map(place).collect()
 }
 
 /// What [`measure_into`] wrote.
@@ -135,7 +130,7 @@ pub struct MeasuredStacks {
 /// objects are done.
 ///
 /// # Errors
-/// [`ExportError`] where something cannot be computed or written.
+/// [`ExportError`] where something cannot be computed or written, or another program writes into the folder.
 pub fn measure_into(
     folder: &Path,
     design: &Design,
@@ -167,6 +162,7 @@ fn measure_in_batches(
     let (measured_rows, measured_cols) = simulator.measurement_shape();
     let measurement_shape = vec![count, measured_rows, measured_cols];
     formats::create_folder(folder)?;
+    let _lock = formats::lock_folder(folder)?;
     let start = |name, shape: &[usize]| StackWriter::create(folder, name, format, shape);
     let mut objects = start("objects", &object_shape)?;
     let mut noiseless = start("noiseless", &measurement_shape)?;
@@ -186,11 +182,14 @@ fn measure_in_batches(
         first += length;
         progress(first);
     }
-    let complete = vec![objects.complete()?, noiseless.complete()?, noisy.complete()?];
     let record = folder.join(DESIGN_FILE);
-    design.save(&record)?;
-    let mut files = put_in_place(complete)?;
-    files.push(record);
+    let complete = vec![
+        objects.complete()?,
+        noiseless.complete()?,
+        noisy.complete()?,
+        (record.clone(), design.complete_file(&record)?),
+    ];
+    let files = put_in_place(complete)?;
     Ok(MeasuredStacks { object_shape, measurement_shape, tamura, files })
 }
 

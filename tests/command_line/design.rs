@@ -104,6 +104,41 @@ fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
     assert!(!bench.path("a/score-1").exists());
     let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
     assert!(sentence.contains("--start random:25"), "{sentence}");
+    // A single run takes the place of none of it.
+    let sentence = bench.refused(&format!("{TINY} --steps 1 --out a"));
+    assert!(sentence.contains("found the runs of several starts; choose another --out"), "{sentence}");
+}
+
+#[test]
+fn what_a_run_takes_otherwise_than_asked_is_told() {
+    let bench = Bench::new();
+    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("seen/all.npy", npy("(12, 40, 40)", &pictures));
+    bench.write("seen/bad.png", "no picture");
+    let sizes = "--set objects=1,patches=1,moves=1,refit_every=1,first_fit=1,refit=1,last_fit=1 --steps 1 --score none";
+    let line = format!("design --start random:4 --objects images:seen --patch 66x4 {sizes} --out a");
+    let output = bench.run(line.split_whitespace());
+    let (printed, told) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert!(told.contains("a patch of 66 x 4 px is larger than the measurement"), "{told}");
+    // Nor are pictures left out without a word.
+    assert!(printed.contains("1 unreadable files were left out: bad.png"), "{printed}");
+    assert!(read(&bench, "a/run.json")["notices"].to_string().contains("bad.png"));
+}
+
+#[test]
+fn a_folder_that_cannot_take_the_result_is_told_before_the_run() {
+    let bench = Bench::new();
+    for name in ["run.safetensors", "run.json", "curve.csv", "psf.npy"] {
+        std::fs::create_dir_all(bench.path("taken").join(name)).unwrap();
+        // Objects are read before the first fit, and are not there.
+        let sentence = bench.refused("design --objects idx:none --out taken");
+        assert!(sentence.contains(name) && sentence.contains("a folder or device"), "{sentence}");
+        std::fs::remove_dir(bench.path("taken").join(name)).unwrap();
+    }
+    bench.write("single/run.safetensors", "a state");
+    let sentence = bench.refused(&format!("{TINY} --starts 2 --steps 1 --out single"));
+    assert!(sentence.contains("found a single run"), "{sentence}");
 }
 
 #[test]
@@ -217,6 +252,10 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --noise none", "noise"),
         ("design --out a --steps 0", "steps is 0"),
         ("design --out a --lock 26", "locked is 26"),
+        ("design --out a --lenslets 0", "lenslets is 0"),
+        ("design --out a --lenslets 26", "--lenslets 26: expected at most the 25 of the start"),
+        ("design --out a --anisotropic --free positions", "add widths to --free"),
+        ("design --out a --set objects=20", "is for density models"),
         ("design --out a --set refit", "expected NAME=VALUE"),
         ("design --out a --set steps=3", "expected one of objects, patches"),
         ("design --out a --set refit=0", "refit is 0"),
@@ -237,7 +276,11 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --patch 0", "patch"),
         ("design --out taken", "taken: expected a folder"),
         ("design --out a --objects idx:none", "none"),
-        ("design --out other --patch 6 --objects beads:0.05", "not the state of this run"),
+        (
+            "design --out other --patch 6 --objects beads:0.05",
+            "other/run.safetensors: this is not the state of this run",
+        ),
+        ("design --out other --patch 6 --objects beads:0.05", "; choose another --out, or remove this file"),
         ("design", "--out"),
     ] {
         let sentence = bench.refused(line);

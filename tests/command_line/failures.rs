@@ -1,6 +1,7 @@
 //! What cannot be read, computed or written is told in one sentence that names the file, and leaves nothing behind.
 
 use std::io::Write;
+use std::process::Stdio;
 
 use serde_json::{Value, json};
 
@@ -275,6 +276,32 @@ fn nothing_is_written_in_place_of_what_it_is_made_from() {
     assert!(bench.path("data/objects.tiff").is_file());
 }
 
+#[test]
+fn weights_and_states_of_an_estimate_take_the_place_of_no_input() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --out cam");
+    let images: Vec<f32> = (0..6 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("data/images.npy", npy("(6, 40, 40)", &images));
+    let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
+    let before = read();
+    let sizes = "--estimator pixelcnn --budget 0.2s --patch 8 --patches-train 20 --patches-test 10";
+    for flag in ["--save-weights", "--resume"] {
+        for (subject, file) in [
+            ("cam/design.json", "cam/design.json"),
+            ("--lenslets design:cam/design.json", "cam/design.json"),
+            ("--lenslets psf:cam/psf.npy", "cam/psf.npy"),
+            ("--objects stack:data/images.npy", "data/images.npy"),
+            ("--objects images:data", "data/images.npy"),
+            ("--measurements data/images.npy", "data/images.npy"),
+            ("--measurements data", "data/images.npy"),
+        ] {
+            let told = bench.refused(&format!("estimate {subject} {sizes} {flag} cam/../{file}"));
+            assert_told(&told, &[file, "take the place of this one", flag]);
+            assert!(read() == before, "{subject} {flag}");
+        }
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_folder_that_is_read_only_is_named() {
@@ -312,4 +339,94 @@ fn an_earlier_result_survives_a_failure() {
     assert_eq!(told.matches("a folder or device").count(), 1, "{told}");
     assert!(!bench.path("out/noiseless.npy").exists());
     assert!(kept[..2].iter().zip(&before).all(|(name, bytes)| std::fs::read(bench.path(name)).unwrap() == *bytes));
+}
+
+#[test]
+fn an_export_that_fails_leaves_the_files_of_one_mask() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --colormap viridis --out out");
+    let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
+    for name in ["lenslets.csv", "design.json", "psf-viridis.png"] {
+        let whole = std::fs::read(bench.path("out").join(name)).unwrap();
+        std::fs::remove_file(bench.path("out").join(name)).unwrap();
+        std::fs::create_dir(bench.path("out").join(name)).unwrap();
+        let before = read();
+        let told = bench.refused("export --lenslets heuristic:7 --colormap viridis --out out");
+        assert_told(&told, &[name, "a folder or device"]);
+        assert!(read() == before, "{name}");
+        std::fs::remove_dir(bench.path("out").join(name)).unwrap();
+        bench.write(&format!("out/{name}"), whole);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --out out");
+    // What a program that was killed has left.
+    bench.write("out/.writing-Ab12Cd", "half a stack");
+    let folder = std::fs::File::open(bench.path("out")).unwrap();
+    folder.lock().unwrap();
+    for line in ["export --lenslets heuristic:7 --out out", "measure --count 2 --out out"] {
+        assert_told(&bench.refused(line), &["out", "found another run at work in it", "choose another folder"]);
+    }
+    drop(folder);
+    bench.done("measure --count 2 --out out");
+    assert!(!bench.path("out/.writing-Ab12Cd").exists());
+    bench.done("export --lenslets heuristic:7 --out out");
+}
+
+#[test]
+fn weights_that_cannot_be_written_take_no_estimate_along() {
+    let bench = Bench::new();
+    let sizes = "--lenslets heuristic:1 --patch 8 --patches-train 60 --patches-test 20 --budget 1s";
+    let line = format!("estimate --estimator pixelcnn {sizes} --save-weights network --resume kept --json");
+    let mut program = bench.command();
+    program.args(line.split_whitespace()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut program = program.spawn().unwrap();
+    while !bench.path("kept").exists() {
+        assert!(program.try_wait().unwrap().is_none(), "it ended before its weights had nowhere to go");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    std::fs::create_dir(bench.path("network")).unwrap();
+    let output = program.wait_with_output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert_told(&told, &["the weights were not written: network: ", "a folder or device"]);
+    assert_eq!(told.matches("network").count(), 1, "{told}");
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(result["bits_per_pixel"].is_number());
+    assert_told(&result["notes"].to_string(), &["the weights were not written"]);
+    // The same command tries again.
+    std::fs::remove_dir(bench.path("network")).unwrap();
+    let again: Value = serde_json::from_str(&bench.done(&line)).unwrap();
+    assert!(!again["notes"].to_string().contains("not written"), "{}", again["notes"]);
+    assert_eq!(bench.files(), [bench.path("network")]);
+}
+
+#[cfg(unix)]
+#[test]
+fn weights_are_read_from_files_alone() {
+    let bench = Bench::new();
+    assert!(std::process::Command::new("mkfifo").arg(bench.path("pipe")).status().unwrap().success());
+    for line in ["estimate --estimator pixelcnn --weights", "first-weights density --out new --start"] {
+        for (file, found) in [("pipe", "a device or pipe"), ("/dev/zero", "a device or pipe"), ("none", "nothing")] {
+            assert_told(&bench.refused(&format!("{line} {file}")), &[file, "expected a file", found]);
+        }
+    }
+}
+
+#[test]
+fn a_patch_that_is_too_large_for_a_density_model_is_told() {
+    let bench = Bench::new();
+    let images: Vec<f32> = (0..3 * 140 * 140).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("images.npy", npy("(3, 140, 140)", &images));
+    for line in [
+        "estimate --measurements images.npy --estimator live --steps 2 --patches-test 2 --patch sensor",
+        "estimate --objects stack:images.npy --estimator live --steps 2 --patches-test 2 --patch sensor",
+        "design --objects stack:images.npy --objective density --patch 100 --out out",
+    ] {
+        assert_told(&bench.refused(line), &["cannot be modelled; use 1 to 8192 pixels"]);
+    }
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Bench, idx, text};
+use super::{Bench, idx, npy, text};
 
 /// Cells of fractions of a second.
 const TINY: &str = "--patch 6 --patches-train 200 --patches-test 40 --estimator gaussian";
@@ -54,6 +54,22 @@ fn a_grid_is_computed_into_one_file_and_tables() {
 }
 
 #[test]
+fn pictures_that_were_left_out_are_told() {
+    let bench = Bench::new();
+    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("seen/all.npy", npy("(12, 40, 40)", &pictures));
+    bench.write("seen/bad.png", "no picture");
+    let line = format!("study grid {TINY} --objects images:seen --lenslets 2 --out a");
+    let printed = bench.done(&line);
+    let notice = "- images:seen: 1 unreadable files were left out: bad.png";
+    assert!(printed.contains(notice) && written(&bench, "a/study.md").contains(notice), "{printed}");
+    assert!(read(&bench, "a/study.json")["notices"][0].as_str().unwrap().contains("bad.png"));
+    // It is the same study where they can be read later.
+    std::fs::remove_file(bench.path("seen/bad.png")).unwrap();
+    assert!(!bench.done(&line).contains("left out"));
+}
+
+#[test]
 fn published_values_stand_beside_estimates_of_the_same_patch() {
     let bench = Bench::new();
     bench.write("a.idx", idx(40, 28, |index| (index * 7 % 251) as u8));
@@ -77,6 +93,9 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
         published(&format!("{sets} --published-as cifar10 --published-as fashion --out d")),
         [json!(0.1691), json!(0.3829)]
     );
+    // No set was published that is of beads.
+    let sentence = bench.refused("study grid --objects beads:0.02 --published-as mnist --out f");
+    assert!(sentence.contains("beads:0.02") && sentence.contains("--published-as none"), "{sentence}");
     // Gaussian bounds of beads fall with the number of lenslets, published values of sparse ones rise.
     let told = bench.done(
         "study grid --estimator gaussian --patches-train 2000 --patches-test 200 --objects beads:0.008 --lenslets 1,4,9 --out e",
@@ -262,7 +281,7 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("grid --estimator gaussian --budget 60s --out out", "leave it out"),
         ("grid --estimator magic --out out", "live"),
         ("grid --noise none --out out", "without noise"),
-        ("grid --patches-test 0 --out out", "--patches-test 0: expected 1"),
+        ("grid --patches-test 0 --out out", "--patches-test 0: expected 2"),
         ("grid --patch 0 --out out", "patch \"0\""),
         ("patches --sides 8,x --out out", "patch \"x\""),
         ("patches --sides 8,8 --out out", "8 x 8 px twice"),

@@ -10,7 +10,7 @@ use crate::design::gradient::GradientDraw;
 use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
 use crate::information::{
     CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, HeldDensity, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, Protocol, score_while,
+    PatchBatch, PatchStream, Protocol, check_causal_patch, score_while,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
@@ -45,6 +45,7 @@ impl<'a> DensityGuide<'a> {
         limits: &Limits,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
+        check_causal_patch(patch)?;
         let imaging = imaging.bounding();
         let moments = imaging.known_moments(Split::Train, (start.rows, start.cols), patch)?;
         let held_out = HeldOut::new(&imaging, patch, seed)?;

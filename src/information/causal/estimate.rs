@@ -8,7 +8,7 @@ use ndarray::{Array3, Axis, Zip, s};
 use super::conditioning::Moments;
 use super::first::FirstWeights;
 use super::fit::{CausalFit, FitAids, FitLength};
-use super::model::CausalModel;
+use super::model::{CausalModel, check_causal_patch};
 use super::shape::CausalShape;
 use super::start::Beginning;
 use super::stream::{PatchBatch, PatchStream};
@@ -56,6 +56,8 @@ pub struct CausalRequest<'a> {
 /// # Errors
 /// Where the stream fails, or its patches allow no model (constant, too large, not finite).
 pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, InformationError> {
+    let (_, rows, cols) = request.test.noisy.dim();
+    check_causal_patch((rows, cols))?;
     let sample = request.stream.draw(SAMPLE, request.seed ^ 0x5eed)?;
     let own;
     let moments = if let Some(moments) = request.moments {
@@ -208,4 +210,39 @@ pub fn information_map(
         Zip::from(&mut map).and(&test.noisy).par_for_each(|bits, &y| *bits -= entropy.bits(f64::from(y.max(0.0))));
     }
     Ok(map)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stream that is not to be asked.
+    struct Untouched;
+
+    impl PatchStream for Untouched {
+        fn draw(&self, _: usize, _: u64) -> Result<PatchBatch, InformationError> {
+            Err(InformationError::Stream { reason: "patches were drawn".to_owned() })
+        }
+    }
+
+    #[test]
+    fn a_patch_that_is_too_large_is_told_before_patches_are_drawn() {
+        let asked = |side: usize| {
+            let request = CausalRequest {
+                stream: &Untouched,
+                test: &PatchBatch { noisy: Array3::zeros((1, side, side)), clean: None },
+                validation: None,
+                keeper: None,
+                moments: None,
+                noise: Noise::Shot,
+                length: FitLength::Steps(1),
+                beginning: Beginning::Drawn,
+                estimator: Estimator::Live,
+                seed: 1,
+            };
+            causal_model(&request).unwrap_err()
+        };
+        assert!(matches!(asked(8), InformationError::Stream { .. }));
+        assert_eq!(asked(100), InformationError::PatchSize { rows: 100, cols: 100, limit: 8192 });
+    }
 }

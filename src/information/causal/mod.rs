@@ -26,7 +26,7 @@ pub use conditioning::Moments;
 pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score, score_while};
 pub use first::{FirstFitProgress, FirstScene, FirstWeights, OnFirstFit};
 pub use fit::{CausalFit, FitLength};
-pub use model::CausalModel;
+pub use model::{CausalModel, check_causal_patch};
 pub use over::information_over;
 pub use refit::CausalRefit;
 pub use shape::CausalShape;

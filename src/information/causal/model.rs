@@ -159,12 +159,21 @@ impl CausalModel {
     }
 }
 
+/// Refuses a patch, rows and columns in pixels, that is too large for the model: before thousands of them are drawn.
+///
+/// # Errors
+/// [`InformationError::PatchSize`].
+pub fn check_causal_patch((rows, cols): (usize, usize)) -> Result<(), InformationError> {
+    if !(1..=MAX_PATCH_PIXELS).contains(&rows.saturating_mul(cols)) {
+        return Err(InformationError::PatchSize { rows, cols, limit: MAX_PATCH_PIXELS });
+    }
+    Ok(())
+}
+
 /// Refuses patches that cannot be modelled.
 pub(super) fn check(patches: ArrayView3<'_, f32>) -> Result<(), InformationError> {
     let (count, rows, cols) = patches.dim();
-    if !(1..=MAX_PATCH_PIXELS).contains(&(rows * cols)) {
-        return Err(InformationError::PatchSize { rows, cols, limit: MAX_PATCH_PIXELS });
-    }
+    check_causal_patch((rows, cols))?;
     if count == 0 {
         let (model, pixels) = ("a density model", rows * cols);
         return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels });

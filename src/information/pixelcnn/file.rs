@@ -7,7 +7,7 @@ use std::path::Path;
 use super::model::PixelCnn;
 use super::scale::DataScale;
 use super::shape::PixelCnnShape;
-use crate::formats::write_safely;
+use crate::formats::{read_bytes, write_safely};
 use crate::information::InformationError;
 use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 
@@ -80,8 +80,7 @@ impl PixelCnn {
     /// Where the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), InformationError> {
         let bytes = self.to_bytes()?;
-        let failed = |reason: String| InformationError::WeightsFile { path: path.display().to_string(), reason };
-        write_safely(path, |out| out.write_all(&bytes)).map_err(|error| failed(error.to_string()))
+        Ok(write_safely(path, |out| out.write_all(&bytes))?)
     }
 
     /// Reads a network from a safetensors file that this program wrote.
@@ -90,15 +89,7 @@ impl PixelCnn {
     /// Where the file cannot be read or holds something else.
     pub fn open(path: &Path) -> Result<Self, InformationError> {
         let failed = |reason: String| InformationError::WeightsFile { path: path.display().to_string(), reason };
-        let unread = |error: std::io::Error| failed(format!("{error}; check the path and its permissions"));
-        let length = std::fs::metadata(path).map_err(unread)?.len();
-        if length > MAX_BYTES {
-            return Err(failed(format!(
-                "expected weights of at most {MAX_BYTES} bytes, found {length}; choose another file"
-            )));
-        }
-        let bytes = std::fs::read(path).map_err(unread)?;
-        Self::from_bytes(&bytes).map_err(|error| failed(error.to_string()))
+        Self::from_bytes(&read_bytes(path, MAX_BYTES)?).map_err(|error| failed(error.to_string()))
     }
 }
 
@@ -139,6 +130,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("weights.safetensors");
         assert!(PixelCnn::open(&path).unwrap_err().to_string().contains("weights.safetensors"));
+        assert!(PixelCnn::open(folder.path()).unwrap_err().to_string().contains("expected a file, found a folder"));
+        let message = model().save(folder.path()).unwrap_err().to_string();
+        assert_eq!(message.matches(&*folder.path().to_string_lossy()).count(), 1, "{message}");
         std::fs::write(&path, b"not weights at all").unwrap();
         let message = PixelCnn::open(&path).unwrap_err().to_string();
         assert!(message.contains("safetensors file") && message.contains("choose another"), "{message}");

@@ -29,6 +29,9 @@ pub struct IdealRecord {
     pub start: Design,
     /// Fingerprint of the objects.
     pub objects_fingerprint: String,
+    /// What a reader must know of the objects.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notices: Vec<String>,
     /// What was done.
     pub settings: IdealSettings,
     /// Whether it came to its end.
@@ -52,6 +55,7 @@ impl IdealRecord {
             machine: Machine::here(),
             start: start.clone(),
             objects_fingerprint: ideal.objects_fingerprint(),
+            notices: Vec::new(),
             settings: ideal.settings().clone(),
             finished: state.finished,
             frames: state.frames.clone(),

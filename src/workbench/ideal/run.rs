@@ -10,7 +10,9 @@ use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
 use super::score::is_about;
 use crate::design::{Ideal, IdealSettings, OnIdeal};
-use crate::formats::{FormatError, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely};
+use crate::formats::{
+    FormatError, check_writable, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely,
+};
 use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray};
 use crate::workbench::simulation::{imaging, open_set_with};
@@ -65,7 +67,7 @@ pub fn run_ideal(
         ideal.advance(watch)?;
         keep(&ideal)?;
     }
-    Ok(IdealRecord::new(design, &ideal))
+    Ok(IdealRecord { notices: set.notices().to_vec(), ..IdealRecord::new(design, &ideal) })
 }
 
 /// The lenslets of a design.
@@ -139,6 +141,24 @@ impl KeptRun {
     /// [`FormatError::Busy`](crate::formats::FormatError::Busy) where another program has it.
     pub fn lock(&self) -> Result<Option<File>, EvaluationError> {
         Ok(lock_folder(&self.folder)?)
+    }
+
+    /// Where the state of a single run lies.
+    pub fn run_file(&self) -> PathBuf {
+        self.state(0)
+    }
+
+    /// Whether an order is in the folder.
+    pub fn has_order(&self) -> bool {
+        self.order().exists()
+    }
+
+    /// Refuses a folder whose files cannot be written, before anything long is computed.
+    ///
+    /// # Errors
+    /// [`FormatError::NotWritten`](crate::formats::FormatError::NotWritten) for the first of them.
+    pub fn check_writable(&self) -> Result<(), EvaluationError> {
+        Ok([self.state(0), self.order()].iter().try_for_each(|file| check_writable(file))?)
     }
 
     /// The file of the state of a start, by its index.

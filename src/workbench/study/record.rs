@@ -26,6 +26,9 @@ pub struct StudyRecord {
     pub program_version: String,
     /// What is computed.
     pub settings: StudySettings,
+    /// What a reader must know of the objects.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notices: Vec<String>,
     /// The cells computed so far, in the order of the settings.
     pub cells: Vec<StudyCell>,
     /// What all cells tell together; reading ignores it.
@@ -149,6 +152,7 @@ impl StudyRecord {
             format_version: FORMAT_VERSION,
             program_version: NUMBERS_VERSION.into(),
             settings,
+            notices: Vec::new(),
             cells: Vec::new(),
             summary,
         }

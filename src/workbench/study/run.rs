@@ -97,11 +97,14 @@ impl Study {
     pub fn begin(mut settings: StudySettings) -> Result<Self, StudyError> {
         settings.check()?;
         let Some(first) = settings.designs.first().cloned() else { return Err(StudyError::Cancelled) };
+        let mut notices = Vec::new();
         for index in 0..settings.objects.len() {
             let design = settings.design(&settings.objects[index], &first);
-            settings.objects[index].fingerprint = open_set(&design).map_err(EvaluationError::from)?.fingerprint();
+            let set = open_set(&design).map_err(EvaluationError::from)?;
+            settings.objects[index].fingerprint = set.fingerprint();
+            notices.extend(set.notices().iter().map(|notice| format!("{}: {notice}", design.objects)));
         }
-        Ok(Self { folder: None, record: StudyRecord::new(settings), _lock: None })
+        Ok(Self { folder: None, record: StudyRecord { notices, ..StudyRecord::new(settings) }, _lock: None })
     }
 
     /// The study as it is so far.

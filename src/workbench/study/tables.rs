@@ -130,6 +130,7 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
     lines.extend(record.summary.lines().iter().map(|text| format!("- {text}")));
     let failures = record.cells.iter().filter_map(|cell| Some((cell.name(), cell.failure.as_ref()?)));
     lines.extend(failures.map(|(name, failure)| format!("- failed: {name}: {failure}")));
+    lines.extend(record.notices.iter().map(|notice| format!("- {notice}")));
     let mut machines: Vec<String> = Vec::new();
     for cell in &record.cells {
         let machine = cell.machine.describe();
