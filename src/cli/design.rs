@@ -67,7 +67,8 @@ pub struct Arguments {
 
     /// Other settings of the preset, by their names in the record of a run, separated by commas: objects, patches and moves of
     /// a step, refit_every (steps of a round), first_fit, refit and last_fit (steps of fits), warm (true or false), settle
-    /// (share of the steps in which rates fall), rates.position, rates.variance, rates.weight, rates.relative_weight.
+    /// (share of the steps in which rates fall), rates.position, rates.variance, rates.weight, rates.relative_weight, tried (masks
+    /// with a lenslet elsewhere that are tried at a time, up the posterior).
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     #[allow(clippy::doc_markdown, reason = "the command line prints it as it stands")]
     set: Vec<SettingChoice>,

@@ -80,10 +80,16 @@ pub(super) fn check_effects<'a>(
     if let Some(left) = settings.lenslets.filter(|&left| left > lenslets) {
         bail!("--lenslets {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer");
     }
-    if settings.objective == Objective::Posterior && named.any(|name| name == "objects") {
-        bail!("--set objects is for density models, the posterior draws scenes by patches; leave it out");
+    let is_posterior = settings.objective == Objective::Posterior;
+    match named.find(|&name| name == if is_posterior { "objects" } else { "tried" }) {
+        Some("objects") => {
+            bail!("--set objects is for density models, the posterior draws scenes by patches; leave it out")
+        }
+        Some(_) => {
+            bail!("--set tried is for the posterior, a density model knows only the mask it follows; leave it out")
+        }
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// Names of the curve and the record of a run.

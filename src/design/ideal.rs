@@ -345,6 +345,7 @@ mod tests {
             refit: 1,
             last_fit: 1,
             patches: 2,
+            tried: 0,
             steps,
             ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
         };

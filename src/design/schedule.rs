@@ -4,7 +4,7 @@ use super::settings::IdealSettings;
 
 impl IdealSettings {
     /// Settings that [`IdealSettings::set`] changes, by their names in records.
-    pub const SCHEDULE: [&'static str; 13] = [
+    pub const SCHEDULE: [&'static str; 14] = [
         "objects",
         "patches",
         "moves",
@@ -18,6 +18,7 @@ impl IdealSettings {
         "rates.variance",
         "rates.weight",
         "rates.relative_weight",
+        "tried",
     ];
 
     /// The same settings with one of [`IdealSettings::SCHEDULE`] as it stands in `text`: a number, or true or false. Whether a

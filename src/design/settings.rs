@@ -193,6 +193,9 @@ pub struct IdealSettings {
     /// decoder is fitted while the mask moves through the round before its own, and values the mask that a round began with
     /// between the moves of that.
     pub warm: bool,
+    /// Up the posterior: masks that are tried at a time with one lenslet at another place; none where it is 0.
+    #[serde(default)]
+    pub tried: usize,
     /// Learning rates.
     pub rates: Rates,
     /// Share of the steps, at the end, over which the rates fall.
@@ -230,6 +233,7 @@ impl IdealSettings {
             refit: 2000,
             last_fit: 2000,
             warm: false,
+            tried: 0,
             rates: Rates::PAPER,
             settle: 0.0,
             free: Free::default(),
@@ -255,6 +259,7 @@ impl IdealSettings {
                 refit: 50,
                 last_fit: 400,
                 warm: true,
+                tried: 96,
                 rates: Rates { position: 0.03, variance: 1e-2, weight: 1.2e-4, relative_weight: 3e-3 },
                 settle: 0.4,
                 ..paper
@@ -308,6 +313,9 @@ impl IdealSettings {
             if !(1..=Self::MOST).contains(&count) {
                 return wrong(name, count.to_string(), "1 to a million");
             }
+        }
+        if self.tried > Self::MOST {
+            return wrong("tried", self.tried.to_string(), "0 to a million");
         }
         let Rates { position, variance, weight, relative_weight } = self.rates;
         for (name, rate) in [
