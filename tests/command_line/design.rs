@@ -256,6 +256,7 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --lenslets 26", "--lenslets 26: expected at most the 25 of the start"),
         ("design --out a --anisotropic --free positions", "add widths to --free"),
         ("design --out a --set objects=20", "is for density models"),
+        ("design --out a --objective density --set tried=20", "is for the posterior"),
         ("design --out a --set refit", "expected NAME=VALUE"),
         ("design --out a --set steps=3", "expected one of objects, patches"),
         ("design --out a --set refit=0", "refit is 0"),
