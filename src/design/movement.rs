@@ -80,9 +80,11 @@ impl Momentum {
         project(array, settings, limits);
     }
 
-    /// Comes to rest: what slopes are like stays known, where they led to is forgotten.
-    pub fn stand_still(&mut self) {
-        self.first.fill([0.0; PARAMETERS]);
+    /// Begins anew for all lenslets.
+    pub fn forget_all(&mut self) {
+        for index in 0..self.since.len() {
+            self.forget(index);
+        }
     }
 
     /// Begins anew for a lenslet that has been put elsewhere: its steps so far tell nothing of those from there.
@@ -238,7 +240,7 @@ mod tests {
         let pulls: Vec<(f64, f64)> = momentum.pulls().collect();
         assert_eq!(pulls[0], (0.0, 0.0), "a lenslet that stays");
         assert!((pulls[1].0 - 0.5).abs() < 1e-12 && (pulls[1].1 + 2.0).abs() < 1e-12, "{pulls:?}");
-        momentum.stand_still();
+        momentum.forget_all();
         assert!(momentum.pulls().all(|pull| pull == (0.0, 0.0)));
     }
 
@@ -335,7 +337,7 @@ mod tests {
         momentum.forget(0);
         assert!((climb(&mut array, &mut momentum, 3.0) - 1.0).abs() < 1e-6);
         let mut late = momentum.clone();
-        late.forget(0);
+        late.forget_all();
         assert!((climb(&mut array.clone(), &mut late, -2.0) + 1.0).abs() < 1e-6);
         assert!((climb(&mut array, &mut momentum, -2.0) + 1.0).abs() > 0.1, "the first step counts");
     }

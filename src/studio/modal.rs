@@ -17,6 +17,7 @@ pub fn show<R>(ctx: &Context, name: &str, width: f32, add: impl FnOnce(&mut Ui) 
 
 /// What a question says above its buttons: it scrolls where the window is too low for all of it.
 pub fn body<R>(ui: &mut Ui, add: impl FnOnce(&mut Ui) -> R) -> R {
-    let room = ui.ctx().content_rect().height() - MARGIN - BELOW;
-    ScrollArea::vertical().max_height(room.max(0.0)).show(ui, add).inner
+    let room = (ui.ctx().content_rect().height() - MARGIN - BELOW).max(0.0);
+    // Without the second of these it is no higher than what was shown before.
+    ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, add).inner
 }

@@ -71,8 +71,6 @@ impl Ideal<'_> {
 
     fn return_to(&mut self, array: LensletArray, to: usize) -> Result<(), IdealError> {
         self.take_up(array)?;
-        // Steps as long as those that led down would lead down again.
-        self.state.caution *= 0.5;
         self.state.events.push(IdealEvent::Returned { step: self.state.step, to });
         Ok(())
     }
@@ -82,7 +80,7 @@ impl Ideal<'_> {
         self.guide.follow(&array, true)?;
         let state = &mut self.state;
         state.array = array;
-        state.momentum.stand_still();
+        state.momentum.forget_all();
         state.followed = false;
         Ok(())
     }
