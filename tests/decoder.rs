@@ -66,7 +66,7 @@ fn exact(channel: &BeadChannel, draws: usize) -> (f64, f64) {
 
 fn fitted(channel: &BeadChannel, kind: DecoderKind, steps: usize, seed: u64) -> (LowerBound, Decoder) {
     let fit = DecoderFit { unrolled: 3, batch: 8, half_width: 0.004, ..DecoderFit::of_steps(steps, kind, seed) };
-    decoder_lower_bound(channel, &fit, None, &mut |_| ControlFlow::Continue(())).unwrap()
+    decoder_lower_bound(channel, &fit, None, None, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
 #[test]
@@ -125,11 +125,11 @@ fn a_start_helps_and_must_fit() {
     let decoder = Decoder::from_bytes(&decoder.to_bytes().unwrap()).unwrap();
     let fit = DecoderFit { unrolled: 3, ..DecoderFit::of_steps(0, DecoderKind::Factorised, 2) };
     let on = &mut |_: &_| ControlFlow::Continue(());
-    let (warm, _) = decoder_lower_bound(&channel, &fit, Some(&decoder), on).unwrap();
-    let (cold, _) = decoder_lower_bound(&channel, &fit, None, on).unwrap();
+    let (warm, _) = decoder_lower_bound(&channel, &fit, Some(&decoder), None, on).unwrap();
+    let (cold, _) = decoder_lower_bound(&channel, &fit, None, None, on).unwrap();
     assert!(warm.bits_per_pixel > cold.bits_per_pixel + 0.05, "{warm:?} {cold:?}");
     let other = DecoderFit { unrolled: 4, ..fit };
-    let message = decoder_lower_bound(&channel, &other, Some(&decoder), on).unwrap_err().to_string();
+    let message = decoder_lower_bound(&channel, &other, Some(&decoder), None, on).unwrap_err().to_string();
     assert!(message.contains("as many unrolled steps") && message.contains("3 steps"), "{message}");
 }
 
@@ -139,7 +139,7 @@ fn a_break_cancels_within_a_step_and_within_the_test() {
     for (steps, calls) in [(usize::MAX, 3), (0, 1)] {
         let fit = DecoderFit::of_steps(steps, DecoderKind::Factorised, 1);
         let mut count = 0;
-        let result = decoder_lower_bound(&channel, &fit, None, &mut |_| {
+        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_| {
             count += 1;
             if count == calls { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
@@ -152,7 +152,7 @@ fn a_break_cancels_within_a_step_and_within_the_test() {
 fn a_budget_is_kept_and_told() {
     let fit = DecoderFit::within(Duration::from_millis(300), DecoderKind::Factorised, 1);
     let mut told = Vec::new();
-    let (bound, _) = decoder_lower_bound(&toy(Noise::Shot), &fit, None, &mut |progress| {
+    let (bound, _) = decoder_lower_bound(&toy(Noise::Shot), &fit, None, None, &mut |progress| {
         told.push(*progress);
         ControlFlow::Continue(())
     })
@@ -172,7 +172,7 @@ fn fits_that_do_nothing_are_refused() {
         (DecoderFit { unrolled: 0, ..good.clone() }, "unrolled steps"),
         (DecoderFit { max_test: 0, ..good }, "test sample"),
     ] {
-        let result = decoder_lower_bound(&channel, &fit, None, &mut |_| ControlFlow::Continue(()));
+        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(()));
         let message = result.unwrap_err().to_string();
         assert!(message.contains(part), "{message}");
     }

@@ -28,6 +28,7 @@ mod progress;
 mod reparameterised;
 mod shared_pictures;
 mod stationary;
+mod stopwatch;
 mod student;
 #[cfg(test)]
 mod test_beads;
@@ -71,4 +72,5 @@ pub use power_spectrum::{PowerSpectrum, power_spectrum};
 pub use progress::{FitProgress, OnProgress};
 pub use shared_pictures::SharedPictures;
 pub use stationary::StationaryGaussian;
+use stopwatch::Stopwatch;
 pub use trial::{Estimator, Trial, TrialSettings};

@@ -99,11 +99,14 @@ pub(super) fn bead_bounds(
         FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
     };
-    let (bound, decoder) = kept.decoder(|| decoder_lower_bound(channel, &fit, start, &mut |fit| watch(&fit.into())))?;
+    let (bound, decoder) =
+        kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut |fit| watch(&fit.into())))?;
     let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);
     let (below, above) = (follow(FOLLOWING_BELOW, BELOW), follow(FOLLOWING_ABOVE, ABOVE));
-    let below = kept.below(|| posterior_lower_bound(channel, &below, &decoder, &mut |fit| watch(&fit.into())))?;
-    let above = kept.above(|| posterior_upper_bound(channel, &above, &decoder, &mut |fit| watch(&fit.into())))?;
+    let below =
+        kept.below(|keeper| posterior_lower_bound(channel, &below, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
+    let above =
+        kept.above(|keeper| posterior_upper_bound(channel, &above, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
     Ok(BeadBounds { decoder: bound, below, above })
 }
 
@@ -116,7 +119,7 @@ pub(super) fn bound_above(
 ) -> Result<Option<PosteriorBound>, InformationError> {
     let Some(decoder) = Decoder::shipped() else { return Ok(None) };
     let fit = posterior_fit(seed, share_of(length, FOLLOWING_ABOVE), ABOVE);
-    kept.above(|| posterior_upper_bound(channel, &fit, decoder, &mut |fit| watch(&fit.into()))).map(Some)
+    kept.above(|keeper| posterior_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
 }
 
 /// How the posterior is followed on one side for this length.

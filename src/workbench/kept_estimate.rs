@@ -68,16 +68,11 @@ impl KeptEstimate {
         if let Some(trial) = self.parts.trials.get(index) {
             return Ok(trial.clone());
         }
-        let fit = self.fit(index);
-        let trial = compute(fit.as_ref().map(|fit| fit as _))?;
+        let fit = self.fit(&trial_part(index));
+        let trial = compute(keeper(fit.as_ref()))?;
         self.goes_on &= !trial.notes().iter().any(|note| tells_of_unwritten_weights(note));
         self.parts.trials.push(trial.clone());
-        // What of the trial cannot be written down is in the state of its fit.
-        if self.keep()
-            && let Some(fit) = fit
-        {
-            forget(&fit.path);
-        }
+        self.keep(fit);
         Ok(trial)
     }
 
@@ -86,21 +81,22 @@ impl KeptEstimate {
         self.parts.trials.iter().map(Trial::bits_per_pixel).min_by(f64::total_cmp)
     }
 
-    /// What a decoder tells, and the decoder.
+    /// What a decoder tells, and the decoder: those that are there, or what `compute` makes with what keeps the state of its fit.
     ///
     /// # Errors
     /// As [`KeptEstimate::trial`].
     pub fn decoder(
         &mut self,
-        compute: impl FnOnce() -> Result<(LowerBound, Decoder), InformationError>,
+        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<(LowerBound, Decoder), InformationError>,
     ) -> Result<(LowerBound, Decoder), InformationError> {
         if let Some((bound, bytes)) = &self.parts.decoder {
             return Ok((bound.clone(), Decoder::from_bytes(bytes)?));
         }
-        let (bound, decoder) = compute()?;
-        if self.path.is_some() {
+        let fit = self.fit(DECODER);
+        let (bound, decoder) = compute(keeper(fit.as_ref()))?;
+        if fit.is_some() {
             self.parts.decoder = Some((bound.clone(), decoder.to_bytes()?));
-            self.keep();
+            self.keep(fit);
         }
         Ok((bound, decoder))
     }
@@ -111,9 +107,9 @@ impl KeptEstimate {
     /// As [`KeptEstimate::trial`].
     pub fn below(
         &mut self,
-        compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
+        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<PosteriorBound, InformationError>,
     ) -> Result<PosteriorBound, InformationError> {
-        self.bound(|parts| &mut parts.below, compute)
+        self.bound(BELOW, |parts| &mut parts.below, compute)
     }
 
     /// What it told from above.
@@ -122,28 +118,36 @@ impl KeptEstimate {
     /// As [`KeptEstimate::trial`].
     pub fn above(
         &mut self,
-        compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
+        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<PosteriorBound, InformationError>,
     ) -> Result<PosteriorBound, InformationError> {
-        self.bound(|parts| &mut parts.above, compute)
+        self.bound(ABOVE, |parts| &mut parts.above, compute)
     }
 
     fn bound(
         &mut self,
+        part: &str,
         place: fn(&mut Parts) -> &mut Option<PosteriorBound>,
-        compute: impl FnOnce() -> Result<PosteriorBound, InformationError>,
+        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<PosteriorBound, InformationError>,
     ) -> Result<PosteriorBound, InformationError> {
         if let Some(bound) = place(&mut self.parts) {
             return Ok(bound.clone());
         }
-        let bound = compute()?;
+        let fit = self.fit(part);
+        let bound = compute(keeper(fit.as_ref()))?;
         *place(&mut self.parts) = Some(bound.clone());
-        self.keep();
+        self.keep(fit);
         Ok(bound)
     }
 
-    /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while.
-    fn keep(&self) -> bool {
-        self.goes_on && self.store().is_ok()
+    /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while. Then the
+    /// state of the `fit` of what came last is no longer needed.
+    fn keep(&self, fit: Option<KeptFit>) {
+        if self.goes_on
+            && self.store().is_ok()
+            && let Some(fit) = fit
+        {
+            forget(&fit.path);
+        }
     }
 
     fn store(&self) -> Result<(), InformationError> {
@@ -152,26 +156,41 @@ impl KeptEstimate {
         Ok(write_safely(path, |out| out.write_all(&text))?)
     }
 
-    /// The state of the fit of a trial, in a file of its own.
-    fn fit(&self, index: usize) -> Option<KeptFit> {
-        let path = fit_file(self.path.as_ref()?, index);
-        Some(KeptFit { path, key: key_of(&(&self.parts.key, index)) })
+    /// The state of the fit of a part, in a file of its own.
+    fn fit(&self, part: &str) -> Option<KeptFit> {
+        let path = fit_file(self.path.as_ref()?, part);
+        Some(KeptFit { path, key: key_of(&(&self.parts.key, part)) })
     }
 }
 
 /// Removes the files of an estimate of so many trials, once its result is where it is to stay.
 pub(super) fn end(path: &Path, trials: usize) {
-    for index in 0..trials {
-        forget(&fit_file(path, index));
+    let trials = (0..trials).map(trial_part);
+    for part in trials.chain([DECODER, BELOW, ABOVE].map(str::to_owned)) {
+        forget(&fit_file(path, &part));
     }
     forget(path);
 }
 
-/// The file of the state of the fit of a trial.
-fn fit_file(path: &Path, index: usize) -> PathBuf {
+/// Names of parts in the files of their fits.
+const DECODER: &str = "decoder";
+const BELOW: &str = "below";
+const ABOVE: &str = "above";
+
+/// That of a trial, counted from 0.
+fn trial_part(index: usize) -> String {
+    (index + 1).to_string()
+}
+
+/// The file of the state of the fit of a part.
+fn fit_file(path: &Path, part: &str) -> PathBuf {
     let mut name = OsString::from(path);
-    name.push(format!(".fit-{}", index + 1));
+    name.push(format!(".fit-{part}"));
     name.into()
+}
+
+fn keeper(fit: Option<&KeptFit>) -> Option<&dyn FitKeeper> {
+    fit.map(|fit| fit as _)
 }
 
 /// The alternate form writes out arrays of any length.
@@ -247,8 +266,11 @@ mod tests {
             seed: 1,
         };
         let mut first = open("one").unwrap();
-        assert_eq!(first.above(|| Ok(bound(0.2))), Ok(bound(0.2)));
-        let stopped = first.below(|| Err(InformationError::Cancelled));
+        assert_eq!(first.above(|_| Ok(bound(0.2))), Ok(bound(0.2)));
+        let stopped = first.below(|keeper| {
+            keeper.unwrap().store(b"half of it").unwrap();
+            Err(InformationError::Cancelled)
+        });
         assert_eq!(stopped, Err(InformationError::Cancelled));
         let decoder = Decoder::new(2, 1).unwrap();
         let told = LowerBound {
@@ -269,7 +291,7 @@ mod tests {
             seed: 1,
             notes: Vec::new(),
         };
-        first.decoder(|| Ok((told.clone(), decoder.clone()))).unwrap();
+        first.decoder(|_| Ok((told.clone(), decoder.clone()))).unwrap();
         let trial = || {
             let settings = TrialSettings {
                 estimator: Estimator::Live,
@@ -295,17 +317,24 @@ mod tests {
         let refusal = open("other").err().unwrap().to_string();
         assert!(refusal.contains("kept"), "{refusal}");
         let mut again = open("one").unwrap();
-        assert_eq!(again.above(|| Err(InformationError::Empty)), Ok(bound(0.2)));
-        assert_eq!(again.below(|| Ok(bound(0.1))), Ok(bound(0.1)));
-        let (found, weights) = again.decoder(|| Err(InformationError::Empty)).unwrap();
+        assert_eq!(again.above(|_| Err(InformationError::Empty)), Ok(bound(0.2)));
+        let half = folder.path().join("kept.fit-below");
+        let resumed = again.below(|keeper| {
+            assert!(half.exists());
+            assert_eq!(keeper.unwrap().load(), Ok(Some(b"half of it".to_vec())));
+            Ok(bound(0.1))
+        });
+        assert_eq!((resumed, half.exists()), (Ok(bound(0.1)), false));
+        let (found, weights) = again.decoder(|_| Err(InformationError::Empty)).unwrap();
         assert_eq!((found, weights.weights()), (told, decoder.weights()));
         let unasked = |_: Option<&dyn FitKeeper>| -> Result<Trial, InformationError> { panic!("it is there") };
         assert_eq!(
             (again.trial(0, unasked), again.smallest()),
             (trial(), trial().ok().map(|one| one.bits_per_pixel()))
         );
+        std::fs::write(&half, "half of it").unwrap();
         end(&path, 1);
-        assert!(!path.exists() && !fit.exists());
+        assert!(!path.exists() && !fit.exists() && !half.exists());
         // Another file is not written over.
         std::fs::write(&path, "a letter").unwrap();
         assert!(open("one").err().unwrap().to_string().contains("another file"));

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::design::derived_seed;
 use crate::information::{
-    BeadChannel, Decoder, InformationError, NamedBound, OnPosterior, PosteriorBound, PosteriorFit, QuickLowerBound,
-    posterior_lower_bound, posterior_upper_bound,
+    BeadChannel, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PosteriorBound, PosteriorFit,
+    QuickLowerBound, posterior_lower_bound, posterior_upper_bound,
 };
 
 /// Half width of the interval of the decoder's bound that is enough, bits per pixel.
@@ -106,7 +106,7 @@ impl<'a> Beads<'a> {
     ) -> Option<PosteriorBound> {
         let (channel, decoder) = (self.channel?, Decoder::shipped()?);
         let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-        bound(channel, fit, decoder, &mut watch).ok()
+        bound(channel, fit, decoder, None, &mut watch).ok()
     }
 
     fn raise(&mut self, bound: NamedBound, draws: Draws) {
@@ -117,8 +117,13 @@ impl<'a> Beads<'a> {
 }
 
 /// [`posterior_lower_bound`] or [`posterior_upper_bound`].
-type BoundOfPosterior =
-    fn(&BeadChannel, &PosteriorFit, &Decoder, OnPosterior<'_>) -> Result<PosteriorBound, InformationError>;
+type BoundOfPosterior = fn(
+    &BeadChannel,
+    &PosteriorFit,
+    &Decoder,
+    Option<&dyn FitKeeper>,
+    OnPosterior<'_>,
+) -> Result<PosteriorBound, InformationError>;
 
 fn drawn(bound: &PosteriorBound) -> Draws {
     Draws::Followed { levels: bound.levels, samples: bound.samples }

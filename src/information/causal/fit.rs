@@ -11,7 +11,7 @@ use super::keep::{Course, keep, restore};
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::{PatchBatch, PatchStream};
-use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress};
+use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress, Stopwatch};
 use crate::network::{Averaging, Optimizer, rate_schedule};
 
 /// Patches of one step.
@@ -117,33 +117,32 @@ impl CausalFit {
         FitAids { keeper, validation }: FitAids<'_>,
         on_step: OnStep<'_>,
     ) -> Result<(usize, Option<usize>), InformationError> {
-        let started = Instant::now();
         let (mut mover, mut found) = (Mover::new(model, self.averaging), None);
         if let Some(keeper) = keeper {
             (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
         }
-        let before = mover.course.before;
+        let time = Stopwatch::after(mover.course.before);
         let mut plan = Plan::new(self.length);
-        let mut best = Best::new(validation, plan.done(mover.course.steps, before), found);
+        let mut best = Best::new(validation, plan.done(mover.course.steps, mover.course.before), found);
         let mut kept = Instant::now();
         loop {
             if let Some(keeper) = keeper
                 && kept.elapsed() >= keeper.every()
             {
-                let so_far = (&mover.course, before + started.elapsed());
+                let so_far = (&mover.course, time.elapsed());
                 keep(keeper, so_far, model, &mover.optimizer, best.found.as_ref())?;
                 kept = Instant::now();
             }
             let inputs = mover.draw(self, model, stream)?;
             for indices in self.batches() {
-                let done = plan.done(mover.course.steps, before + started.elapsed());
+                let done = plan.done(mover.course.steps, time.elapsed());
                 if done >= 1.0 {
                     model.weights = mover.averaged(model);
                     return Ok((mover.course.steps, best.put_into(model)?));
                 }
                 mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
                 let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
-                let elapsed = before + started.elapsed();
+                let elapsed = time.elapsed();
                 best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
                 match on_step(&plan.progress(&mover.course, elapsed), &snapshot) {
                     ControlFlow::Continue(None) => {}

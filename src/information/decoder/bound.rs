@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::ops::ControlFlow;
-use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +11,7 @@ use super::fit::{DecoderFit, DecoderProgress, Run};
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::scene::Scene;
-use crate::information::InformationError;
+use crate::information::{FitKeeper, InformationError};
 use crate::sensor::Noise;
 
 /// What a decoder is given besides the measurement. The serialised names are stable.
@@ -75,18 +74,19 @@ pub struct LowerBound {
 /// Fits a decoder to fresh samples of a channel, from first weights or those of `start`, and tests it on others.
 ///
 /// The bound holds for any decoder, however short the fit; a longer fit raises it. Training and test samples come from
-/// different random streams of the same seed.
+/// different random streams of the same seed. A fit whose state `keeper` has goes on from it, for a number of steps to the same
+/// bits as in one go.
 ///
 /// # Errors
-/// For what is no channel or no fit, for numbers that stay infinite, and when cancelled: `on_progress` is called after
-/// every step and may break off.
+/// For what is no channel or no fit, for numbers that stay infinite, where a state cannot be read or written or is that of another
+/// fit, and when cancelled: `on_progress` is called after every step and may break off.
 pub fn decoder_lower_bound(
     channel: &BeadChannel,
     fit: &DecoderFit,
     start: Option<&Decoder>,
+    keeper: Option<&dyn FitKeeper>,
     on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
 ) -> Result<(LowerBound, Decoder), InformationError> {
-    let started = Instant::now();
     fit.check()?;
     let scene = Scene::new(channel)?;
     let mut decoder = match start {
@@ -98,10 +98,9 @@ pub fn decoder_lower_bound(
         None => Decoder::new(fit.unrolled, fit.seed)?,
     };
     let mut passes = Passes::new(&scene, &decoder);
-    let mut run = Run::new(fit, &scene, &decoder, started);
+    let mut run = Run::new(fit, &scene, &mut decoder, keeper)?;
     let steps = run.train(&mut decoder, &mut passes, on_progress)?;
-    let savings =
-        test(&scene, fit, &passes, &decoder, &mut |tested| on_progress(&run.progress(Some(tested))), started)?;
+    let savings = test(&scene, (fit, &run), &passes, &decoder, on_progress)?;
     let (mean, half_width) = savings.mean_and_half_width();
     let mut notes = Vec::new();
     if start.is_some() {
@@ -128,7 +127,7 @@ pub fn decoder_lower_bound(
         steps,
         batch: fit.batch,
         unrolled: fit.unrolled,
-        seconds: started.elapsed().as_secs_f64(),
+        seconds: run.elapsed().as_secs_f64(),
         seed: fit.seed,
         notes,
     };
@@ -138,17 +137,17 @@ pub fn decoder_lower_bound(
 /// Blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
 fn test(
     scene: &Scene,
-    fit: &DecoderFit,
+    (fit, run): (&DecoderFit, &Run<'_>),
     passes: &Passes<'_>,
     decoder: &Decoder,
-    on_scored: &mut dyn FnMut(usize) -> ControlFlow<()>,
-    started: Instant,
+    on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
 ) -> Result<Savings, InformationError> {
     let mut savings = Savings::default();
+    let mut on_scored = |tested| on_progress(&run.progress(Some(tested)));
     loop {
-        savings.add_block(scene, passes, decoder, (fit.kind, fit.seed), on_scored)?;
+        savings.add_block(scene, passes, decoder, (fit.kind, fit.seed), &mut on_scored)?;
         let narrow = savings.mean_and_half_width().1 <= fit.half_width;
-        let late = fit.budget.is_some_and(|budget| started.elapsed() >= budget);
+        let late = fit.budget.is_some_and(|budget| run.elapsed() >= budget);
         if narrow || late || savings.count() >= fit.max_test {
             return Ok(savings);
         }
@@ -158,6 +157,7 @@ fn test(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::information::fit_keeper::InMemory;
     use ndarray::array;
 
     #[test]
@@ -168,8 +168,33 @@ mod tests {
         let mut start = Decoder::new(2, 1).unwrap();
         start.weights.iter_mut().for_each(|weight| *weight *= 5.0);
         let on_progress = &mut |_: &DecoderProgress| ControlFlow::Continue(());
-        let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), on_progress).unwrap();
+        let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), None, on_progress).unwrap();
         assert_eq!((bound.bits_per_pixel, bound.bits_per_measurement, bound.interval_95[0]), (0.0, 0.0, 0.0));
         assert!(bound.notes[1].contains("worse than the prior"), "{:?}", bound.notes);
+    }
+
+    #[test]
+    fn a_fit_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
+        let spot = array![[[9.0, 14.0, 5.0]]];
+        let channel = BeadChannel { spot, probability: 0.1, bias: 4.0, noise: Noise::Shot, patch: (2, 8) };
+        let fit = DecoderFit { unrolled: 2, max_test: 64, ..DecoderFit::of_steps(12, DecoderKind::Autoregressive, 2) };
+        let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+            let mut told = Vec::new();
+            let result = decoder_lower_bound(&channel, &fit, None, keeper, &mut |progress| {
+                told.push(*progress);
+                if progress.step < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            });
+            (result, told)
+        };
+        let (whole, whole_told) = run(None, usize::MAX);
+        let keeper = InMemory::default();
+        let (stopped, before) = run(Some(&keeper), 5);
+        assert_eq!(stopped.unwrap_err(), InformationError::Cancelled);
+        let (resumed, after) = run(Some(&keeper), usize::MAX);
+        assert_eq!((after[0].step, after[0].training_bits), (6, whole_told[5].training_bits));
+        assert!(after[0].elapsed > before[3].elapsed, "the time goes on, too: {after:?}");
+        let ((whole, one), (resumed, other)) = (whole.unwrap(), resumed.unwrap());
+        assert_eq!(one.weights(), other.weights());
+        assert_eq!(LowerBound { seconds: 0.0, ..whole }, LowerBound { seconds: 0.0, ..resumed });
     }
 }

@@ -1,7 +1,7 @@
 //! The fit of a decoder to fresh samples of a channel.
 
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +12,8 @@ use super::draws::Reveal;
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::scene::Scene;
-use crate::information::InformationError;
+use crate::information::fit_keeper::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
+use crate::information::{FitKeeper, InformationError, Stopwatch};
 use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
 
 /// Unrolled steps of the default decoder.
@@ -30,6 +31,11 @@ const MOST_REVEALED: f64 = 0.97;
 const EARLY: f64 = 1.5;
 /// Largest factor by which few remaining sites count more in training, before its root is taken.
 const HEAVIEST: f64 = 4.0;
+
+/// Names of what is kept of a fit besides its weights.
+const MEAN_NORM: &str = "mean_norm";
+const SAVED: &str = "saved_per_site";
+const NANOSECONDS: &str = "nanoseconds";
 
 /// How a decoder is fitted and tested.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,7 +120,8 @@ pub struct DecoderProgress {
 pub(super) struct Run<'a> {
     fit: &'a DecoderFit,
     scene: &'a Scene,
-    started: Instant,
+    keeper: Option<&'a dyn FitKeeper>,
+    watch: Stopwatch,
     course: Course,
 }
 
@@ -211,6 +218,31 @@ impl Course {
         }
         Ok(())
     }
+
+    /// Keeps where the fit of a decoder stands after `elapsed` in all.
+    fn keep(&self, keeper: &dyn FitKeeper, decoder: &Decoder, elapsed: Duration) -> Result<(), InformationError> {
+        let Mover { optimizer, refused, mean_norm, .. } = &self.mover;
+        let details = vec![
+            (MEAN_NORM, mean_norm.to_string()),
+            (SAVED, self.saved_per_site.to_string()),
+            (NANOSECONDS, elapsed.as_nanos().to_string()),
+        ];
+        let numbers = FitNumbers { weights: &decoder.weights, optimizer, best: None };
+        keeper.store(&fit_to_bytes(keeper.key(), &numbers, (self.steps, *refused), details)?)
+    }
+
+    /// Goes on from what is kept of the same fit, if anything; returns the time that was taken for it.
+    fn restore(&mut self, keeper: &dyn FitKeeper, decoder: &mut Decoder) -> Result<Duration, InformationError> {
+        let Some(kept) = restore_fit(keeper, &mut decoder.weights, &mut self.mover.optimizer)? else {
+            return Ok(Duration::ZERO);
+        };
+        let KeptFit { details, steps, refused, .. } = kept;
+        self.steps = steps;
+        self.saved_per_site = details.number(SAVED)?;
+        (self.mover.moved, self.mover.refused) = (steps.saturating_sub(refused), refused);
+        self.mover.mean_norm = details.number(MEAN_NORM)?;
+        Ok(Duration::from_nanos(details.number(NANOSECONDS)?))
+    }
 }
 
 impl DecoderRefit {
@@ -258,8 +290,16 @@ impl DecoderRefit {
 }
 
 impl<'a> Run<'a> {
-    pub fn new(fit: &'a DecoderFit, scene: &'a Scene, decoder: &Decoder, started: Instant) -> Self {
-        Self { fit, scene, started, course: Course::new(decoder) }
+    /// A fit from the weights of a decoder, or from what is kept of the same fit, whose weights the decoder gets then.
+    pub fn new(
+        fit: &'a DecoderFit,
+        scene: &'a Scene,
+        decoder: &mut Decoder,
+        keeper: Option<&'a dyn FitKeeper>,
+    ) -> Result<Self, InformationError> {
+        let mut course = Course::new(decoder);
+        let before = keeper.map(|keeper| course.restore(keeper, decoder)).transpose()?;
+        Ok(Self { fit, scene, keeper, watch: Stopwatch::after(before.unwrap_or_default()), course })
     }
 
     /// All steps; the decoder gets the averaged weights. Returns the number of steps.
@@ -269,12 +309,19 @@ impl<'a> Run<'a> {
         passes: &mut Passes<'_>,
         on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
     ) -> Result<usize, InformationError> {
+        let mut kept = self.elapsed();
         loop {
             let done = self.done();
             if done >= 1.0 || self.course.steps >= self.fit.steps {
                 break;
             }
             self.course.step(self.fit, self.scene, (decoder, passes), done)?;
+            if let Some(keeper) = self.keeper
+                && self.elapsed() >= kept + keeper.every()
+            {
+                kept = self.elapsed();
+                self.course.keep(keeper, decoder, kept)?;
+            }
             if on_progress(&self.progress(None)).is_break() {
                 return Err(InformationError::Cancelled);
             }
@@ -283,19 +330,22 @@ impl<'a> Run<'a> {
         Ok(self.course.steps)
     }
 
+    /// Time for the fit so far.
+    pub fn elapsed(&self) -> Duration {
+        self.watch.elapsed()
+    }
+
     /// Share of the schedule that is over.
     fn done(&self) -> f64 {
         match self.fit.budget {
-            Some(budget) => {
-                self.started.elapsed().as_secs_f64() / (budget.as_secs_f64() * (1.0 - TEST_SHARE)).max(1e-9)
-            }
+            Some(budget) => self.elapsed().as_secs_f64() / (budget.as_secs_f64() * (1.0 - TEST_SHARE)).max(1e-9),
             None => self.course.share(self.fit),
         }
     }
 
     /// What there is to tell now.
     pub fn progress(&self, tested: Option<usize>) -> DecoderProgress {
-        let (elapsed, done) = (self.started.elapsed(), self.done());
+        let (elapsed, done) = (self.elapsed(), self.done());
         let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 / done - 1.0).max(0.0));
         let Course { steps, saved_per_site, .. } = self.course;
         DecoderProgress {

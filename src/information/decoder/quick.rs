@@ -42,7 +42,7 @@ impl QuickLowerBound {
             ..DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed)
         };
         let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), watch)?;
+        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), None, watch)?;
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
         Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
     }

@@ -203,7 +203,8 @@ mod tests {
                 max_test: 1,
                 ..DecoderFit::of_steps(1500, DecoderKind::Factorised, 5)
             };
-            let (_, decoder) = decoder_lower_bound(&channel, &fit, None, &mut |_| ControlFlow::Continue(())).unwrap();
+            let (_, decoder) =
+                decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(())).unwrap();
             let found = spot_slope(&channel, &decoder, (7, 0, 200_000)).unwrap();
             let exact = exact_slopes([9.0, 4.0], noise);
             println!("{noise}: {found} {exact:?}");

@@ -11,7 +11,7 @@ use super::model::{PixelCnn, check};
 use super::scale::{DataScale, check_values};
 use super::shape::PixelCnnShape;
 use crate::information::fit_keeper::{FitNumbers, KeptFit, fit_to_bytes, restore_fit, unread};
-use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress};
+use crate::information::{FitKeeper, FitProgress, InformationError, OnProgress, Stopwatch};
 use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
 use crate::sensor::Noise;
 
@@ -223,8 +223,7 @@ impl PixelCnnFit {
 /// The state of one fit.
 struct Run<'a> {
     fit: &'a PixelCnnFit,
-    /// When it would have begun if it had never been stopped.
-    started: Instant,
+    time: Stopwatch,
     keeper: Option<&'a dyn FitKeeper>,
     /// When it was kept last.
     kept: Instant,
@@ -248,7 +247,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self, InformationError> {
         Ok(Self {
             fit,
-            started: Instant::now(),
+            time: Stopwatch::after(Duration::ZERO),
             keeper,
             kept: Instant::now(),
             optimizer: fit.optimizer(model),
@@ -277,8 +276,7 @@ impl<'a> Run<'a> {
         let epochs = epochs.into_iter().map(|(seconds, bits)| (seconds, bits.unwrap_or(f64::NAN))).collect();
         let best_epoch = details.number("best_epoch")?;
         self.report = FitReport { steps, epochs, best_epoch, refused, cut_short: false };
-        let before = nanoseconds("nanoseconds")?;
-        self.started = self.started.checked_sub(before).unwrap_or(self.started);
+        self.time = Stopwatch::after(nanoseconds("nanoseconds")?);
         Ok(())
     }
 
@@ -293,7 +291,7 @@ impl<'a> Run<'a> {
             ("validation", self.validation.as_nanos().to_string()),
             ("epochs", epochs.map_err(|error| InformationError::Format { reason: error.to_string() })?),
             ("best_epoch", report.best_epoch.to_string()),
-            ("nanoseconds", self.started.elapsed().as_nanos().to_string()),
+            ("nanoseconds", self.time.elapsed().as_nanos().to_string()),
         ];
         let best = self.best.as_ref().map(|(weights, bits)| {
             details.push(("best_bits", bits.to_string()));
@@ -343,7 +341,7 @@ impl<'a> Run<'a> {
         match self.fit.budget {
             Some(budget) if self.fit.schedule => {
                 let budget = budget.saturating_sub(self.validation).as_secs_f64();
-                (self.started.elapsed().as_secs_f64() / budget.max(1e-9)).min(1.0)
+                (self.time.elapsed().as_secs_f64() / budget.max(1e-9)).min(1.0)
             }
             _ => self.report.steps as f64 / (self.fit.max_epochs * self.fit.steps_per_epoch).max(1) as f64,
         }
@@ -359,7 +357,7 @@ impl<'a> Run<'a> {
     }
 
     fn out_of_time(&self) -> bool {
-        self.fit.budget.is_some_and(|budget| self.started.elapsed() + self.validation >= budget)
+        self.fit.budget.is_some_and(|budget| self.time.elapsed() + self.validation >= budget)
     }
 
     /// Whether a validation more takes no large part of a short budget.
@@ -367,7 +365,7 @@ impl<'a> Run<'a> {
         let spent = self.validation * (self.report.epochs.len() as u32 + 1);
         self.fit.budget.is_none()
             || !self.fit.schedule
-            || spent.as_secs_f64() < VALIDATION_SHARE * self.started.elapsed().as_secs_f64()
+            || spent.as_secs_f64() < VALIDATION_SHARE * self.time.elapsed().as_secs_f64()
     }
 
     fn finished(&self) -> bool {
@@ -409,7 +407,7 @@ impl<'a> Run<'a> {
             }
         }
         let mean = bits.iter().sum::<f64>() / held_out.len_of(Axis(0)) as f64;
-        self.report.epochs.push((self.started.elapsed().as_secs_f64(), mean));
+        self.report.epochs.push((self.time.elapsed().as_secs_f64(), mean));
         if mean.is_finite() && self.best.as_ref().is_none_or(|(_, best)| mean < *best) {
             self.best = Some((candidate.weights, mean));
             self.report.best_epoch = self.report.epochs.len();
@@ -419,7 +417,7 @@ impl<'a> Run<'a> {
     }
 
     fn progress(&self, epoch: usize) -> FitProgress {
-        let elapsed = self.started.elapsed();
+        let elapsed = self.time.elapsed();
         let done = self.done();
         let by_schedule =
             (done > 0.0).then(|| Duration::try_from_secs_f64(elapsed.as_secs_f64() * (1.0 / done - 1.0)).ok());

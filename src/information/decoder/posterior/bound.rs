@@ -14,14 +14,15 @@ use super::super::layers::Decoder;
 use super::super::pass::Pass;
 use super::super::scene::Scene;
 use super::anneal::Walk;
+use super::keep::Followed;
 use super::light::Light;
 use super::moves::{Effort, Guess, Steps};
 use super::state::Measured;
 use super::watch::Watch;
-use crate::information::InformationError;
 use crate::information::ceiling::AreaSums;
 use crate::information::likelihood::log_likelihood;
 use crate::information::student::student_95;
+use crate::information::{FitKeeper, InformationError, Stopwatch};
 use crate::network::Pool;
 
 /// Samples between two reports.
@@ -145,18 +146,20 @@ pub struct PosteriorBound {
 pub type OnPosterior<'a> = &'a mut (dyn FnMut(&PosteriorProgress) -> ControlFlow<()> + Send);
 
 /// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it. The noise is
-/// that of [`bounding`](crate::sensor::Noise::bounding).
+/// that of [`bounding`](crate::sensor::Noise::bounding). A bound whose samples `keeper` has goes on from them; where it is of a number
+/// of levels it comes to the same bits as in one go.
 ///
 /// # Errors
-/// For what is no channel or no fit, and when cancelled: `on_progress` is called every 50 ms and may break off.
+/// For what is no channel or no fit, where what is kept cannot be read or written or is of another bound, and when cancelled: `on_progress` is called every 50 ms and may break off.
 pub fn posterior_upper_bound(
     channel: &BeadChannel,
     fit: &PosteriorFit,
     decoder: &Decoder,
+    keeper: Option<&dyn FitKeeper>,
     on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
     let bounding = BeadChannel { noise: channel.noise.bounding(), ..channel.clone() };
-    bound(&bounding, fit, (decoder, Side::Above), on_progress)
+    bound(&bounding, fit, (decoder, Side::Above), keeper, on_progress)
 }
 
 /// A lower bound on the information of a channel, for any decoder; a better one and more levels raise it. All sites are
@@ -168,9 +171,11 @@ pub fn posterior_lower_bound(
     channel: &BeadChannel,
     fit: &PosteriorFit,
     decoder: &Decoder,
+    keeper: Option<&dyn FitKeeper>,
     on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
-    bound(channel, &PosteriorFit { groups: 1, walkers: 1, ..fit.clone() }, (decoder, Side::Below), on_progress)
+    let fit = PosteriorFit { groups: 1, walkers: 1, ..fit.clone() };
+    bound(channel, &fit, (decoder, Side::Below), keeper, on_progress)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -183,15 +188,21 @@ fn bound(
     channel: &BeadChannel,
     fit: &PosteriorFit,
     (decoder, side): (&Decoder, Side),
+    keeper: Option<&dyn FitKeeper>,
     on_progress: OnPosterior<'_>,
 ) -> Result<PosteriorBound, InformationError> {
-    let started = Instant::now();
-    let watch = Watch::new(on_progress, fit.samples, started);
     fit.check()?;
+    let followed = keeper.map(|keeper| Followed::restore(keeper, fit.samples)).transpose()?.flatten();
+    let (levels, mut nats, before) = match followed {
+        Some(Followed { levels, nats, elapsed, .. }) => (Some(levels), nats, elapsed),
+        None => (fit.levels, Vec::new(), Duration::ZERO),
+    };
+    let time = Stopwatch::after(before);
+    let watch = Watch::new(on_progress, (nats.len(), fit.samples), time);
     let scene = Scene::new(channel)?;
     let follower = Follower::new(channel, &scene, fit, decoder, &watch)?;
-    let levels = fit.levels.unwrap_or_else(|| follower.affordable_levels(side, started));
-    let mut nats: Vec<f64> = Vec::new();
+    let levels = levels.unwrap_or_else(|| follower.affordable_levels(side, time));
+    let mut kept = time.elapsed();
     loop {
         let first = nats.len();
         nats.extend(follower.block(first..first + REPORT.min(fit.samples - first), levels, side));
@@ -199,9 +210,15 @@ fn bound(
             return Err(InformationError::NotFinite { what: "posteriors of the beads", patch });
         }
         let (mean, half_width) = mean_and_half_width(&nats, follower.least_variance(), scene.pixels());
-        let elapsed = started.elapsed();
+        let elapsed = time.elapsed();
         if !watch.note(nats.len(), mean) {
             return Err(InformationError::Cancelled);
+        }
+        if let Some(keeper) = keeper
+            && elapsed >= kept + keeper.every()
+        {
+            Followed::keep(keeper, (levels, &nats), elapsed)?;
+            kept = elapsed;
         }
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);
         let enough = nats.len() >= FEWEST_SAMPLES && (late || half_width <= fit.half_width);
@@ -298,7 +315,7 @@ impl<'a> Follower<'a> {
     }
 
     /// Levels for which the time of a fit suffices, from that of a few samples of few levels.
-    fn affordable_levels(&self, side: Side, started: Instant) -> usize {
+    fn affordable_levels(&self, side: Side, spent: Stopwatch) -> usize {
         let Some(budget) = self.fit.budget else { return USUAL_LEVELS };
         // Samples of their own: what a bound rests on does not decide how it is computed.
         let trials = FIRST_TRIAL..FIRST_TRIAL + REPORT;
@@ -312,7 +329,7 @@ impl<'a> Follower<'a> {
         let (fixed, trial) = (time(1), time(1 + TRIAL_LEVELS));
         // Where timing is too coarse to tell, levels are not for free.
         let each = (trial - fixed).max(0.1 * trial).max(1e-9) / TRIAL_LEVELS as f64;
-        let left = budget.saturating_sub(started.elapsed()).as_secs_f64();
+        let left = budget.saturating_sub(spent.elapsed()).as_secs_f64();
         let worthy = match side {
             Side::Above => WORTHY_LEVELS_ABOVE,
             Side::Below => WORTHY_LEVELS_BELOW * (self.scene.pixels() as f64 / USUAL_PIXELS).max(1.0),

@@ -13,6 +13,7 @@
 
 mod anneal;
 mod bound;
+mod keep;
 mod light;
 mod moves;
 mod state;

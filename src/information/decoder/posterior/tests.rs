@@ -11,11 +11,13 @@ use super::super::draws::{Purpose, Reveal, Sample};
 use super::super::layers::Decoder;
 use super::super::scene::Scene;
 use super::anneal::Walk;
+use super::keep::Followed;
 use super::light::Light;
 use super::moves::{Effort, Guess, Steps};
 use super::state::{Measured, State};
 use super::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
-use crate::information::InformationError;
+use crate::information::fit_keeper::InMemory;
+use crate::information::{FitKeeper, InformationError};
 use crate::sensor::Noise;
 
 const NOISES: [Noise; 3] = [Noise::Shot, Noise::Read { sigma: 4.0 }, Noise::ShotRead { sigma: 2.0 }];
@@ -38,9 +40,9 @@ fn light_that_arithmetic_leaves_in_the_dark_is_part_of_the_channel() {
     let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
     let fit = PosteriorFit { samples: 64, ..PosteriorFit::of_levels(16, 1) };
     let decoder = Decoder::shipped().unwrap();
-    let bound = posterior_upper_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
+    let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(bound.bits_per_pixel > 0.2 && bound.interval_95[0] > 0.0, "{bound:?}");
-    let below = posterior_lower_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
+    let below = posterior_lower_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(below.interval_95[0] <= bound.interval_95[1], "{below:?}");
     let scene = Scene::new(&channel).unwrap();
     let sample = sample(&scene, 1);
@@ -208,8 +210,8 @@ fn bounds(channel: &BeadChannel, fit: &PosteriorFit) -> [PosteriorBound; 2] {
     let decoder = Decoder::shipped().unwrap();
     let on = &mut |_: &PosteriorProgress| ControlFlow::Continue(());
     [
-        posterior_lower_bound(channel, fit, decoder, on).unwrap(),
-        posterior_upper_bound(channel, fit, decoder, on).unwrap(),
+        posterior_lower_bound(channel, fit, decoder, None, on).unwrap(),
+        posterior_upper_bound(channel, fit, decoder, None, on).unwrap(),
     ]
 }
 
@@ -278,26 +280,66 @@ fn a_bound_stops_when_asked_and_keeps_within_its_time() {
     let channel = toy(Noise::Shot);
     let decoder = Decoder::shipped().unwrap();
     let mut calls = 0;
-    let stopped = posterior_upper_bound(&channel, &fit(2, 5), decoder, &mut |_| {
+    let stopped = posterior_upper_bound(&channel, &fit(2, 5), decoder, None, &mut |_| {
         calls += 1;
         if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
     // In the middle of a walk, too: all of its levels would take hours.
     let endless = PosteriorFit::of_levels(1 << 24, 1);
-    let stopped = posterior_lower_bound(&channel, &endless, decoder, &mut |_| ControlFlow::Break(()));
+    let stopped = posterior_lower_bound(&channel, &endless, decoder, None, &mut |_| ControlFlow::Break(()));
     assert_eq!(stopped, Err(InformationError::Cancelled));
     let budget = std::time::Duration::from_millis(600);
     let fit = PosteriorFit { samples: usize::MAX, half_width: 0.0, ..PosteriorFit::within(budget, 1) };
-    let bound = posterior_upper_bound(&channel, &fit, decoder, &mut |_| ControlFlow::Continue(())).unwrap();
+    let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(bound.seconds >= 0.6 && bound.seconds < 6.0 && bound.levels > 1, "{bound:?}");
+}
+
+#[test]
+fn a_bound_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
+    let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
+    let fit = PosteriorFit { samples: 24, ..fit(3, 10) };
+    for bound in [posterior_lower_bound, posterior_upper_bound] {
+        let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+            let mut told = Vec::new();
+            let result = bound(&channel, &fit, decoder, keeper, &mut |progress| {
+                told.push(progress.samples);
+                if progress.samples < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            });
+            (result.map(|bound| PosteriorBound { seconds: 0.0, ..bound }), told)
+        };
+        let whole = run(None, usize::MAX).0.unwrap();
+        let keeper = InMemory::default();
+        assert_eq!(run(Some(&keeper), 12).0, Err(InformationError::Cancelled));
+        let (resumed, told) = run(Some(&keeper), usize::MAX);
+        // Samples of a block are kept once they are told.
+        assert_eq!((resumed.unwrap(), told[0] >= 8), (whole, true), "{told:?}");
+    }
+    let broken = InMemory(Some(b"a letter".to_vec()).into());
+    let refusal = posterior_upper_bound(&channel, &fit, decoder, Some(&broken), &mut |_| ControlFlow::Continue(()));
+    let message = refusal.unwrap_err().to_string();
+    assert!(message.contains("memory"), "{message}");
+}
+
+#[test]
+fn levels_that_a_time_was_found_to_allow_stay_when_a_bound_goes_on() {
+    let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
+    let keeper = InMemory::default();
+    let (kept, elapsed) = ([0.25, 0.5, 0.75, 1.0].repeat(4), std::time::Duration::from_hours(2));
+    Followed::keep(&keeper, (77, &kept), elapsed).unwrap();
+    // Its time is over: one more block, and that is it.
+    let fit = PosteriorFit { half_width: 0.0, ..PosteriorFit::within(std::time::Duration::from_hours(1), 6) };
+    let bound = posterior_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
+    let bound = bound.unwrap();
+    assert_eq!((bound.levels, bound.samples), (77, 20));
+    assert!(bound.seconds >= 7200.0, "{bound:?}");
 }
 
 #[test]
 fn what_is_no_fit_is_refused_in_a_sentence() {
     let refused = |fit: &PosteriorFit, part: &str| {
         let decoder = Decoder::shipped().unwrap();
-        let result = posterior_upper_bound(&toy(Noise::Shot), fit, decoder, &mut |_| ControlFlow::Continue(()));
+        let result = posterior_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut |_| ControlFlow::Continue(()));
         let message = result.unwrap_err().to_string();
         assert!(message.contains(part), "{message}");
     };
@@ -305,7 +347,7 @@ fn what_is_no_fit_is_refused_in_a_sentence() {
     refused(&PosteriorFit { walkers: 0, ..fit(1, 5) }, "walkers");
     refused(&fit(1, 0), "levels");
     refused(&PosteriorFit { samples: 1, ..fit(1, 5) }, "two samples");
-    let none = posterior_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), &mut |_| {
+    let none = posterior_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
         ControlFlow::Continue(())
     });
     assert!(none.is_err());

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::bound::{OnPosterior, PosteriorProgress};
+use crate::information::Stopwatch;
 
 /// Time between two calls.
 const EVERY: Duration = Duration::from_millis(50);
@@ -14,7 +15,7 @@ const EVERY: Duration = Duration::from_millis(50);
 pub(super) struct Watch<'a> {
     told: Mutex<Told<'a>>,
     stopped: AtomicBool,
-    started: Instant,
+    time: Stopwatch,
 }
 
 struct Told<'a> {
@@ -25,10 +26,14 @@ struct Told<'a> {
 }
 
 impl<'a> Watch<'a> {
-    /// Of a bound that was begun at `started` and follows at most so many samples.
-    pub fn new(on_progress: OnPosterior<'a>, most: usize, started: Instant) -> Self {
-        let progress = PosteriorProgress { samples: 0, most, elapsed: Duration::ZERO, bits_per_pixel: f64::NAN };
-        Self { told: Mutex::new(Told { on_progress, progress, at: started }), stopped: AtomicBool::new(false), started }
+    /// Of a bound whose time is taken, with the samples that were followed before and the most there will be.
+    pub fn new(on_progress: OnPosterior<'a>, (samples, most): (usize, usize), time: Stopwatch) -> Self {
+        let progress = PosteriorProgress { samples, most, elapsed: Duration::ZERO, bits_per_pixel: f64::NAN };
+        Self {
+            told: Mutex::new(Told { on_progress, progress, at: Instant::now() }),
+            stopped: AtomicBool::new(false),
+            time,
+        }
     }
 
     /// Whether to go on. To be asked often: it tells now and then, and costs next to nothing in between.
@@ -55,7 +60,7 @@ impl<'a> Watch<'a> {
 
     fn tell(&self, told: &mut Told<'_>) {
         told.at = Instant::now();
-        told.progress.elapsed = self.started.elapsed();
+        told.progress.elapsed = self.time.elapsed();
         let Told { on_progress, progress, .. } = told;
         if matches!(on_progress(progress), ControlFlow::Break(())) {
             self.stopped.store(true, Ordering::Relaxed);
