@@ -200,20 +200,30 @@ impl MeasuredImages {
     /// Reads all images of a file, or of the files of a folder, and turns their grey levels into photons.
     ///
     /// # Errors
-    /// [`MeasuredError`] for files that cannot be read or are in colour, images of different shapes, pixels that are not finite, a
+    /// [`MeasuredError`] for files that cannot be read or are in colour, images of different shapes or depths, pixels that are not finite, a
     /// calibration without meaning, and fewer than two images.
     pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
         calibration.check()?;
         let path = &source.0;
         let files = source.files()?;
         let mut photons: Option<Array3<f32>> = None;
-        let mut whole_levels = true;
+        let (mut whole_levels, mut white) = (true, None);
         for (index, file) in files.iter().enumerate() {
             tell(watch, "Reading measurements", index, files.len())?;
             let stack = read_stack(file)?;
             if stack.from_colour {
                 return Err(MeasuredError::Colour { path: file.clone() });
             }
+            // A level of 8 bits is not a level of 16, and one gain is for all.
+            if let (Some(found), Some(expected)) = (stack.white, white)
+                && found != expected
+            {
+                let depth = |white: u16| format!("{} bits", u16::BITS - white.leading_zeros());
+                let expected = format!("grey levels of {}, as in the files before it", depth(expected));
+                let advice = "estimate the files of each depth by themselves, with their own gain";
+                return Err(FormatError::malformed(file, expected, depth(found), advice).into());
+            }
+            white = stack.white.or(white);
             let grey = stack.into_array();
             if grey.is_empty() {
                 let found = format!("an array of shape {:?}", grey.dim());

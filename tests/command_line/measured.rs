@@ -183,6 +183,13 @@ fn what_cannot_be_estimated_gets_one_sentence() {
     std::fs::create_dir(bench.path("mixed")).unwrap();
     bench.write("mixed/a.npy", npy("(24, 20)", &photons[..480]));
     bench.write("mixed/b.npy", npy("(20, 24)", &photons[..480]));
+    std::fs::create_dir(bench.path("depths")).unwrap();
+    let level = |x: u32, y: u32| (x * 7 + y * 3) % 90;
+    image::GrayImage::from_fn(20, 24, |x, y| image::Luma([level(x, y) as u8]))
+        .save(bench.path("depths/a.png"))
+        .unwrap();
+    let deep = image::ImageBuffer::from_fn(20, 24, |x, y| image::Luma([level(x, y) as u16 * 257]));
+    deep.save(bench.path("depths/b.png")).unwrap();
     std::fs::create_dir(bench.path("empty")).unwrap();
     for (arguments, told) in [
         ("a.npy --lenslets heuristic:3", "cannot be used with"),
@@ -195,6 +202,7 @@ fn what_cannot_be_estimated_gets_one_sentence() {
         ("empty", "empty: expected at least 2 images, found 0"),
         ("broken.npy", "NaN in picture 1, row 0, column 1"),
         ("mixed", "20 x 24 px"),
+        ("depths", "b.png: expected grey levels of 8 bits, as in the files before it, found 16 bits"),
         ("a.npy --gain 0", "the gain of the measurements must be a number above 0"),
         ("a.npy --gain nan", "the gain"),
         ("a.npy --offset inf", "the offset of the measurements must be a finite grey level"),
