@@ -61,6 +61,11 @@ pub struct Arguments {
     #[arg(long)]
     steps: Option<usize>,
 
+    /// Let the run in DIR go on from the mask that it had at this step, or last before it. Steps count on; one that has come to its
+    /// end needs more --steps. The same command again goes on with it.
+    #[arg(long, value_name = "STEP")]
+    rewind: Option<usize>,
+
     /// Patch of the objective in pixels: 16, 32, 16x24 (rows x cols), or sensor for whole measurements.
     #[arg(long)]
     patch: Option<PatchChoice>,
@@ -208,7 +213,7 @@ impl Arguments {
         let _lock = kept.lock()?;
         check_place(&kept, &self.out, self.starts)?;
         if self.starts == 1 {
-            let record = climb(&design, &settings, (&kept, &self.out))?;
+            let record = climb(&design, &settings, (&kept, &self.out), self.rewind)?;
             return self.finish(&record, &[]);
         }
         let Ranking { record, ranked, failed } = self.rank(&design, &settings, &kept)?;
@@ -232,6 +237,11 @@ impl Arguments {
 
     /// Runs from several random starts.
     fn rank(&self, design: &Design, settings: &IdealSettings, order: &KeptRun) -> anyhow::Result<Ranking> {
+        if self.rewind.is_some() {
+            bail!(
+                "--rewind is for a single run; leave it out, or let the run in one of the folders of --starts go on by itself"
+            );
+        }
         let count = match &self.start {
             Some(EncoderChoice::Random(count)) => *count,
             None if self.design.is_none() => USUAL_LENSLETS,

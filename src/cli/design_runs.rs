@@ -9,7 +9,7 @@ use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
 use super::output::{self, Meter};
-use crate::design::{Ideal, IdealError, IdealProgress, IdealSettings, Objective, time_left};
+use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, Objective, time_left};
 use crate::formats::check_writable;
 use crate::information::InformationError;
 use crate::workbench::{
@@ -17,13 +17,16 @@ use crate::workbench::{
     curve_of, design_outputs, run_ideal, score_in_patches, score_whole, spoken, write_design,
 };
 
-/// A run in its folder, from where it was stopped there.
+/// A run in its folder, from where it was stopped there, or from the mask that it had at a step before.
 pub(super) fn climb(
     design: &Design,
     settings: &IdealSettings,
     (kept, folder): (&KeptRun, &Path),
+    rewind: Option<usize>,
 ) -> anyhow::Result<IdealRecord> {
     let from = kept.load(0)?;
+    let rewind_to = rewind.map(|step| frame_at(step, from.as_deref(), settings)).transpose();
+    let rewind_to = rewind_to.with_context(|| folder.display().to_string())?.flatten();
     let meter = Meter::new();
     let mut going_on = from.is_some();
     let folder = folder.display();
@@ -37,9 +40,10 @@ pub(super) fn climb(
     };
     let reading = |_| ControlFlow::Continue(());
     let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
-    let record = run_ideal(design, settings, from.as_deref().map(GoOn::newest), &reading, keep, &mut watch)
-        .map_err(|error| about_state(design, kept, error))
-        .with_context(|| format!("{folder}: the run ended"))?;
+    let record =
+        run_ideal(design, settings, from.as_deref().map(|state| GoOn { state, rewind_to }), &reading, keep, &mut watch)
+            .map_err(|error| about_state(design, kept, error))
+            .with_context(|| format!("{folder}: the run ended"))?;
     meter.finish();
     if let (Some((rows, cols)), Some(taken)) = (settings.patch, record.settings.patch)
         && taken != (rows, cols)
@@ -56,6 +60,31 @@ pub(super) fn climb(
         ));
     }
     Ok(record)
+}
+
+/// Which frame of a run is that of a step, or the last one before it; none where the run has gone back to it already.
+fn frame_at(step: usize, state: Option<&[u8]>, settings: &IdealSettings) -> anyhow::Result<Option<usize>> {
+    let Some(state) = state else { bail!("--rewind {step}: expected a run that has begun, found none; leave it out") };
+    let state = Ideal::state_in(state)?;
+    let Some(frame) = state.frames.iter().rposition(|frame| frame.step <= step) else {
+        bail!("--rewind {step}: expected a run with a mask, found one in its first fit; leave it out")
+    };
+    let to = state.frames[frame].step;
+    let last = state.events.iter().rev().find_map(|event| match event {
+        IdealEvent::Rewound { to, .. } => Some(*to),
+        _ => None,
+    });
+    let has_steps = settings.steps > state.step;
+    if last == Some(to) && !(state.finished && has_steps) {
+        return Ok(None);
+    }
+    if !has_steps {
+        let taken = state.step;
+        bail!(
+            "--rewind {step}: expected steps that are left, found that all {taken} are taken; give more than that by --steps"
+        );
+    }
+    Ok(Some(frame))
 }
 
 /// The error of a run, with the file of the state that it was to go on from where that is what it is about.
@@ -160,7 +189,7 @@ fn ranked_start(
 ) -> anyhow::Result<(IdealRecord, RankedStart)> {
     let kept = KeptRun::in_folder(folder)?;
     let _lock = kept.lock()?;
-    let record = climb(&start.design, settings, (&kept, folder))?;
+    let record = climb(&start.design, settings, (&kept, folder), None)?;
     write(&record, folder)?;
     let (name, design) = (start.name.clone(), Arc::new(record.design()));
     let known = known.iter().find(|result| result.name == name && result.design == design);
@@ -204,8 +233,15 @@ pub(super) fn rank(
 ) -> anyhow::Result<Ranking> {
     let budget_seconds = budget.map(|budget| budget.as_secs_f64());
     // Results that were ranked before a power cut need not be estimated again.
-    let known = order.last().filter(|(order, _)| order.budget_seconds == budget_seconds);
-    let known = known.map_or_else(Vec::new, |(order, _)| order.ranked);
+    let last = order.last().map(|(order, _)| order);
+    if last.as_ref().is_some_and(|last| !is_same(last, starts, settings)) {
+        bail!(
+            "{}: expected the starts and settings of the runs that are there, found others; choose another --out",
+            out.display()
+        );
+    }
+    let known = last.filter(|order| order.budget_seconds == budget_seconds);
+    let known = known.map_or_else(Vec::new, |order| order.ranked);
     let (mut records, mut ranked, mut failed) = (Vec::new(), Vec::<RankedStart>::new(), 0);
     for (at, start) in starts.iter().enumerate() {
         let folder = start_folder(out, at + 1);
@@ -232,6 +268,13 @@ pub(super) fn rank(
     let record = records.into_iter().find(|(name, _)| Some(name) == best).map(|(_, record)| record);
     let record = record.context("--starts: no run has come to its end")?;
     Ok(Ranking { record, ranked, failed })
+}
+
+/// Whether runs from these starts belong to an order: there may be more or fewer of them, and other steps.
+fn is_same(order: &KeptOrder, starts: &[Start], settings: &IdealSettings) -> bool {
+    let but_steps = |settings: &IdealSettings| IdealSettings { steps: 0, ..settings.clone() };
+    but_steps(&order.settings) == but_steps(settings)
+        && order.starts.iter().zip(starts).all(|(one, other)| one == other)
 }
 
 /// Results, and those that are `known` of the starts `ahead`, which a power cut is not to lose.

@@ -104,6 +104,13 @@ fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
     assert!(!bench.path("a/score-1").exists());
     let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
     assert!(sentence.contains("--start random:25"), "{sentence}");
+    // Nor do other runs take its place.
+    let ranking = read(&bench, "a/order.json");
+    for other in [line.replace("--seed 5", "--seed 6"), format!("{line} --free positions")] {
+        let sentence = bench.refused(&other);
+        assert!(sentence.contains("a: expected the starts and settings of the runs that are there"), "{sentence}");
+    }
+    assert_eq!(read(&bench, "a/order.json"), ranking);
     // A single run takes the place of none of it.
     let sentence = bench.refused(&format!("{TINY} --steps 1 --out a"));
     assert!(sentence.contains("found the runs of several starts; choose another --out"), "{sentence}");
@@ -240,6 +247,33 @@ fn a_run_that_was_killed_ends_as_one_that_was_not() {
         frames.iter().map(|frame| frame["bits_per_pixel"].clone()).collect()
     };
     assert_eq!(bits(&killed), bits(&whole));
+}
+
+#[test]
+fn a_run_goes_on_from_an_earlier_mask() {
+    let bench = Bench::new();
+    let line = |steps: usize| format!("{TINY} --steps {steps} --rewind 5 --out a");
+    let sentence = bench.refused(&line(6));
+    assert!(sentence.contains("a: --rewind 5: expected a run that has begun"), "{sentence}");
+    let first = bench.json(&format!("{TINY} --steps 7 --out a"));
+    let sentence = bench.refused(&line(7));
+    assert!(sentence.contains("all 7 are taken; give more than that by --steps"), "{sentence}");
+    let told = bench.json(&line(12));
+    let rewinds = |told: &Value| {
+        let events = told["record"]["events"].as_array().unwrap();
+        events.iter().filter(|event| event["kind"] == "rewound").cloned().collect::<Vec<_>>()
+    };
+    let rewound = |step: usize| json!({"kind": "rewound", "step": step, "to": 5});
+    assert_eq!(rewinds(&told), [rewound(7)]);
+    let frames = |told: &Value| told["record"]["frames"].as_array().unwrap().clone();
+    let (before, after) = (frames(&first), frames(&told));
+    assert_eq!(after[..before.len()], before[..]);
+    assert_eq!((&after[before.len()]["step"], &after[before.len()]["array"]), (&json!(7), &before[1]["array"]));
+    // The same command has nothing left to do, another may go back once more.
+    assert_eq!(bench.json(&line(12))["end"], told["end"]);
+    assert_eq!(rewinds(&bench.json(&line(14))), [rewound(7), rewound(12)]);
+    let sentence = bench.refused(&format!("{TINY} --starts 2 --steps 7 --rewind 5 --out b"));
+    assert!(sentence.contains("--rewind is for a single run"), "{sentence}");
 }
 
 #[test]

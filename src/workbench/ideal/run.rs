@@ -31,13 +31,6 @@ pub struct GoOn<'a> {
     pub rewind_to: Option<usize>,
 }
 
-impl<'a> GoOn<'a> {
-    /// From where the run has come to.
-    pub fn newest(state: &'a [u8]) -> Self {
-        Self { state, rewind_to: None }
-    }
-}
-
 /// Lets the mask of a design climb the information of its measurements, from the start or from where the same run goes on
 /// (`from`); `reading` hears how far the objects are read, `keep` gets the run after every round.
 ///
