@@ -45,7 +45,7 @@ impl BeadBounds {
 impl From<&PosteriorBound> for NamedBound {
     fn from(bound: &PosteriorBound) -> Self {
         // Nobody knows less than nothing.
-        let known = |bits: f64| bits.max(0.0);
+        let known = |bits: f64| if bits < 0.0 { 0.0 } else { bits };
         let (bits_per_pixel, interval_95) = (known(bound.bits_per_pixel), bound.interval_95.map(known));
         Self { from: "posterior sampling".to_owned(), bits_per_pixel, interval_95 }
     }

@@ -342,8 +342,14 @@ impl Estimate {
 
 /// What a reader must know of bounds that cross.
 fn note_of_crossing(bracket: &Bracket) -> Option<String> {
-    let crosses = bracket.width().is_some_and(|width| width < 0.0);
-    crosses.then(|| "the bounds have met and cross by chance: the information is about that of both".to_owned())
+    bracket.width().filter(|&width| width < 0.0)?;
+    let is_chance = bracket.lower_interval_95.is_none_or(|[low, _]| low <= bracket.upper_interval_95[1]);
+    let told = if is_chance {
+        "the bounds have met and cross by chance: the information is about that of both"
+    } else {
+        "the bounds cross by more than their intervals: one of them is wrong here, and neither is to be relied on"
+    };
+    Some(told.to_owned())
 }
 
 fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {

@@ -124,6 +124,10 @@ pub fn savings_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
 
 /// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
 fn stratum(sites: usize, (place, block): (usize, usize), random: &mut ChaCha8Rng) -> Reveal {
+    if sites == 0 {
+        // Nothing is decoded, and nothing is saved.
+        return Reveal::Random { count: 0, weight: 0.0 };
+    }
     let all = sites as f64;
     let root = (place as f64 + random.random::<f64>()) / block as f64;
     let count = (((1.0 - root * root) * all) as usize).min(sites.saturating_sub(1));

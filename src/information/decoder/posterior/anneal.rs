@@ -98,6 +98,9 @@ impl<'a> Walk<'a> {
                 self.stir(state, level, random);
             }
         }
+        for (log, state) in logs.iter_mut().zip(&states) {
+            *log += state.correction();
+        }
         sum + shares(&logs).0
     }
 

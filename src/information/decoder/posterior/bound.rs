@@ -198,8 +198,9 @@ fn bound(
         None => (fit.levels, Vec::new(), Duration::ZERO),
     };
     let time = Stopwatch::after(before);
-    let watch = Watch::new(on_progress, (nats.len(), fit.samples), time);
     let scene = Scene::new(channel)?;
+    let known = (nats.len(), mean_and_half_width(&nats, 0.0, scene.pixels()).0);
+    let watch = Watch::new(on_progress, known, fit.samples, time);
     let follower = Follower::new(channel, &scene, fit, decoder, &watch)?;
     let levels = levels.unwrap_or_else(|| follower.affordable_levels(side, time));
     let mut kept = time.elapsed();
@@ -213,12 +214,6 @@ fn bound(
         let elapsed = time.elapsed();
         if !watch.note(nats.len(), mean) {
             return Err(InformationError::Cancelled);
-        }
-        if let Some(keeper) = keeper
-            && elapsed >= kept + keeper.every()
-        {
-            Followed::keep(keeper, (levels, &nats), elapsed)?;
-            kept = elapsed;
         }
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);
         let enough = nats.len() >= FEWEST_SAMPLES && (late || half_width <= fit.half_width);
@@ -234,6 +229,12 @@ fn bound(
                 seconds: elapsed.as_secs_f64(),
                 seed: fit.seed,
             });
+        }
+        if let Some(keeper) = keeper
+            && elapsed >= kept + keeper.every()
+        {
+            Followed::keep(keeper, (levels, &nats), elapsed)?;
+            kept = elapsed;
         }
     }
 }

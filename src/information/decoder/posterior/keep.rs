@@ -26,7 +26,7 @@ impl Followed {
         let Some(bytes) = keeper.load()? else { return Ok(None) };
         let followed: Self = serde_json::from_slice(&bytes).map_err(|error| unread(keeper, &error))?;
         if followed.key != keeper.key() {
-            return Err(InformationError::OtherFit);
+            return Err(unread(keeper, &InformationError::OtherFit));
         }
         if followed.levels == 0 || followed.nats.len() > most {
             return Err(unread(keeper, &"levels or samples are not those of a bound"));

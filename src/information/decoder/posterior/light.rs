@@ -12,6 +12,9 @@ const FAINT_SHARE: f64 = 2e-3;
 /// half as many nats.
 const FAINT_ENERGY: f64 = 0.02;
 
+/// Photons of a pixel beyond which gains are computed with more care; up to there rounding makes an error of 6e-4 nats of them.
+const BRIGHT: f64 = 1e4;
+
 /// One stretch of a row of a spot.
 #[derive(Clone, Copy, Debug)]
 struct Run {
@@ -36,6 +39,8 @@ pub(super) struct Light {
     planes: Vec<Vec<Run>>,
     /// Variance of the noise of a pixel of average light, photons squared.
     pub variance: f64,
+    /// Whether single precision rounds the ratios of light too coarsely for counts this large.
+    pub is_bright: bool,
     /// Photons per pixel without beads, and what beads add on average where their light is too faint to be followed.
     pub background: f64,
 }
@@ -52,6 +57,7 @@ impl Light {
         let mut sorted: Vec<f64> = spot.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
         let (mut faint, mut energy) = (FAINT_SHARE * total, FAINT_ENERGY * variance);
+        let peak = sorted.last().copied().unwrap_or_default();
         let least = sorted.into_iter().find(|photons| {
             faint -= photons;
             energy -= photons * photons;
@@ -85,6 +91,7 @@ impl Light {
             photons,
             planes,
             variance,
+            is_bright: bias + peak > BRIGHT,
             background: bias + (total - followed).max(0.0) * scene.probability,
         }
     }

@@ -2,17 +2,21 @@
 //!
 //! The likelihood is that of a model: light too faint to be followed is spread evenly, no pixel expects less than a
 //! thousandth of a photon, and shot plus read noise is Gaussian with the sum of both variances. A normalised model of the
-//! measurements that is not quite the truth can only raise an upper bound, and can only lower a lower one.
+//! measurements that is not quite the truth can only raise an upper bound, and can only lower a lower one. From above it would do so
+//! for every group of sites, so that walks end with the exact law of the noise there ([`State::correction`]).
 
 use super::super::draws::Sample;
 use super::super::scene::Scene;
 use super::light::{LANES, Light};
-use crate::information::likelihood::{ln_normal, ln_poisson};
+use crate::information::likelihood::{ln_normal, ln_poisson, log_likelihood};
 use crate::network::{logarithm, vectorised};
 use crate::sensor::Noise;
 
 /// Least photons that the model expects of a pixel.
 const LEAST_PHOTONS: f32 = 1e-3;
+/// Squared skewness of shot plus read noise below which it is as good as Gaussian: a twelfth of it is about what that costs a pixel,
+/// nats.
+const SKEWED: f64 = 1e-3;
 /// No site.
 const NOWHERE: u32 = u32::MAX;
 
@@ -93,6 +97,21 @@ impl<'a> State<'a> {
         terms.sum()
     }
 
+    /// What the exact law of the noise adds to the log likelihood, nats; nothing where the model has it.
+    pub fn correction(&self) -> f64 {
+        let noise @ Noise::ShotRead { sigma } = self.measured.noise else { return 0.0 };
+        let pixels = self.light.patch_of(&self.measured.noisy).zip(self.light.patch_of(&self.clean));
+        let terms = pixels.map(|(noisy, clean)| {
+            let (noisy, clean) = (f64::from(noisy), f64::from(clean.max(LEAST_PHOTONS)));
+            let variance = clean + sigma * sigma;
+            if clean * clean < SKEWED * variance.powi(3) {
+                return 0.0;
+            }
+            log_likelihood(noise, noisy, clean) - ln_normal(noisy - clean, variance.sqrt())
+        });
+        terms.sum()
+    }
+
     /// What `sign` beads more at a site would add to the log likelihood, nats.
     pub fn gain(&self, site: usize, sign: f32) -> f64 {
         let (light, clean) = (self.light, &self.clean[..]);
@@ -100,6 +119,7 @@ impl<'a> State<'a> {
         let mut sums = [0.0; LANES];
         match *noise {
             Noise::None => {}
+            Noise::Shot if light.is_bright => bright_gain(light, (site, sign), clean, noisy, inside, &mut sums),
             Noise::Shot => shot_gain(light, (site, sign), clean, noisy, inside, &mut sums),
             Noise::Read { sigma } => {
                 read_gain(light, (site, sign), clean, noisy, inside, &mut sums);
@@ -173,6 +193,15 @@ macro_rules! gain {
 }
 
 gain!(shot_gain<FUSED>, (), |before, after, noisy| noisy * logarithm::<FUSED>(after / before) - (after - before));
+// Where light is bright the rounding of the ratio, times the counts, would be as large as the gain: there the logarithm is taken of
+// the change, as Kahan does it.
+gain!(bright_gain<FUSED>, (), |before, after, noisy| {
+    let change = after - before;
+    let (ratio, share) = (after / before, change / before);
+    let step = ratio - 1.0;
+    let log = if step == 0.0 { share } else { logarithm::<FUSED>(ratio) * (share / step) };
+    noisy * log - change
+});
 gain!(read_gain<FUSED>, (), |before, after, noisy| (after - before) * (noisy - 0.5 * (after + before)));
 gain!(both_gain<FUSED>, (variance), |before, after, noisy| {
     let (v0, v1) = (before + variance, after + variance);

@@ -80,9 +80,12 @@ fn mean(values: &[f64]) -> (f64, f64) {
 
 #[test]
 fn a_gain_is_a_difference_of_log_likelihoods() {
-    for noise in NOISES {
-        let spot = ndarray::Array3::from_shape_fn((2, 3, 11), |(z, r, c)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * 4.0);
-        let channel = BeadChannel { spot, probability: 0.15, bias: 6.0, noise, patch: (6, 5) };
+    for (noise, bias, brightness) in
+        NOISES.map(|noise| (noise, 6.0, 4.0)).into_iter().chain([(Noise::Shot, 5e6, 400.0)])
+    {
+        let level = |(z, r, c): (usize, usize, usize)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * brightness;
+        let spot = ndarray::Array3::from_shape_fn((2, 3, 11), level);
+        let channel = BeadChannel { spot, probability: 0.15, bias, noise, patch: (6, 5) };
         let scene = Scene::new(&channel).unwrap();
         let light = Light::new(&channel.checked_spot().unwrap(), &scene);
         let sample = sample(&scene, 1);
@@ -215,22 +218,37 @@ fn bounds(channel: &BeadChannel, fit: &PosteriorFit) -> [PosteriorBound; 2] {
     ]
 }
 
+/// The information of a toy by enumeration, bits per pixel, and its standard error.
+fn truth_of(channel: &BeadChannel) -> (f64, f64) {
+    let scene = Scene::new(channel).unwrap();
+    let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+    let values: Vec<f64> = (0..4000)
+        .map(|index| {
+            let sample = sample(&scene, index);
+            let measured = Measured::new(&scene, &light, &sample, |_| false);
+            let sites = sample.beads.len();
+            let beads = (0..sites).filter(|&site| sample.beads[site] > 0.0);
+            let own = State::new(&light, &measured, sites, beads).log_likelihood();
+            (own - log_sum(&all_logs(&scene, &light, &measured))) / std::f64::consts::LN_2 / scene.pixels() as f64
+        })
+        .collect();
+    mean(&values)
+}
+
+#[test]
+fn noise_beside_shot_noise_does_not_raise_the_upper_bound() {
+    // In as many groups as there are sites, each of which would pay for a Gaussian that is none.
+    let of = |noise: Noise| bounds(&toy(noise), &fit(10, 200))[1].clone();
+    let (shot, both) = (of(Noise::Shot), of(Noise::ShotRead { sigma: 1.0 }));
+    println!("{} {}", shot.bits_per_pixel, both.bits_per_pixel);
+    assert!(both.bits_per_pixel < shot.bits_per_pixel + 0.06, "{both:?} {shot:?}");
+}
+
 #[test]
 fn bounds_enclose_the_truth_and_close_in_on_it() {
     for noise in NOISES {
         let channel = toy(noise);
-        let scene = Scene::new(&channel).unwrap();
-        let light = Light::new(&channel.checked_spot().unwrap(), &scene);
-        let values: Vec<f64> = (0..4000)
-            .map(|index| {
-                let sample = sample(&scene, index);
-                let measured = Measured::new(&scene, &light, &sample, |_| false);
-                let beads = (0..10).filter(|&site| sample.beads[site] > 0.0);
-                let own = State::new(&light, &measured, 10, beads).log_likelihood();
-                (own - log_sum(&all_logs(&scene, &light, &measured))) / std::f64::consts::LN_2 / 8.0
-            })
-            .collect();
-        let (truth, error) = mean(&values);
+        let (truth, error) = truth_of(&channel);
         let [coarse_low, coarse_high] = bounds(&channel, &fit(1, 2));
         let [low, high] = bounds(&channel, &fit(1, 4000));
         let [_, grouped] = bounds(&channel, &fit(5, 1000));

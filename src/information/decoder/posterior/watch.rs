@@ -26,9 +26,15 @@ struct Told<'a> {
 }
 
 impl<'a> Watch<'a> {
-    /// Of a bound whose time is taken, with the samples that were followed before and the most there will be.
-    pub fn new(on_progress: OnPosterior<'a>, (samples, most): (usize, usize), time: Stopwatch) -> Self {
-        let progress = PosteriorProgress { samples, most, elapsed: Duration::ZERO, bits_per_pixel: f64::NAN };
+    /// Of a bound whose time is taken, with the samples that were followed before, what they came to in bits per pixel, and the most
+    /// samples there will be.
+    pub fn new(
+        on_progress: OnPosterior<'a>,
+        (samples, bits_per_pixel): (usize, f64),
+        most: usize,
+        time: Stopwatch,
+    ) -> Self {
+        let progress = PosteriorProgress { samples, most, elapsed: Duration::ZERO, bits_per_pixel };
         Self {
             told: Mutex::new(Told { on_progress, progress, at: Instant::now() }),
             stopped: AtomicBool::new(false),
