@@ -15,7 +15,7 @@ use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, lower_bound_at_once, tells_of_unwritten_weights,
+    estimate, has_name_of_fit, lower_bound_at_once, tells_of_unwritten_weights,
 };
 
 /// Most repetitions.
@@ -76,8 +76,8 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1)]
     trials: usize,
 
-    /// Keep in this file what estimates by pixelcnn, live, full and bracket have come to, and beside it every 20 s the state of
-    /// the fit of a density model; the same command goes on from it, and removes it in the end.
+    /// Keep in this file what estimates by pixelcnn, live, full and bracket have come to, and beside it every 20 s how far the
+    /// part has come that goes on; the same command goes on from it, and removes it in the end.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
 
@@ -227,6 +227,15 @@ impl Arguments {
             anyhow::bail!(
                 "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
                 weights.display()
+            );
+        }
+        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
+            && has_name_of_fit(kept, weights)
+        {
+            anyhow::bail!(
+                "--save-weights {}: expected another name than those of the states beside {}; choose another one",
+                weights.display(),
+                kept.display()
             );
         }
         let mut inputs = self.design.files(design);

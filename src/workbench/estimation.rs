@@ -156,7 +156,7 @@ impl EstimateRequest {
     /// Removes what was kept, once the result is where it is to stay.
     pub fn end_kept(&self) {
         if let Some(path) = &self.keep {
-            kept_estimate::end(path, self.trials.max(1));
+            kept_estimate::end(path);
         }
     }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::estimation::tells_of_unwritten_weights;
-use crate::formats::{read_if_there, write_safely};
+use crate::formats::{read_if_there, remove_if_there, write_safely};
 use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
@@ -41,7 +41,12 @@ impl KeptEstimate {
         let Some(path) = path else { return Ok(Self { path: None, parts: Parts::default(), goes_on: true }) };
         let key = key_of(what);
         let refused = |reason: String| failed(path, &reason);
-        let parts = match read_if_there(path)? {
+        let found = read_if_there(path)?;
+        if found.is_none() {
+            // States beside it are of an estimate that somebody has given up.
+            forget_fits(path)?;
+        }
+        let parts = match found {
             Some(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
                 refused(format!("expected the state of an estimate, found another file ({error}); choose another name"))
             })?,
@@ -163,13 +168,30 @@ impl KeptEstimate {
     }
 }
 
-/// Removes the files of an estimate of so many trials, once its result is where it is to stay.
-pub(super) fn end(path: &Path, trials: usize) {
-    let trials = (0..trials).map(trial_part);
-    for part in trials.chain([DECODER, BELOW, ABOVE].map(str::to_owned)) {
-        forget(&fit_file(path, &part));
-    }
+/// Removes the files of an estimate, once its result is where it is to stay.
+pub(super) fn end(path: &Path) {
+    // Those that stay behind are in nobody's way: the next estimate in this place begins by removing them.
+    let _ = forget_fits(path);
     forget(path);
+}
+
+/// Removes the states of all fits beside the file of an estimate.
+fn forget_fits(path: &Path) -> Result<(), InformationError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let found = std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+    for file in found.filter(|file| has_name_of_fit(path, file)) {
+        remove_if_there(&file)?;
+    }
+    Ok(())
+}
+
+/// Whether a file has the name of the state of a fit beside the file of an estimate.
+pub fn has_name_of_fit(estimate: &Path, file: &Path) -> bool {
+    let start = fit_file(estimate, "");
+    let names =
+        file.file_name().zip(start.file_name()).map(|names| (names.0.to_string_lossy(), names.1.to_string_lossy()));
+    let part = names.as_ref().and_then(|(name, start)| name.strip_prefix(&**start)).unwrap_or_default();
+    [DECODER, BELOW, ABOVE].contains(&part) || part.parse::<usize>().is_ok()
 }
 
 /// Names of parts in the files of their fits.
@@ -203,7 +225,7 @@ fn failed(path: &Path, reason: &str) -> InformationError {
 }
 
 fn forget(path: &Path) {
-    // A file that stays behind is replaced by the next estimate, or refused as that of another one.
+    // What stays behind is replaced, or refused as that of another estimate.
     let _ = std::fs::remove_file(path);
 }
 
@@ -333,8 +355,17 @@ mod tests {
             (trial(), trial().ok().map(|one| one.bits_per_pixel()))
         );
         std::fs::write(&half, "half of it").unwrap();
-        end(&path, 1);
+        end(&path);
         assert!(!path.exists() && !fit.exists() && !half.exists());
+        // States of an estimate whose file was removed are in nobody's way.
+        let others =
+            ["kept.fit-4", "kept.fit-above", "kept.fit-letter", "other.fit-1"].map(|name| folder.path().join(name));
+        for file in &others {
+            std::fs::write(file, "a state").unwrap();
+        }
+        drop(open("other").unwrap());
+        assert_eq!(others.map(|file| file.exists()), [false, false, true, true]);
+        end(&path);
         // Another file is not written over.
         std::fs::write(&path, "a letter").unwrap();
         assert!(open("one").err().unwrap().to_string().contains("another file"));

@@ -58,6 +58,7 @@ pub use ideal::{
     run_ideal, score_in_patches, score_settings, score_whole, verdict, worths,
 };
 pub use jobs::{Job, Outcome};
+pub use kept_estimate::has_name_of_fit;
 pub use live_bounds::Draws;
 pub use live_record::{LiveNumbers, LiveRecord, LiveRecordError, Repeated};
 pub use measured::{MeasuredError, MeasuredImages, MeasuredOrder, MeasuredSource};
