@@ -168,7 +168,7 @@ impl KeptRun {
     pub(super) fn comparison(&self, settings: StudySettings) -> Result<Study, StudyError> {
         let folder = self.comparison_folder();
         match Study::open(settings.clone(), &folder) {
-            Err(StudyError::Changed { .. } | StudyError::Refused { .. }) => {
+            Err(error) if error.is_about_another() => {
                 std::fs::remove_dir_all(&folder).map_err(|error| FormatError::from_write(&folder, error))?;
                 Study::open(settings, &folder)
             }

@@ -35,6 +35,19 @@ pub enum StudyError {
         /// Its value in the file.
         found: String,
     },
+    /// The folder holds a study by another version of the program.
+    #[error(
+        "{}: expected a study by version {expected} of the program, found one by {found}, whose numbers do not belong into one \
+         table with these; go on with that version, or choose another folder", .path.display()
+    )]
+    OtherVersion {
+        /// The file of the study.
+        path: PathBuf,
+        /// This version.
+        expected: String,
+        /// That in the file.
+        found: String,
+    },
     /// The file in the folder is no study that this version knows.
     #[error("{}: expected a Lenslet Studio study of version {version}, found {found}; {advice}", .path.display())]
     Refused {
@@ -56,4 +69,17 @@ pub enum StudyError {
     /// Whoever watches asked to stop; the cells computed so far are in the file.
     #[error("the study was stopped; start it again in the same folder to go on")]
     Cancelled,
+}
+
+impl StudyError {
+    /// Whether the folder holds something else than the study that was to go on there.
+    pub(crate) fn is_about_another(&self) -> bool {
+        matches!(
+            self,
+            Self::Changed { .. }
+                | Self::OtherVersion { .. }
+                | Self::Refused { .. }
+                | Self::File(FormatError::Malformed { .. })
+        )
+    }
 }

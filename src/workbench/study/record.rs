@@ -130,11 +130,9 @@ impl StudyCell {
 fn is_finite(estimate: &Estimate) -> bool {
     let [low, high] = estimate.interval_95;
     let bounds = estimate.bracket.iter().flat_map(|bracket| {
-        let upper = bracket
-            .upper_bounds
-            .iter()
-            .flat_map(|bound| [bound.bits_per_pixel, bound.interval_95[0], bound.interval_95[1]]);
-        upper.chain(bracket.lower).chain(bracket.lower_interval_95.into_iter().flatten())
+        let bounds = bracket.upper_bounds.iter().chain(&bracket.lower_bounds);
+        let bounds = bounds.flat_map(|bound| [bound.bits_per_pixel, bound.interval_95[0], bound.interval_95[1]]);
+        bounds.chain(bracket.lower).chain(bracket.lower_interval_95.into_iter().flatten())
     });
     [estimate.bits_per_pixel, low, high, estimate.entropy_y, estimate.entropy_y_given_x]
         .into_iter()
@@ -202,7 +200,8 @@ impl StudyRecord {
             Err(StudyError::Changed { path: path.into(), what, expected: short(expected), found: short(found) })
         };
         if self.program_version != other.program_version {
-            return changed("the program version", &self.program_version, &other.program_version);
+            let (expected, found) = (self.program_version.clone(), short(&other.program_version));
+            return Err(StudyError::OtherVersion { path: path.into(), expected, found });
         }
         let settings = self.settings.described().into_iter().zip(other.settings.described());
         if let Some(((what, expected), (_, found))) = settings.into_iter().find(|(here, there)| here.1 != there.1) {

@@ -187,6 +187,10 @@ impl Study {
             },
         );
         match result {
+            Ok(estimate) if estimate.objects_fingerprint != planned.objects.fingerprint => Ok(Err(
+                "its objects changed while the study ran; put them back as they were, or begin in another folder"
+                    .into(),
+            )),
             Ok(estimate) => Ok(Ok(estimate)),
             Err(error) if error.is_cancelled() => Err(StudyError::Cancelled),
             Err(error) => Ok(Err(error.to_string())),
@@ -194,7 +198,11 @@ impl Study {
     }
 
     fn has(&self, planned: &PlannedCell<'_>) -> bool {
-        self.record.cells.iter().any(|cell| cell.estimate.is_some() && cell.is(planned))
+        let fingerprint = &planned.objects.fingerprint;
+        let is_of_these = |cell: &StudyCell| {
+            cell.estimate.as_ref().is_some_and(|estimate| estimate.objects_fingerprint == *fingerprint)
+        };
+        self.record.cells.iter().any(|cell| cell.is(planned) && is_of_these(cell))
     }
 
     /// Time that a cell is likely to take: the mean of those that are there, which know what a budget leaves out, or the

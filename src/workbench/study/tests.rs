@@ -11,6 +11,7 @@ use super::settings::{StudyDesign, StudyObjects, StudySettings};
 use crate::formats::FormatError;
 use crate::information::{Bracket, Estimate, Estimator, NamedBound, Protocol, Provenance, Trial, TrialSettings};
 use crate::sensor::{Noise, SensorError};
+use crate::workbench::simulation::open_set;
 use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
 
 /// An estimate of this many bits per pixel.
@@ -26,6 +27,12 @@ pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
     let around = [5.0 + bits, 5.01 + bits, 4.99 + bits];
     let trial = Trial::from_patches(settings, &around, &[5.0; 3], 2.0, Vec::new()).unwrap();
     Estimate::new(&[trial], Provenance { ceiling, ..Provenance::default() }).unwrap()
+}
+
+/// The same of the objects of a design.
+fn of(design: &Design, mut estimate: Estimate) -> Estimate {
+    estimate.objects_fingerprint = open_set(design).unwrap().fingerprint();
+    estimate
 }
 
 /// An estimate between two bounds; the density model's is a third.
@@ -58,9 +65,9 @@ fn run(settings: StudySettings, folder: &Path, bits: f64) -> Result<usize, Study
     let computed = Cell::new(0);
     let mut study = Study::open(settings, folder)?;
     study.run_with(
-        &|_, _, _| {
+        &|design, _, _| {
             computed.set(computed.get() + 1);
-            Ok(estimated(bits, Some(0.3)))
+            Ok(of(design, estimated(bits, Some(0.3))))
         },
         &mut on,
     )?;
@@ -99,8 +106,8 @@ fn a_study_that_is_stopped_keeps_its_finished_cells() {
     let mut steps = 0;
     let progress = EstimateProgress { step: "Fitting".into(), done: 0, total: 1, fit: None };
     let stopped = study.run_with(
-        &|_, _, watch| match watch(&progress) {
-            ControlFlow::Continue(()) => Ok(estimated(0.25, None)),
+        &|design, _, watch| match watch(&progress) {
+            ControlFlow::Continue(()) => Ok(of(design, estimated(0.25, None))),
             ControlFlow::Break(()) => Err(crate::information::InformationError::Cancelled.into()),
         },
         &mut |event| match event {
@@ -130,7 +137,7 @@ fn a_cell_that_fails_is_recorded_and_tried_again() {
         }
         let mut endless = estimated(0.25, None);
         endless.interval_95[1] = f64::INFINITY;
-        Ok(endless)
+        Ok(of(design, endless))
     };
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
     study.run_with(&fails, &mut on).unwrap();
@@ -141,6 +148,22 @@ fn a_cell_that_fails_is_recorded_and_tried_again() {
     drop(study);
     assert_eq!(run(four_cells(), folder.path(), 0.25).unwrap(), 4);
     assert_eq!(saved(folder.path()).summary.failed, 0);
+}
+
+#[test]
+fn estimates_of_objects_that_changed_meanwhile_do_not_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut study = Study::open(four_cells(), folder.path()).unwrap();
+    study.run_with(&|_, _, _| Ok(estimated(0.25, None)), &mut on).unwrap();
+    assert_eq!((study.missing(), study.record().summary.failed), (4, 4));
+    assert!(study.markdown().contains("its objects changed while the study ran"));
+    drop(study);
+    assert_eq!(run(four_cells(), folder.path(), 0.25).unwrap(), 4);
+    // Nor do those that are there.
+    let mut record = saved(folder.path());
+    record.cells[1].estimate.as_mut().unwrap().objects_fingerprint = "another".into();
+    record.save(&folder.path().join("study.json")).unwrap();
+    assert_eq!(run(four_cells(), folder.path(), 0.25).unwrap(), 1);
 }
 
 #[test]
@@ -170,9 +193,10 @@ fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
         assert!(told.contains(part) && told.contains("study.json") && told.contains("another folder"), "{told}");
     }
     // Objects that are others by now, and another version of the program.
-    for (entry, value, part) in
-        [("fingerprint", "abc", "fingerprint"), ("program_version", "0.0.0-none", "program version")]
-    {
+    for (entry, value, part) in [
+        ("fingerprint", "abc", "fingerprint"),
+        ("program_version", "0.0.0-none", "of the program, found one by 0.0.0-none"),
+    ] {
         let mut record = saved(folder.path());
         match entry {
             "fingerprint" => record.settings.objects[0].fingerprint = value.into(),
@@ -227,7 +251,7 @@ fn estimates_are_compared_with_published_ones() {
         (_, "1 lenslet") => 0.567,
         _ => 0.5,
     };
-    study.run_with(&|design, _, _| Ok(estimated(bits(design), Some(0.4))), &mut on).unwrap();
+    study.run_with(&|design, _, _| Ok(of(design, estimated(bits(design), Some(0.4)))), &mut on).unwrap();
     let summary = &study.record().summary;
     let within: Vec<usize> = summary.within_published.iter().map(|row| row.within).collect();
     assert_eq!((within, summary.within_published[0].compared), (vec![3, 2, 1], 4));
@@ -261,7 +285,7 @@ fn patches_are_compared_with_the_whole_sensor() {
     let settings = StudySettings { patches: vec![Some((8, 8)), None], ..StudySettings::patches(&Design::default()) };
     let mut study = Study::open(settings, folder.path()).unwrap();
     let bits = |request: &EstimateRequest| if request.patch.is_some() { 0.75 } else { 0.25 };
-    study.run_with(&|_, request, _| Ok(estimated(bits(request), None)), &mut on).unwrap();
+    study.run_with(&|design, request, _| Ok(of(design, estimated(bits(request), None))), &mut on).unwrap();
     let text = study.markdown();
     assert!(text.contains("| 8 x 8 px | 0.75") && text.contains("| +0.5000 | 3.00 |"), "{text}");
     assert!(text.contains("| sensor | 0.25") && text.contains("| +0.0000 | 1.00 |"), "{text}");
@@ -276,7 +300,7 @@ fn brackets_are_told_with_all_bounds_and_drawn() {
         folder.path(),
     )
     .unwrap();
-    study.run_with(&|_, _, _| Ok(bracketed(0.125, 0.25, 0.5)), &mut on).unwrap();
+    study.run_with(&|design, _, _| Ok(of(design, bracketed(0.125, 0.25, 0.5))), &mut on).unwrap();
     let text = study.markdown();
     assert!(
         text.contains("| 0.1250 (0.1150 to 0.1350) | - | 0.2500 (") && text.contains("| ceiling | 0.5000 | - |"),
