@@ -16,7 +16,7 @@ use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
-use crate::workbench::study::{PublishedSet, Study, StudyError, StudyRecord, StudySettings};
+use crate::workbench::study::{PublishedSet, Study, StudyRecord, StudySettings};
 use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
 /// Arguments of `design`.
@@ -317,7 +317,10 @@ impl Arguments {
         let (Some(start), Some(end)) = (record.frames.first(), record.frames.last()) else {
             return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
         };
-        let score = self.score(record)?;
+        let (score, unscored) = match self.score(record) {
+            Ok(score) => (score, None),
+            Err(error) => (None, Some(error)),
+        };
         let told = |study: &StudyRecord| [worths(study), verdict(study)].concat();
         let verdict = score.as_ref().map(told).unwrap_or_default();
         let printed = if self.json {
@@ -340,7 +343,11 @@ impl Arguments {
         if let Some(study) = &score {
             failed(study, &self.out.join(SCORE))?;
         }
-        printed
+        match unscored {
+            // The run is worth having without.
+            Some(error) => Err(Failure::Incomplete(error.context(format!("{}: no comparison", self.out.display())))),
+            None => printed,
+        }
     }
 
     /// Compares the result with its start, and with others where that was asked for.
@@ -373,12 +380,12 @@ const SCORE: &str = "score";
 fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
     let folder = run.join(SCORE);
     match Study::open(settings.clone(), &folder) {
-        Err(StudyError::Changed { .. }) => {
+        Err(error) if error.is_about_another() => {
             let earlier = (1..u32::MAX).map(|number| run.join(format!("{SCORE}-{number}"))).find(|path| !path.exists());
             let earlier = earlier.unwrap_or_else(|| folder.clone());
             std::fs::rename(&folder, &earlier).with_context(|| format!("{}: cannot be moved", folder.display()))?;
             output::tell(format_args!(
-                "{}: the comparison of an earlier result or of other settings is in {} now",
+                "{}: what was there, of an earlier result, other settings or another version, is in {} now",
                 folder.display(),
                 earlier.display()
             ));
@@ -469,6 +476,10 @@ mod tests {
         assert_eq!(names(), ["score", "score-1", "score-2"]);
         let kept = std::fs::read_to_string(run.path().join("score-1/study.json")).unwrap();
         assert!(kept.contains("heuristic:2"), "the earliest is the first");
+        // Nor does one that is damaged stand in the way.
+        std::fs::write(run.path().join("score/study.json"), "{").unwrap();
+        score(4);
+        assert_eq!(names(), ["score", "score-1", "score-2", "score-3"]);
     }
 
     #[test]

@@ -70,8 +70,10 @@ fn frame_at(step: usize, state: Option<&[u8]>, settings: &IdealSettings) -> anyh
         bail!("--rewind {step}: expected a run with a mask, found one in its first fit; leave it out")
     };
     let to = state.frames[frame].step;
+    // One that had come to its end just there went on from there, too.
     let last = state.events.iter().rev().find_map(|event| match event {
         IdealEvent::Rewound { to, .. } => Some(*to),
+        IdealEvent::Extended { step } => Some(*step),
         _ => None,
     });
     let has_steps = settings.steps > state.step;
@@ -123,7 +125,7 @@ pub(super) fn check_effects<'a>(
 
 /// Names of the curve and the record of a run.
 const CURVE: &str = "curve.csv";
-const RECORD: &str = "run.json";
+pub(super) const RECORD: &str = "run.json";
 
 /// All files that the results of so many starts are written to.
 pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {

@@ -272,6 +272,13 @@ fn a_run_goes_on_from_an_earlier_mask() {
     // The same command has nothing left to do, another may go back once more.
     assert_eq!(bench.json(&line(12))["end"], told["end"]);
     assert_eq!(rewinds(&bench.json(&line(14))), [rewound(7), rewound(12)]);
+    // From its last mask it goes on as it would without; and again there is nothing left to do.
+    let last = line(16).replace("--rewind 5", "--rewind 14");
+    let told = bench.json(&last);
+    assert_eq!((rewinds(&told).len(), &told["end"]["step"]), (2, &json!(16)));
+    assert_eq!(bench.json(&last)["end"], told["end"]);
+    // It went on from another one since.
+    assert_eq!(rewinds(&bench.json(&line(18))).len(), 3);
     let sentence = bench.refused(&format!("{TINY} --starts 2 --steps 7 --rewind 5 --out b"));
     assert!(sentence.contains("--rewind is for a single run"), "{sentence}");
 }
