@@ -87,6 +87,18 @@ pub fn files_of(named: [Option<&Path>; 2], objects: &ObjectSource) -> Vec<PathBu
     named.chain(objects.files()).collect()
 }
 
+/// Refuses a folder in which one of these files lies beside the design of another mask, as whose it would pass from then on.
+pub(super) fn check_no_other(folder: &Path, design: &Design, files: &[&str]) -> anyhow::Result<()> {
+    let is_other = Design::open(&folder.join(DESIGN_FILE)).is_ok_and(|there| there.encoder != design.encoder);
+    match files.iter().find(|name| is_other && folder.join(name).exists()) {
+        Some(name) => bail!(
+            "{}: expected a folder for this mask, found {name} of another; choose another --out",
+            folder.display()
+        ),
+        None => Ok(()),
+    }
+}
+
 /// Refuses to put one of the files `outputs`, which `flag` names, in place of one of the `inputs`. A design file may be written
 /// again as it is: where it will hold `design`.
 pub fn check_inputs_stay(

@@ -6,7 +6,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{check_folder, names_of};
-use super::design_args::{DesignArgs, SceneArgs};
+use super::design_args::{DesignArgs, SceneArgs, check_no_other};
+use super::design_runs::RECORD;
 use super::{Failure, output};
 use crate::workbench::{Colormap, design_outputs, export_design};
 
@@ -46,6 +47,7 @@ impl Arguments {
         let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;
         self.design.check_inputs_stay(&design_outputs(&self.out), &design)?;
+        check_no_other(&self.out, &design, &[RECORD, "measurements.npy", "measurements.tiff"])?;
         let files = export_design(&design, &self.out, self.colormap)?;
         let (psf_rows, psf_cols) = design.encoder.grid();
         let files = names_of(&files);

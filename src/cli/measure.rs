@@ -6,11 +6,14 @@ use clap::Args;
 use serde::Serialize;
 
 use super::choices::{about_objects, check_count, check_folder, names_of};
-use super::design_args::{DesignArgs, SceneArgs};
+use super::design_args::{DesignArgs, SceneArgs, check_no_other};
+use super::design_runs::RECORD;
 use super::output::Meter;
 use super::tamura::Summary;
 use super::{Failure, output};
-use crate::workbench::{DESIGN_FILE, MEASUREMENT_STACKS, MeasurementFormat, Simulator, measure_into, notices_of};
+use crate::workbench::{
+    DESIGN_FILE, DESIGN_FILES, MEASUREMENT_STACKS, MeasurementFormat, Simulator, measure_into, notices_of,
+};
 
 /// Most objects of one run; as 96 x 96 px floats they fill 370 GB.
 const MOST_OBJECTS: usize = 10_000_000;
@@ -65,6 +68,7 @@ impl Arguments {
         let stacks = MEASUREMENT_STACKS.iter().map(|name| format.file(&self.out, name));
         let outputs: Vec<PathBuf> = stacks.chain([self.out.join(DESIGN_FILE)]).collect();
         self.design.check_inputs_stay(&outputs, &design)?;
+        check_no_other(&self.out, &design, &[RECORD, DESIGN_FILES[0]])?;
         let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
         let meter = Meter::new();
         let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {

@@ -183,6 +183,7 @@ fn measure_in_batches(
         progress(first);
     }
     let record = folder.join(DESIGN_FILE);
+    let is_of_another = Design::open(&record).is_ok_and(|earlier| earlier != *design);
     let complete = vec![
         objects.complete()?,
         noiseless.complete()?,
@@ -190,6 +191,12 @@ fn measure_in_batches(
         (record.clone(), design.complete_file(&record)?),
     ];
     let files = put_in_place(complete)?;
+    // Stacks of the same design in the other format may stay.
+    let others = [MeasurementFormat::Npy, MeasurementFormat::Tiff].into_iter().filter(|&other| other != format);
+    let stale = others.flat_map(|other| MEASUREMENT_STACKS.map(|name| other.file(folder, name)));
+    for file in stale.filter(|_| is_of_another) {
+        formats::remove_if_there(&file)?;
+    }
     Ok(MeasuredStacks { object_shape, measurement_shape, tamura, files })
 }
 

@@ -368,13 +368,34 @@ fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
     bench.write("out/.writing-Ab12Cd", "half a stack");
     let folder = std::fs::File::open(bench.path("out")).unwrap();
     folder.lock().unwrap();
-    for line in ["export --lenslets heuristic:7 --out out", "measure --count 2 --out out"] {
+    for line in ["export --lenslets heuristic:7 --out out", "measure --count 2 --lenslets heuristic:2 --out out"] {
         assert_told(&bench.refused(line), &["out", "found another run at work in it", "choose another folder"]);
     }
     drop(folder);
-    bench.done("measure --count 2 --out out");
+    bench.done("measure --count 2 --lenslets heuristic:2 --out out");
     assert!(!bench.path("out/.writing-Ab12Cd").exists());
-    bench.done("export --lenslets heuristic:7 --out out");
+    bench.done("export --lenslets heuristic:2 --out out");
+}
+
+#[test]
+fn files_of_another_mask_do_not_pass_as_those_of_this_one() {
+    let bench = Bench::new();
+    let measure = |lenslets: &str| format!("measure --count 2 --lenslets heuristic:{lenslets}");
+    bench.done("export --lenslets heuristic:2 --out a");
+    let refused = |line: &str, found: &str| {
+        let told = format!("a: expected a folder for this mask, found {found} of another");
+        assert_told(&bench.refused(line), &[&told, "choose another --out"]);
+    };
+    refused(&measure("3 --out a"), "psf.npy");
+    bench.done(&measure("2 --out a"));
+    refused("export --lenslets heuristic:3 --out a", "measurements.npy");
+    // Stacks in the other format stay beside those of the same design only.
+    bench.done(&measure("2 --out b"));
+    bench.done(&measure("2 --tiff --out b"));
+    let is_there = |name: &str| bench.path("b").join(name).exists();
+    assert!(is_there("measurements.npy") && is_there("measurements.tiff"));
+    bench.done(&measure("3 --tiff --out b"));
+    assert!(!is_there("measurements.npy") && !is_there("objects.npy") && is_there("measurements.tiff"));
 }
 
 #[test]
