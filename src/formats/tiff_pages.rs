@@ -83,7 +83,7 @@ fn for_each_page(path: &Path, mut take: impl FnMut(PixelStack) -> Result<(), For
         left -= bytes;
         let channels = match colour {
             ColorType::Gray(bits) if bits >= 8 => 1,
-            ColorType::GrayA(bits) if bits >= 8 => 2,
+            ColorType::GrayA(bits) | ColorType::Multiband { bit_depth: bits, num_samples: 2 } if bits >= 8 => 2,
             ColorType::RGB(bits) if bits >= 8 => 3,
             ColorType::RGBA(bits) if bits >= 8 => 4,
             _ => {
@@ -254,6 +254,36 @@ mod tests {
     use super::*;
     use ndarray::Array3;
     use tiff::encoder::colortype;
+
+    #[test]
+    fn alpha_beside_grey_is_ignored() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        // One row of two pixels, grey and alpha in turn: width, height, bits, compression, photometric, strip offset, samples,
+        // rows per strip, strip bytes, extra samples.
+        let entries: [(u16, u32, u32); 10] = [
+            (256, 1, 2),
+            (257, 1, 1),
+            (258, 2, 8 | 8 << 16),
+            (259, 1, 1),
+            (262, 1, 1),
+            (273, 1, 8),
+            (277, 1, 2),
+            (278, 1, 1),
+            (279, 1, 4),
+            (338, 1, 2),
+        ];
+        let mut file = [b"II*\0".as_slice(), &12_u32.to_le_bytes(), &[10, 255, 200, 3]].concat();
+        file.extend((entries.len() as u16).to_le_bytes());
+        for (tag, count, value) in entries {
+            // Whole numbers of 16 bits.
+            file.extend([tag, 3].map(u16::to_le_bytes).concat());
+            file.extend([count, value].map(u32::to_le_bytes).concat());
+        }
+        file.extend([0; 4]);
+        std::fs::write(&path, file).unwrap();
+        assert_eq!(read_equal_pages(&path).unwrap().into_array(), ndarray::array![[[10.0, 200.0]]]);
+    }
 
     #[test]
     fn float_pages_read_back_bit_for_bit() {

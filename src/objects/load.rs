@@ -94,8 +94,18 @@ pub(super) fn load(
         let more = if unreadable.len() > NAMED_FILES { " and others" } else { "" };
         notices.push(format!("{} unreadable files were left out: {}{more}", unreadable.len(), names.join(", ")));
     }
+    notices.extend(mixed_levels(&mut items));
     notices.extend(same_white(&mut items));
     Ok(combine(items, field))
+}
+
+/// Tells of pictures of floating-point values among those of whole levels, which no range is known of.
+fn mixed_levels(items: &mut [Item]) -> Option<String> {
+    let all = items.len();
+    let floats = items.iter_mut().map(Item::stack).filter(|stack| stack.white.is_none()).count();
+    (floats > 0 && floats < all).then(|| {
+        format!("{floats} of {all} files hold values without a range, and were taken as they are beside those of 8 or 16 bits")
+    })
 }
 
 /// Brings 8-bit pictures among 16-bit ones to the same white; tells so.
@@ -161,16 +171,16 @@ fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
         let start = page * stack.rows * stack.cols;
         let value =
             |row: u32, col: u32| stack.samples.value(start + (top + row as usize) * stack.cols + left + col as usize);
-        let crop = ImageBuffer::from_fn(crop_cols as u32, crop_rows as u32, |col, row| Luma([value(row, col)]));
+        let (rows_u32, cols_u32) = (crop_rows as u32, crop_cols as u32);
         // The resizer clips floats to 0..1, so they are brought there and back.
-        let largest = crop.pixels().map(|pixel| pixel.0[0]).fold(0.0, f32::max);
+        let largest = (0..rows_u32).flat_map(|row| (0..cols_u32).map(move |col| (row, col)));
+        let largest = largest.map(|(row, col)| value(row, col)).fold(0.0, f32::max);
         if largest == 0.0 {
             values.resize(values.len() + rows * cols, 0.0);
             continue;
         }
-        let unit = ImageBuffer::<Luma<f32>, _>::from_fn(crop_cols as u32, crop_rows as u32, |col, row| {
-            Luma([crop.get_pixel(col, row).0[0] / largest])
-        });
+        let unit =
+            ImageBuffer::<Luma<f32>, _>::from_fn(cols_u32, rows_u32, |col, row| Luma([value(row, col) / largest]));
         let scaled = resize(&unit, cols as u32, rows as u32, FilterType::Triangle);
         values.extend(scaled.into_raw().into_iter().map(|value| value * largest));
     }
@@ -214,6 +224,10 @@ mod tests {
         assert_eq!(firsts, [65_535.0, 65_535.0, 300.0, 65_535.0]);
         assert_eq!(same_white(&mut [shallow(20), shallow(60)]), None);
         assert_eq!(same_white(&mut [deep(9), deep(5)]), None);
+        let float = || item(picture(20, 20, |_, _| 0.5), (96, 96));
+        let told = mixed_levels(&mut [shallow(20), float(), deep(9)]).unwrap();
+        assert!(told.starts_with("1 of 3 files hold values without a range"), "{told}");
+        assert_eq!((mixed_levels(&mut [float(), float()]), mixed_levels(&mut [shallow(20), deep(9)])), (None, None));
     }
 
     #[test]

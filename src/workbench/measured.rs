@@ -243,6 +243,10 @@ impl MeasuredImages {
             return Err(MeasuredError::TooFewImages { path: path.clone(), found });
         }
         let mean = photons.iter().map(|&value| f64::from(value)).sum::<f64>() / photons.len() as f64;
+        if !mean.is_finite() {
+            let expected = "as many grey levels per photon as leave the photons a finite number";
+            return Err(MeasuredError::Calibration { what: "gain", expected, found: calibration.gain });
+        }
         if mean <= 0.0 {
             return Err(MeasuredError::Dark { found: mean });
         }

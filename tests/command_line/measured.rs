@@ -205,6 +205,7 @@ fn what_cannot_be_estimated_gets_one_sentence() {
         ("depths", "b.png: expected grey levels of 8 bits, as in the files before it, found 16 bits"),
         ("a.npy --gain 0", "the gain of the measurements must be a number above 0"),
         ("a.npy --gain nan", "the gain"),
+        ("a.npy --gain 1e-45", "the gain of the measurements must be as many grey levels per photon"),
         ("a.npy --offset inf", "the offset of the measurements must be a finite grey level"),
         ("a.npy --offset 5000", "must be above 0 photons"),
         ("a.npy --bin 0", "expected 1 to 20 pixels on each side of a bin, found 0"),
