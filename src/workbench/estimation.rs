@@ -278,7 +278,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     };
     estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
-    estimate.seconds = start.elapsed().as_secs_f64();
+    estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
     Ok(estimate)
 }
 

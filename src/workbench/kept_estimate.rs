@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
@@ -14,6 +15,7 @@ use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBE
 /// on. Without a file everything is computed as it comes.
 pub(super) struct KeptEstimate {
     path: Option<PathBuf>,
+    since: Instant,
     parts: Parts,
     /// Whether what comes is worth keeping: not once weights could not be written, which the same command is to try again.
     goes_on: bool,
@@ -29,6 +31,18 @@ struct Parts {
     decoder: Option<(LowerBound, Vec<u8>)>,
     below: Option<PosteriorBound>,
     above: Option<PosteriorBound>,
+    /// Time for all that came before the part that goes on, seconds.
+    #[serde(default)]
+    seconds: f64,
+}
+
+impl Parts {
+    /// The time that the parts took by themselves, seconds.
+    fn own_seconds(&self) -> f64 {
+        let trials = self.trials.iter().map(Trial::seconds);
+        let bounds = [&self.below, &self.above].into_iter().flatten().map(|bound| bound.seconds);
+        trials.chain(bounds).chain(self.decoder.iter().map(|(bound, _)| bound.seconds)).sum()
+    }
 }
 
 impl KeptEstimate {
@@ -38,7 +52,9 @@ impl KeptEstimate {
     /// Where the file cannot be read, or is that of another estimate.
     pub fn open(path: Option<&Path>, what: &dyn Debug) -> Result<Self, InformationError> {
         // A mask may be a picture of millions of numbers, which nobody need write out where nothing is kept.
-        let Some(path) = path else { return Ok(Self { path: None, parts: Parts::default(), goes_on: true }) };
+        let Some(path) = path else {
+            return Ok(Self { path: None, since: Instant::now(), parts: Parts::default(), goes_on: true });
+        };
         let key = key_of(what);
         let refused = |reason: String| failed(path, &reason);
         let found = read_if_there(path)?;
@@ -55,7 +71,7 @@ impl KeptEstimate {
         if parts.key != key {
             return Err(refused(InformationError::OtherFit.to_string()));
         }
-        let kept = Self { path: Some(path.to_owned()), parts, goes_on: true };
+        let mut kept = Self { path: Some(path.to_owned()), since: Instant::now(), parts, goes_on: true };
         kept.store()?;
         Ok(kept)
     }
@@ -79,6 +95,12 @@ impl KeptEstimate {
         self.parts.trials.push(trial.clone());
         self.keep(fit);
         Ok(trial)
+    }
+
+    /// Time for the estimate in all sessions, seconds: what a session spent on a part that it did not come to the end of counts as far
+    /// as the state of that part knows of it.
+    pub fn seconds(&self) -> f64 {
+        (self.parts.seconds + self.since.elapsed().as_secs_f64()).max(self.parts.own_seconds())
     }
 
     /// What the trials that are there came to, the smallest of them.
@@ -146,7 +168,7 @@ impl KeptEstimate {
 
     /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while. Then the
     /// state of the `fit` of what came last is no longer needed.
-    fn keep(&self, fit: Option<KeptFit>) {
+    fn keep(&mut self, fit: Option<KeptFit>) {
         if self.goes_on
             && self.store().is_ok()
             && let Some(fit) = fit
@@ -155,8 +177,9 @@ impl KeptEstimate {
         }
     }
 
-    fn store(&self) -> Result<(), InformationError> {
+    fn store(&mut self) -> Result<(), InformationError> {
         let Some(path) = &self.path else { return Ok(()) };
+        self.parts.seconds += std::mem::replace(&mut self.since, Instant::now()).elapsed().as_secs_f64();
         let text = serde_json::to_vec(&self.parts).map_err(|error| failed(path, &error.to_string()))?;
         Ok(write_safely(path, |out| out.write_all(&text))?)
     }
@@ -354,6 +377,7 @@ mod tests {
             (again.trial(0, unasked), again.smallest()),
             (trial(), trial().ok().map(|one| one.bits_per_pixel()))
         );
+        assert!(again.seconds() >= 2.5, "a trial and a decoder of 1 s, two bounds of 0.25 s");
         std::fs::write(&half, "half of it").unwrap();
         end(&path);
         assert!(!path.exists() && !fit.exists() && !half.exists());

@@ -341,7 +341,7 @@ impl MeasuredImages {
             );
         }
         estimate.noise = stated;
-        estimate.seconds = start.elapsed().as_secs_f64();
+        estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
         Ok(estimate)
     }
 

@@ -7,7 +7,7 @@ use ndarray::{Array3, Axis, Zip, s};
 
 use super::conditioning::Moments;
 use super::first::FirstWeights;
-use super::fit::{CausalFit, FitAids, FitLength};
+use super::fit::{CausalFit, FitAids, FitLength, Fitted};
 use super::model::{CausalModel, check_causal_patch};
 use super::shape::CausalShape;
 use super::start::Beginning;
@@ -85,7 +85,7 @@ pub fn causal_estimate(
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
     let aids = FitAids { keeper: request.keeper, validation: request.validation };
-    let (steps, best) = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| {
+    let Fitted { steps, best, before } = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| {
         on_progress(progress).map_continue(|()| None)
     })?;
     let from = match request.beginning {
@@ -115,7 +115,7 @@ pub fn causal_estimate(
         patches_train: steps * fit.batch,
         seed: request.seed,
     };
-    let seconds = started.elapsed().as_secs_f64();
+    let seconds = (before + started.elapsed()).as_secs_f64();
     // Both logarithms of a patch are taken at its measurement; what they tell together stays as it is.
     let cross_entropy: Vec<f64> = information.iter().zip(&entropy_y_given_x).map(|(i, h)| i + h).collect();
     let trial = Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?;

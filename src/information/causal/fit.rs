@@ -52,6 +52,16 @@ pub(super) struct FitAids<'a> {
     pub validation: Option<&'a PatchBatch>,
 }
 
+/// What came of a fit.
+pub(super) struct Fitted {
+    /// Steps, those before it went on from a state among them.
+    pub steps: usize,
+    /// The step whose weights are kept where they score better than those at the end.
+    pub best: Option<usize>,
+    /// Time that was taken before it went on from a state.
+    pub before: Duration,
+}
+
 /// How a model is fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CausalFit {
@@ -100,11 +110,10 @@ impl CausalFit {
         stream: &dyn PatchStream,
         on_step: OnStep<'_>,
     ) -> Result<usize, InformationError> {
-        Ok(self.fit_aided(model, stream, FitAids::default(), on_step)?.0)
+        Ok(self.fit_aided(model, stream, FitAids::default(), on_step)?.steps)
     }
 
-    /// As [`CausalFit::fit_watched`], with aids. Returns the number of steps, and the step whose weights are kept where
-    /// they score better than those at the end. Of a fixed number of steps the outcome is the same bit for bit, whether
+    /// As [`CausalFit::fit_watched`], with aids. Of a fixed number of steps the outcome is the same bit for bit, whether
     /// or not the fit went on from a state.
     ///
     /// # Errors
@@ -116,7 +125,7 @@ impl CausalFit {
         stream: &dyn PatchStream,
         FitAids { keeper, validation }: FitAids<'_>,
         on_step: OnStep<'_>,
-    ) -> Result<(usize, Option<usize>), InformationError> {
+    ) -> Result<Fitted, InformationError> {
         let (mut mover, mut found) = (Mover::new(model, self.averaging), None);
         if let Some(keeper) = keeper {
             (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
@@ -138,7 +147,8 @@ impl CausalFit {
                 let done = plan.done(mover.course.steps, time.elapsed());
                 if done >= 1.0 {
                     model.weights = mover.averaged(model);
-                    return Ok((mover.course.steps, best.put_into(model)?));
+                    let Course { steps, before, .. } = mover.course;
+                    return Ok(Fitted { steps, best: best.put_into(model)?, before });
                 }
                 mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
                 let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };

@@ -134,7 +134,9 @@ impl PixelCnnRequest<'_> {
         let cross_entropy = scored(model, engine, test.view(), report, started, on_progress)?;
         let estimator = Estimator::PixelCnn;
         let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
-        let seconds = started.elapsed().as_secs_f64();
+        // A fit that went on from a state took its time before, too.
+        let fitted = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
+        let seconds = started.elapsed().as_secs_f64().max(fitted);
         Ok(Trial::from_patches(settings, &cross_entropy, entropy_y_given_x, seconds, notes)?.on_engine(engine))
     }
 }
