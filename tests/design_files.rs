@@ -109,6 +109,23 @@ fn unknown_entries_are_ignored_and_newer_versions_refused() {
     assert!(told.contains("version 2, written by a newer Lenslet Studio; update this program"), "{told}");
 }
 
+#[test]
+fn a_lenslet_that_is_none_is_named_by_its_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.json");
+    let told = |entry: &str, content: Value| {
+        let mut value = json_of(&data("design-v1.json"));
+        value["encoder"]["lenslets"][1] = json!({"x_px": 3.0, "y_px": 4.0, "sigma_px": 1.0, "weight": 1.0});
+        value["encoder"]["lenslets"][1][entry] = content;
+        std::fs::write(&path, value.to_string()).unwrap();
+        Design::open(&path).unwrap_err().to_string()
+    };
+    let refusal = told("x_px", json!("left"));
+    assert!(refusal.contains("found lenslet 2: ") && refusal.contains("left"), "{refusal}");
+    let refusal = told("covariance_px2", json!({"xx": 1.0, "xy": 0.0, "yy": 1.0}));
+    assert!(refusal.contains("found lenslet 2: both sigma_px and covariance_px2"), "{refusal}");
+}
+
 /// Every place of a JSON value, the outermost first.
 fn places(value: &Value, path: &str, found: &mut Vec<String>) {
     found.push(path.to_owned());

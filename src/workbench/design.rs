@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::formats::{CompleteFile, FormatError, complete_json, read_json};
 use crate::objects::ObjectSource;
-use crate::optics::{Diffuser, Encoder, LensletError, Limits, heuristic_layout};
+use crate::optics::{Diffuser, Encoder, Lenslet, LensletError, Limits, heuristic_layout};
 use crate::sensor::{DEFAULT_BIAS, Noise};
 
 /// A design: the mask, the scenes it looks at, the sensor behind it, and the seed of every random draw.
@@ -148,6 +148,10 @@ impl Design {
             }
             _ => return Err(refuse("no usable format_version".into(), "restore it from a backup")),
         }
+        // The mask is read as a whole, so that what is wrong with one lenslet would not tell which.
+        if let Some(found) = wrong_lenslet(&value) {
+            return Err(refuse(found, "correct the entry or restore the file from a backup"));
+        }
         // The error begins with the entry it is about.
         let design: Self = serde_path_to_error::deserialize(value)
             .map_err(|error| refuse(error.to_string(), "correct the entry or restore the file from a backup"))?;
@@ -195,6 +199,20 @@ impl Design {
         let planes = planes.max(self.encoder.lenslets().map_or(1, crate::optics::LensletArray::planes));
         Ok(self.encoder.psf(planes)?)
     }
+}
+
+/// What is wrong with the first lenslet of a design file that is none, or has two shapes.
+fn wrong_lenslet(design: &serde_json::Value) -> Option<String> {
+    let lenslets = design.get("encoder")?.get("lenslets")?.as_array()?;
+    lenslets.iter().zip(1..).find_map(|(lenslet, number)| {
+        let is_twofold = ["sigma_px", "covariance_px2"].iter().all(|shape| lenslet.get(shape).is_some());
+        let reason = match Lenslet::deserialize(lenslet) {
+            Err(error) => error.to_string(),
+            Ok(_) if is_twofold => "both sigma_px and covariance_px2, of which it has one".to_owned(),
+            Ok(_) => return None,
+        };
+        Some(format!("lenslet {number}: {reason}"))
+    })
 }
 
 const FORMAT: &str = "lenslet-studio/design";
