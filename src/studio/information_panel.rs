@@ -213,7 +213,9 @@ fn both(below: &str, above: &str) -> String {
 /// Says where a number overstates the design; below the numbers, so that they stay where they are.
 fn warning(ui: &mut Ui, known: &Known<'_>) {
     let Some(ceiling) = known.bounds.ceiling_bits() else { return };
-    let density = known.sampling().is_some_and(|live| live.bits_per_pixel > ceiling);
+    let fitted = known.fitted.as_ref().map(|fitted| fitted.bits_per_pixel);
+    let models = known.sampling().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
+    let density = models.into_iter().any(|bits| bits > ceiling);
     let warning = match (density, known.gaussian() > ceiling) {
         (true, true) => "Density model and Gaussian lie above what the objects hold at all: do not rank masks by them.",
         (true, false) => "The density model lies above what the objects hold at all: do not rank masks by it.",

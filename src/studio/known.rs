@@ -31,8 +31,14 @@ impl<'a> Known<'a> {
         let scores = || state.run.iter().flat_map(|run| run.scores_of(design, &state.live));
         let ordered = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
         let finished = || ordered().chain(scores());
-        let brackets: Vec<_> =
-            finished().filter_map(|estimate| Some((estimate.bracket.as_ref()?, estimate.patch))).collect();
+        let live = state.estimates.live.as_ref();
+        let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
+        let sensor = live.as_ref().filter(|(_, current)| *current).and_then(|(live, _)| live.sensor.as_ref());
+        let sensor = sensor.map(|sensor| (&sensor.bracket, <[usize; 2]>::from(sensor.patch)));
+        let brackets: Vec<_> = finished()
+            .filter_map(|estimate| Some((estimate.bracket.as_ref()?, estimate.patch)))
+            .chain(sensor)
+            .collect();
         let of =
             |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| *bracket));
         let here = [bounds.patch.0, bounds.patch.1];
@@ -44,8 +50,9 @@ impl<'a> Known<'a> {
             bits_per_pixel: estimate.bits_per_pixel,
             interval_95: estimate.interval_95,
         });
-        let live = state.estimates.live.as_ref();
-        let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
+        let bracket = of(here);
+        let whole = brackets.iter().find(|(_, patch)| *patch != here);
+        let sensor = whole.and_then(|(_, patch)| Some((of(*patch)?, *patch)));
         let has_live = live.as_ref().is_some_and(|(_, current)| *current);
         let run = state.run.as_ref().and_then(|run| run.bounds_of(design, bounds.patch));
         let run = run.filter(|run| run.is_of_mask || !has_live);
@@ -55,12 +62,9 @@ impl<'a> Known<'a> {
             // Masks of a run are no edits of the design from before.
             live: live.filter(|(_, current)| *current || run.is_none()),
             run,
-            bracket: of(here),
+            bracket,
             fitted: fitted.min_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel)),
-            sensor: brackets
-                .iter()
-                .find(|(_, patch)| *patch != here)
-                .and_then(|(_, patch)| Some((of(*patch)?, *patch))),
+            sensor,
         }
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::design::derived_seed;
 use crate::information::{
-    BeadChannel, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PosteriorBound, PosteriorFit,
+    BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PosteriorBound, PosteriorFit,
     QuickLowerBound, posterior_lower_bound, posterior_upper_bound,
 };
 
@@ -45,6 +45,17 @@ impl Draws {
     }
 }
 
+/// Bounds on the information of whole measurements, where the prior of the objects is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorBounds {
+    /// Rows and columns of a measurement.
+    pub patch: (usize, usize),
+    /// What the decoder and following the posterior tell, and the ceiling.
+    pub bracket: Bracket,
+    /// What the bounds from below and from above were drawn from.
+    pub draws: [Draws; 2],
+}
+
 /// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
 /// those that were stopped leave the ones before.
 pub(super) struct Beads<'a> {
@@ -78,6 +89,27 @@ impl<'a> Beads<'a> {
         let (below, above) = (fit(BELOW), fit(ABOVE));
         self.below(&below, stop);
         self.above(&above, stop);
+    }
+
+    /// The bounds once more from just these samples; those that cannot be had are left out.
+    pub fn repeat(&mut self, (lower, upper): (Option<Draws>, Option<Draws>), stop: &(dyn Fn() -> bool + Sync)) {
+        match lower {
+            Some(Draws::AtOnce { samples }) => self.decode(samples, stop),
+            Some(Draws::Followed { levels, samples }) => self.below(&self.again(levels, samples, BELOW), stop),
+            None => {}
+        }
+        if let Some(Draws::Followed { levels, samples }) = upper {
+            self.above(&self.again(levels, samples, ABOVE), stop);
+        }
+    }
+
+    /// Both bounds as those of whole measurements, with the ceiling of these; none where one is missing.
+    pub fn of_sensor(&self, patch: (usize, usize), ceiling: Option<f64>) -> Option<SensorBounds> {
+        let ((lower, by_lower), (upper, by_upper)) = (self.lower.clone()?, self.upper.clone()?);
+        let named =
+            |bits_per_pixel| NamedBound { from: "ceiling".into(), bits_per_pixel, interval_95: [bits_per_pixel; 2] };
+        let above = ceiling.map(named).into_iter().chain([upper]).collect();
+        Some(SensorBounds { patch, bracket: Bracket::new(above, vec![lower])?, draws: [by_lower, by_upper] })
     }
 
     /// The fit that follows the posterior of just these samples.

@@ -11,7 +11,7 @@ use super::evaluation::{EvaluationError, Scene};
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
 
 use crate::formats::{FormatError, create_folder, read_json, write_json};
-use crate::information::{CausalStart, NUMBERS_VERSION, NamedBound};
+use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound};
 use crate::objects::Progress;
 
 /// What such a file says of itself.
@@ -74,6 +74,9 @@ pub struct LiveNumbers {
     pub lower: Option<NamedBound>,
     /// The bound from above by posterior sampling, where the prior is known.
     pub upper: Option<NamedBound>,
+    /// Bounds for whole measurements, where the prior is known and the estimate had settled.
+    #[serde(default)]
+    pub sensor: Option<Bracket>,
 }
 
 impl LiveNumbers {
@@ -87,6 +90,7 @@ impl LiveNumbers {
             patch: live.patch.into(),
             lower: live.lower.clone(),
             upper: live.upper.clone(),
+            sensor: live.sensor.as_ref().map(|sensor| sensor.bracket.clone()),
         }
     }
 }
@@ -268,10 +272,17 @@ mod tests {
         let settled = first(&mut refiner, &design, &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
         refiner.refine(&design, &scene, &mut |live| published.push(live), &|| false).unwrap();
-        let [first, last] = &published[..] else { panic!("{} estimates", published.len()) };
+        let [first, last, whole] = &published[..] else { panic!("{} estimates", published.len()) };
         assert_eq!(first.upper, settled.upper);
         assert_eq!((last.bits_per_pixel, last.recipe.steps), (settled.bits_per_pixel, settled.recipe.steps));
         assert!(last.lower.is_some() && last.recipe.upper != settled.recipe.upper, "{:?}", last.recipe);
+        // Whole measurements come last; what they tell of a pixel is less, as patches count what others know, too.
+        let sensor = whole.sensor.as_ref().unwrap();
+        assert!(last.sensor.is_none() && sensor.patch == (65, 65));
+        let (lower, upper) = (sensor.bracket.lower.unwrap(), sensor.bracket.upper);
+        assert!(lower > 0.15 && upper < 0.19 && whole.lower.as_ref().unwrap().bits_per_pixel > upper, "{sensor:?}");
+        let repeated = LiveRecord::new(&design, &scene, whole).repeat(&|_| true).unwrap();
+        assert!(repeated.same && repeated.numbers.sensor.is_some(), "{repeated:#?}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis, s};
 
 use super::design::Design;
 use super::estimation::moments;
-use super::evaluation::{EvaluationError, LIVE_PATCH, Scene};
+use super::evaluation::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
 use super::refinement::{LiveEstimate, LiveRecipe};
 use crate::design::{Imaging, MeasurementStream, derived_seed};
 use crate::information::{
@@ -35,6 +35,8 @@ pub(super) struct Subject<'a> {
     pub patch: (usize, usize),
     convolver: Convolver,
     pub channel: Option<BeadChannel>,
+    /// The same of whole measurements, where these are larger than a patch, and what such hold at the most, bits per pixel.
+    pub whole: Option<(BeadChannel, Option<f64>)>,
     entropy: NoiseEntropy,
     psf: Array3<f64>,
 }
@@ -50,9 +52,16 @@ impl<'a> Subject<'a> {
         let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
         let psf = design.psf(scene.set.planes())?;
         let convolver = imaging.convolver(psf.view())?;
-        let channel = imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
+        let channel_of =
+            |patch| imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
+        let (channel, sensor) = (channel_of(patch), imaging.patch(None));
+        let whole = if sensor == patch { None } else { channel_of(sensor) };
+        let ceiling = || ceiling_of(&Design { noise, ..design.clone() }, &scene.set, psf.view(), sensor);
+        let whole =
+            whole.map(|channel| Ok::<_, InformationError>((channel, ceiling()?.map(|found| found.bits_per_pixel))));
+        let whole = whole.transpose()?;
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-        Ok(Self { design, imaging, patch, convolver, channel, entropy, psf })
+        Ok(Self { design, imaging, patch, convolver, channel, whole, entropy, psf })
     }
 
     pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
@@ -137,12 +146,13 @@ impl<'a> Subject<'a> {
             patch: model.patch(),
             seconds: 0.0,
             remaining: None,
-            recipe: LiveRecipe { test_patches: information.len(), lower: None, upper: None, ..recipe },
+            recipe: LiveRecipe { test_patches: information.len(), lower: None, upper: None, sensor: None, ..recipe },
             start,
             model: Arc::new(model.clone()),
             gradient: None,
             lower: None,
             upper: None,
+            sensor: None,
             mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
             maps: maps.slice(shown).mapv(|bits| bits as f32),
             patches: test.noisy.slice(shown).to_owned(),

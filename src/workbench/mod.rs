@@ -59,7 +59,7 @@ pub use ideal::{
 };
 pub use jobs::{Job, Outcome};
 pub use kept_estimate::has_name_of_fit;
-pub use live_bounds::Draws;
+pub use live_bounds::{Draws, SensorBounds};
 pub use live_record::{LiveNumbers, LiveRecord, LiveRecordError, Repeated};
 pub use measured::{MeasuredError, MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};

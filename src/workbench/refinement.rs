@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
-use super::live_bounds::{ABOVE, BELOW, Beads, Draws};
+use super::live_bounds::{Beads, Draws, SensorBounds};
 use super::live_subject::{SCORED, SCORED_LAST, Subject};
 use super::simulation::imaging;
 use crate::design::{GradientDraw, Imaging, derived_seed};
@@ -47,6 +47,9 @@ const LOWER_SAMPLES_LAST: usize = 2048;
 const FIRST_FOLLOWED: Duration = Duration::from_secs(3);
 const FOLLOWED: Duration = Duration::from_secs(3);
 const FOLLOWED_LAST: Duration = Duration::from_secs(8);
+/// The same for whole measurements, which come last.
+const LOWER_SAMPLES_WHOLE: usize = 256;
+const FOLLOWED_WHOLE: Duration = Duration::from_secs(10);
 
 /// An estimate that gets better while one waits: an upper bound on the information at any time.
 #[derive(Clone, Debug)]
@@ -78,6 +81,8 @@ pub struct LiveEstimate {
     pub lower: Option<NamedBound>,
     /// Bound from above by posterior sampling; none where the prior is not known, and in the first seconds of a fit.
     pub upper: Option<NamedBound>,
+    /// Bounds for whole measurements, once the estimate has settled; none where the prior is not known.
+    pub sensor: Option<SensorBounds>,
     /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
     pub mean_map: Array2<f32>,
     /// The same for some patches one by one, shape (n, rows, cols).
@@ -102,6 +107,9 @@ pub struct LiveRecipe {
     pub lower: Option<Draws>,
     /// What the bound by posterior sampling was drawn from.
     pub upper: Option<Draws>,
+    /// What the bounds for whole measurements were drawn from, from below and from above.
+    #[serde(default)]
+    pub sensor: Option<[Draws; 2]>,
 }
 
 /// Another number of steps for a fit that is going on.
@@ -116,7 +124,7 @@ pub struct Revision {
 impl LiveRecipe {
     /// Before the first step of a fit of so many.
     fn of(planned: usize) -> Self {
-        Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None }
+        Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None, sensor: None }
     }
 
     /// Steps in all.
@@ -133,7 +141,17 @@ impl LiveRecipe {
             && self.revised.is_none_or(|revision| (1..self.planned).contains(&revision.after))
             && sound(self.lower)
             && sound(self.upper)
+            && self.sensor.iter().flatten().all(|draws| draws.is_sound())
     }
+}
+
+/// A settled estimate that is to have more bounds.
+struct Awaiting {
+    scene: Arc<Scene>,
+    design: Design,
+    estimate: LiveEstimate,
+    /// Whether those for whole measurements are all that is missing.
+    only_sensor: bool,
 }
 
 /// Keeps the last model for the next design, and how fast steps are.
@@ -143,7 +161,7 @@ pub(super) struct Refiner {
     /// Seconds of a step, and the patch that they are of.
     pace: Option<(f64, (usize, usize))>,
     /// A settled estimate whose last bounds were interrupted.
-    awaits_bounds: Option<(Arc<Scene>, Design, LiveEstimate)>,
+    awaits_bounds: Option<Awaiting>,
 }
 
 impl Refiner {
@@ -172,13 +190,14 @@ impl Refiner {
         let imaging = imaging(&bounding, &scene.set)?;
         let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
         let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
-        let is_this = |(of, known, _): &(_, Design, _)| Arc::ptr_eq(of, scene) && known == design;
-        if let Some((_, _, estimate)) = self.awaits_bounds.take().filter(is_this) {
+        let is_this = |awaiting: &Awaiting| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
+        if let Some(awaiting) = self.awaits_bounds.take().filter(is_this) {
+            let estimate = &awaiting.estimate;
             beads.lower = estimate.lower.clone().zip(estimate.recipe.lower);
             beads.upper = estimate.upper.clone().zip(estimate.recipe.upper);
             // An edit may interrupt again.
             publish(estimate.clone());
-            return self.take_last_bounds((design, scene), estimate, &mut beads, publish, stop);
+            return self.take_last_bounds(awaiting, &subject, &mut beads, publish, stop);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         // Kept where this fit does not get to begin.
@@ -267,14 +286,15 @@ impl Refiner {
         let mut estimate = score(&model, &subject.test(SCORED_LAST)?, recipe, None)?;
         estimate.gradient = pull(design, &imaging, &model);
         publish(with_bounds(&beads, estimate.clone()));
-        self.take_last_bounds((design, scene), estimate, &mut beads, publish, stop)
+        let awaiting = Awaiting { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
+        self.take_last_bounds(awaiting, &subject, &mut beads, publish, stop)
     }
 
-    /// Takes the bounds that know the prior once more where the estimate has settled.
+    /// Takes the bounds that know the prior once more where the estimate has settled, and those for whole measurements.
     fn take_last_bounds(
         &mut self,
-        (design, scene): (&Design, &Arc<Scene>),
-        estimate: LiveEstimate,
+        mut awaiting: Awaiting,
+        subject: &Subject<'_>,
         beads: &mut Beads<'_>,
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
@@ -282,14 +302,27 @@ impl Refiner {
         if beads.channel.is_none() {
             return Ok(());
         }
-        beads.decode(LOWER_SAMPLES_LAST, stop);
-        beads.follow(FOLLOWED_LAST, stop);
+        if !awaiting.only_sensor {
+            beads.decode(LOWER_SAMPLES_LAST, stop);
+            beads.follow(FOLLOWED_LAST, stop);
+            awaiting.estimate = with_bounds(beads, awaiting.estimate);
+            if !stop() {
+                awaiting.only_sensor = true;
+                publish(awaiting.estimate.clone());
+            }
+        }
+        if let Some((channel, ceiling)) = subject.whole.as_ref().filter(|_| !stop()) {
+            let mut whole = Beads::new(Some(channel), awaiting.design.seed);
+            whole.decode(LOWER_SAMPLES_WHOLE, stop);
+            whole.follow(FOLLOWED_WHOLE, stop);
+            if let Some(sensor) = whole.of_sensor(channel.patch, *ceiling).filter(|_| !stop()) {
+                publish(with_sensor(Some(sensor), awaiting.estimate.clone()));
+            }
+        }
         if stop() {
-            let estimate = with_bounds(beads, estimate);
-            self.awaits_bounds = Some((Arc::clone(scene), design.clone(), estimate));
+            self.awaits_bounds = Some(awaiting);
             return Err(InformationError::Cancelled.into());
         }
-        publish(with_bounds(beads, estimate));
         Ok(())
     }
 }
@@ -350,19 +383,23 @@ pub(super) fn repeated(
     let estimate = subject.score(&model, &test, *recipe, start.cloned().map(Arc::new))?;
     let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
     let stop = || !go_on(recipe.steps);
-    match recipe.lower {
-        Some(Draws::AtOnce { samples }) => beads.decode(samples, &stop),
-        Some(Draws::Followed { levels, samples }) => beads.below(&beads.again(levels, samples, BELOW), &stop),
-        None => {}
-    }
-    if let Some(Draws::Followed { levels, samples }) = recipe.upper {
-        beads.above(&beads.again(levels, samples, ABOVE), &stop);
-    }
+    beads.repeat((recipe.lower, recipe.upper), &stop);
+    let sensor = subject.whole.as_ref().zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
+        let mut whole = Beads::new(Some(channel), design.seed);
+        whole.repeat((Some(lower), Some(upper)), &stop);
+        whole.of_sensor(channel.patch, *ceiling)
+    });
     // Bounds that were stopped are missing, which is no other number.
     if stop() {
         return Err(InformationError::Cancelled.into());
     }
-    Ok(with_bounds(&beads, estimate))
+    Ok(with_sensor(sensor, with_bounds(&beads, estimate)))
+}
+
+/// An estimate with bounds for whole measurements.
+fn with_sensor(sensor: Option<SensorBounds>, estimate: LiveEstimate) -> LiveEstimate {
+    let recipe = LiveRecipe { sensor: sensor.as_ref().map(|sensor| sensor.draws), ..estimate.recipe };
+    LiveEstimate { recipe, sensor, ..estimate }
 }
 
 /// An estimate with the bounds that are known so far.
