@@ -1,7 +1,7 @@
 //! The parts of a run of IDEAL from 25 random lenslets before beads. Up a density model: the gradient of one step of the mask,
-//! of that the optics on the way there and back, and the matrix products that the rest cannot do without; a whole round (fit,
-//! value on held-out objects, five steps) against its products. Up the posterior: a step by
-//! its moves one after the other, a round of twenty, and their products.
+//! of that the optics on the way there and back, the likelihood with its gradient by the images, and the matrix products that
+//! this cannot do without; a whole round (refit, value on held-out objects, five steps), its refit alone, and its products. Up the
+//! posterior: a step by its moves one after the other, a round of twenty, its refit alone, and their products.
 
 mod training;
 
@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Imaging, Objective, Preset};
-use lenslet_studio::information::{Decoder, spot_slope};
+use lenslet_studio::information::{
+    CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitLength, HeldDensity, spot_slope,
+};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
 use lenslet_studio::optics::{Limits, psf_gradient, random_layout, render_psf};
 use lenslet_studio::sensor::{Noise, Patches};
@@ -36,8 +38,12 @@ fn time_of_rounds(ideal: &mut Ideal<'_>, count: u64) -> Duration {
     started.elapsed()
 }
 
-fn parts_of_a_run(criterion: &mut Criterion) {
-    let set = ObjectSet::open(&"beads:0.02".parse().expect("beads"), &ObjectOptions::default()).expect("beads");
+fn beads() -> ObjectSet {
+    ObjectSet::open(&"beads:0.02".parse().expect("beads"), &ObjectOptions::default()).expect("beads")
+}
+
+fn up_a_density_model(criterion: &mut Criterion) {
+    let set = beads();
     let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
     let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
     let start = random_layout(25, 1);
@@ -73,11 +79,24 @@ fn parts_of_a_run(criterion: &mut Criterion) {
             psf_gradient(&start, by_psf.view()).expect("a gradient")
         });
     });
+    let clean = patches.cut(convolver.measure(objects.view(), imaging.bias).expect("measurements").view());
+    // Any noise takes as long.
+    let normals = Array3::from_shape_fn(clean.dim(), |(n, r, c)| ((n * 7 + r * 5 + c * 3) % 9) as f32 * 0.25 - 1.0);
+    group.bench_function("likelihood and its gradient", |bencher| {
+        let model = ideal.density_model().expect("a density model");
+        bencher.iter(|| model.information_gradient(clean.view(), normals.view()).expect("a likelihood"));
+    });
     group.bench_function("its products alone", |bencher| {
         bencher.iter(|| products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs));
     });
     group.bench_function("a round", |bencher| {
         bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
+    });
+    group.bench_function("the refit of a round", |bencher| {
+        let model = ideal.density_model().expect("a density model").clone();
+        let stream = imaging.stream(imaging.convolver(psf.view()).expect("optics"), Split::Train, model.patch());
+        let fit = CausalFit::new(FitLength::Steps(settings.refit), 1);
+        bencher.iter(|| fit.fit(&mut model.clone(), &stream, &mut |_| ControlFlow::Continue(())).expect("a refit"));
     });
     group.bench_function("the products of a round alone", |bencher| {
         bencher.iter(|| {
@@ -90,6 +109,16 @@ fn parts_of_a_run(criterion: &mut Criterion) {
             }
         });
     });
+    group.finish();
+}
+
+fn up_the_posterior(criterion: &mut Criterion) {
+    let set = beads();
+    let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
+    let start = random_layout(25, 1);
+    let psf = render_psf(&start, 1).expect("a PSF");
+    let mut group = criterion.benchmark_group("ideal");
+    group.sample_size(10).measurement_time(Duration::from_secs(12));
     let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
     let channel = imaging.bead_channel(psf.view(), (32, 32)).expect("beads");
     let decoder = Decoder::shipped().expect("a decoder");
@@ -112,6 +141,13 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     group.bench_function("a round up the posterior", |bencher| {
         bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
     });
+    group.bench_function("the refit of such a round", |bencher| {
+        let fit = DecoderFit::of_steps(settings.refit, DecoderKind::Autoregressive, 1);
+        bencher.iter(|| {
+            let mut refit = DecoderRefit::new(fit.clone(), decoder).expect("a refit");
+            refit.go_on(&channel, settings.refit, &mut |_| ControlFlow::Continue(())).expect("a refit");
+        });
+    });
     group.bench_function("the products of such a round alone", |bencher| {
         bencher.iter(|| {
             for _ in 0..settings.refit {
@@ -126,5 +162,5 @@ fn parts_of_a_run(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, parts_of_a_run);
+criterion_group!(benches, up_a_density_model, up_the_posterior);
 criterion_main!(benches);
