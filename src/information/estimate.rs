@@ -292,8 +292,11 @@ impl Estimate {
         let (bits, from) = (self.bits_per_pixel, self.upper_from());
         match self.lower() {
             Some(lower) => {
-                let (low, high) = Bracket::in_order(lower, bits);
-                format!("between {low:.4} and {high:.4} bits per pixel")
+                let of_lower = self.bracket.as_ref().and_then(|bracket| bracket.lower_interval_95);
+                let mut bounds = [(lower, of_lower.unwrap_or([lower; 2])), (bits, self.interval_95)];
+                bounds.sort_by(|one, other| one.0.total_cmp(&other.0));
+                let [least, most] = bounds.map(|(bits, [low, high])| format!("{bits:.4} [{low:.4}, {high:.4}]"));
+                format!("between {least} and {most} bits per pixel")
             }
             None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),
         }

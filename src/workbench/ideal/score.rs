@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::design_run::score_request;
 use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
-use crate::information::{Bracket, EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
+use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
 use crate::workbench::estimation::read;
 use crate::workbench::progress::Watch;
@@ -211,10 +211,11 @@ fn doubt(result: &StudyCell, other: &StudyCell) -> &'static str {
 fn worth_of(cell: &StudyCell) -> Option<String> {
     let estimate = cell.estimate.as_ref()?;
     let [low, high] = estimate.interval_95;
-    Some(match estimate.lower() {
-        Some(lower) => {
-            let (least, most) = Bracket::in_order(lower, estimate.bits_per_pixel);
-            format!("{least:.3} to {most:.3}")
+    Some(match lower_of(cell) {
+        Some((lower, below)) => {
+            let mut bounds = [(lower, below), (estimate.bits_per_pixel, estimate.interval_95)];
+            bounds.sort_by(|one, other| one.0.total_cmp(&other.0));
+            bounds.map(|(bits, [low, high])| format!("{bits:.3} ({low:.3} to {high:.3})")).join(" to ")
         }
         None => format!("at most {:.3} ({low:.3} to {high:.3})", estimate.bits_per_pixel),
     })
