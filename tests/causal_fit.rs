@@ -5,8 +5,8 @@ mod study_stream;
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    Beginning, CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch, PatchStream,
-    causal_estimate,
+    Beginning, CausalFit, CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch, PatchStream,
+    causal_estimate, causal_model,
 };
 use lenslet_studio::studies::{GaussianField, KnownTruth, TwoRates};
 use ndarray::Axis;
@@ -20,6 +20,29 @@ impl PatchStream for Few {
         let indices: Vec<usize> = (0..count).map(|index| index % self.0.noisy.len_of(Axis(0))).collect();
         Ok(PatchBatch { noisy: self.0.noisy.select(Axis(0), &indices), clean: None })
     }
+}
+
+#[test]
+fn a_fit_whose_numbers_run_away_is_given_up() {
+    let study = KnownTruth::TwoRates(TwoRates { side_px: 8, ..TwoRates::default() });
+    let test = PatchBatch { noisy: study.draw(20, 1).unwrap().1, clean: None };
+    let stream = StudyStream(&study);
+    let request = CausalRequest {
+        stream: &stream,
+        test: &test,
+        validation: None,
+        keeper: None,
+        moments: None,
+        noise: study.noise(),
+        length: FitLength::Steps(500),
+        beginning: Beginning::Drawn,
+        estimator: Estimator::Live,
+        seed: 1,
+    };
+    let mut model = causal_model(&request).unwrap();
+    let fit = CausalFit { rate: f64::from(f32::MAX), ..CausalFit::new(request.length, 1) };
+    let result = fit.fit(&mut model, &stream, &mut |_| ControlFlow::Continue(()));
+    assert!(matches!(result, Err(InformationError::Diverged { refused: 30 })), "{result:?}");
 }
 
 #[test]

@@ -174,6 +174,24 @@ mod tests {
     }
 
     #[test]
+    fn a_fit_whose_numbers_run_away_is_given_up() {
+        let channel = BeadChannel {
+            spot: array![[[9.0, 14.0, 5.0]]],
+            probability: 0.1,
+            bias: 4.0,
+            noise: Noise::Shot,
+            patch: (2, 8),
+        };
+        let fit = DecoderFit {
+            rate: f64::from(f32::MAX),
+            unrolled: 2,
+            ..DecoderFit::of_steps(500, DecoderKind::Factorised, 2)
+        };
+        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(()));
+        assert_eq!(result.unwrap_err(), InformationError::Diverged { refused: 30 });
+    }
+
+    #[test]
     fn a_fit_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
         let spot = array![[[9.0, 14.0, 5.0]]];
         let channel = BeadChannel { spot, probability: 0.1, bias: 4.0, noise: Noise::Shot, patch: (2, 8) };
