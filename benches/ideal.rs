@@ -24,7 +24,7 @@ const PIXELS: usize = 32 * 32;
 const BATCH: usize = 2;
 /// Held-out patches that the value of a mask up a density model rests on.
 const HELD_OUT: usize = 128;
-/// Scenes that the value of a mask up the posterior rests on.
+/// Scenes of a patch that the value of a mask up the posterior rests on.
 const SAMPLES: usize = 512;
 
 /// Time for so many rounds from where a run has come to.
@@ -120,22 +120,26 @@ fn up_the_posterior(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("ideal");
     group.sample_size(10).measurement_time(Duration::from_secs(12));
     let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-    let channel = imaging.bead_channel(psf.view(), (32, 32)).expect("beads");
+    let patch = imaging.patch(settings.patch);
+    let channel = imaging.bead_channel(psf.view(), patch).expect("beads");
+    // As many as have the pixels of so many patches.
+    let of_patch = |count: usize| (count * PIXELS) as f64 / (patch.0 * patch.1) as f64;
+    let (scenes, samples) = (of_patch(settings.patches).round() as usize, of_patch(SAMPLES) as usize);
     let decoder = Decoder::shipped().expect("a decoder");
     group.bench_function("slope of a step up the posterior", |bencher| {
-        let scenes = settings.patches / settings.moves;
+        let at_once = (scenes / settings.moves).max(2);
         bencher.iter(|| {
-            for part in 0..settings.moves {
-                spot_slope(&channel, decoder, (1, part * scenes, scenes)).expect("a slope");
+            for first in (0..scenes).step_by(at_once) {
+                spot_slope(&channel, decoder, (1, first, at_once)).expect("a slope");
             }
         });
     });
     let shapes = decoder_shapes(decoder.unrolled());
-    // Object pixels that a patch sees.
+    // Object pixels that a measurement sees.
     let (_, rows, cols) = channel.spot.dim();
-    let sites = (32 + rows - 1) * (32 + cols - 1);
+    let sites = (patch.0 + rows - 1) * (patch.1 + cols - 1);
     group.bench_function("the products of such a slope alone", |bencher| {
-        bencher.iter(|| products_alone(&shapes, sites, settings.patches, Gradients::None));
+        bencher.iter(|| products_alone(&shapes, sites, scenes, Gradients::None));
     });
     let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     group.bench_function("a round up the posterior", |bencher| {
@@ -153,9 +157,9 @@ fn up_the_posterior(criterion: &mut Criterion) {
             for _ in 0..settings.refit {
                 products_alone(&shapes, sites, BATCH, Gradients::All);
             }
-            products_alone(&shapes, sites, SAMPLES, Gradients::None);
+            products_alone(&shapes, sites, samples.next_multiple_of(64), Gradients::None);
             for _ in 0..settings.refit_every {
-                products_alone(&shapes, sites, settings.patches, Gradients::None);
+                products_alone(&shapes, sites, scenes, Gradients::None);
             }
         });
     });

@@ -14,7 +14,8 @@ use crate::optics::LensletArray;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// Warm refits every few steps of what the mask climbs, patches of 32 x 32 px.
+    /// Warm refits every few steps of what the mask climbs: whole measurements up the posterior, patches of 32 x 32 px up a density
+    /// model.
     #[default]
     Default,
     /// The steps, batches, rates and refits of Kabuli et al. 2026, patches of 16 x 16 px.
@@ -253,7 +254,8 @@ impl IdealSettings {
                 patches: 32,
                 // So that whoever watches sees the mask move ten times a second on two cores.
                 moves: 8,
-                patch: Some((32, 32)),
+                // Patches of 32 x 32 px count what their neighbours know as well, and end where whole measurements tell a little less.
+                patch: None,
                 refit_every: 20,
                 first_fit: 100,
                 refit: 50,

@@ -75,6 +75,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     };
     let mut known = Known::of(state, &information.value, information.revision);
     known.run.take_if(|run| !run.is_of_mask);
+    known.run_of_sensor.take_if(|run| !run.is_of_mask);
     let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
         json!({
             "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
@@ -105,6 +106,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "bracket": known.bracket,
         "fitted": known.fitted,
         "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
+        "sensor_of_run": known.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
         "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
         "object_tamura": scene.map(|scene| scene.value.tamura.mean),
     });
@@ -138,13 +140,18 @@ fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
 fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
+    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor.is_none()).and_then(bound_of_run);
     let (text, name, patch) = match (&known.sensor, known.lower()) {
-        (Some((Bracket { lower: Some(lower), upper, lower_from: Some(below), upper_from, .. }, [rows, cols])), _) => (
+        _ if let Some((sign, bound)) = &of_sensor => (
+            format!("{sign} {}", rounded(bound.bits_per_pixel)),
+            format!("whole sensor: {}", bound.from),
+            format!("What whole measurements tell; bar and table: {rows} x {cols} px patches"),
+        ),
+        (Some((Bracket { lower: Some(lower), upper, .. }, [rows, cols])), _) => (
             between(*lower, *upper),
-            format!("whole sensor: {}", both(below, upper_from)),
+            "whole sensor".to_owned(),
             format!(
-                "The information of whole measurements ({rows} x {cols} px) lies between these bounds: {} bits each. Bar and \
-                 table are of {} x {} px patches.",
+                "{rows} x {cols} px, {} bits each; bar and table: {} x {} px patches",
                 whole_bits((*lower, *upper), rows * cols),
                 known.bounds.patch.0,
                 known.bounds.patch.1
@@ -172,14 +179,17 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
             },
         ),
     };
-    let patch = if known.run.as_ref().is_none_or(|run| run.is_of_mask) {
-        patch
-    } else {
-        format!("{rows} x {cols} px patches; the mask has moved since that step.")
+    let run = known.run.as_ref().or(known.run_of_sensor.as_ref());
+    let patch = match run {
+        Some(run) if !run.is_of_mask && of_sensor.is_some() => {
+            "Whole measurements; the mask has moved since that step.".to_owned()
+        }
+        Some(run) if !run.is_of_mask => format!("{rows} x {cols} px patches; the mask has moved since that step."),
+        _ => patch,
     };
     let text = RichText::new(text).size(28.0);
     // Masks of a run come so quickly that all numbers are some moments behind.
-    let moving = known.run.is_some() && state.bench.is_following();
+    let moving = run.is_some() && state.bench.is_following();
     let fresh = known.current || moving;
     let text = if fresh { text.strong() } else { text.weak() };
     // A number that still changes leans.
@@ -201,8 +211,17 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         });
         more(ui, state);
     });
-    ui.weak(patch).on_hover_text("Mutual information between scenes and noisy measurements");
+    let from =
+        known.sensor.as_ref().and_then(|(bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
+    let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
+    ui.weak(patch).on_hover_text(format!("Mutual information between scenes and noisy measurements{from}"));
     ui.add_space(4.0);
+}
+
+/// The bound that a run knows, and on which side of it the information is.
+fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
+    let lower = run.lower.as_ref().map(|lower| ('\u{2265}', lower));
+    lower.or_else(|| Some(('\u{2264}', run.upper.as_ref()?)))
 }
 
 /// The names of the bounds on both sides.

@@ -12,8 +12,10 @@ pub struct Known<'a> {
     /// Whether the bounds are those of the design as it is now.
     pub current: bool,
     pub live: Option<(Arc<LiveEstimate>, bool)>,
-    /// What the run knows whose mask is shown.
+    /// What the run knows whose mask is shown, for the patch that the live numbers refer to.
     pub run: Option<RunBounds>,
+    /// The same for whole measurements.
+    pub run_of_sensor: Option<RunBounds>,
     /// All bounds that finished estimates and scores of runs know of the design as it is now, for the patch that the live numbers
     /// refer to.
     pub bracket: Option<Bracket>,
@@ -54,14 +56,18 @@ impl<'a> Known<'a> {
         let whole = brackets.iter().find(|(_, patch)| *patch != here);
         let sensor = whole.and_then(|(_, patch)| Some((of(*patch)?, *patch)));
         let has_live = live.as_ref().is_some_and(|(_, current)| *current);
-        let run = state.run.as_ref().and_then(|run| run.bounds_of(design, bounds.patch));
-        let run = run.filter(|run| run.is_of_mask || !has_live);
+        let of_run = |patch| {
+            let run = state.run.as_ref().and_then(|run| run.bounds_of(design, patch));
+            run.filter(|run| run.is_of_mask || !has_live)
+        };
+        let (run, run_of_sensor) = (of_run(Some(bounds.patch)), of_run(None));
         Self {
             bounds,
             current: state.is_current(revision),
             // Masks of a run are no edits of the design from before.
-            live: live.filter(|(_, current)| *current || run.is_none()),
+            live: live.filter(|(_, current)| *current || (run.is_none() && run_of_sensor.is_none())),
             run,
+            run_of_sensor,
             bracket,
             fitted: fitted.min_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel)),
             sensor,

@@ -131,7 +131,11 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             .width(72.0)
             .show_ui(ui, |ui| {
                 for (preset, hint) in [
-                    (Preset::Default, "Small warm refits of what the mask climbs, patches of 32 x 32 px"),
+                    (
+                        Preset::Default,
+                        "Small warm refits of what the mask climbs: whole measurements of beads, patches of 32 x 32 px for a \
+                         density model",
+                    ),
                     (
                         Preset::Paper,
                         "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",

@@ -229,11 +229,12 @@ impl DesignRun {
         self.status != RunStatus::Finished && self.step >= self.settings.steps
     }
 
-    /// What is known of a design whose mask is one at a refit, or the newest one, for patches of this shape (rows, cols).
-    pub fn bounds_of(&self, design: &Design, patch: (usize, usize)) -> Option<RunBounds> {
+    /// What is known of a design whose mask is one at a refit, or the newest one, for patches of this shape (rows, cols) or
+    /// for whole measurements.
+    pub fn bounds_of(&self, design: &Design, patch: Option<(usize, usize)>) -> Option<RunBounds> {
         let start = &self.start;
         let is_seen_alike = (start.bias_photons, start.noise) == (design.bias_photons, design.noise);
-        if self.settings.patch != Some(patch) || !Scene::same_objects(start, design) || !is_seen_alike {
+        if self.settings.patch != patch || !Scene::same_objects(start, design) || !is_seen_alike {
             return None;
         }
         let array = design.encoder.lenslets()?;
@@ -350,23 +351,23 @@ mod tests {
         let settings =
             |objective| IdealSettings { patch: Some((32, 32)), ..IdealSettings::new(Preset::Default, objective, 1) };
         let mut run = DesignRun::new(&start, settings(Objective::Posterior), 1);
-        assert_eq!(run.bounds_of(&start, (32, 32)), None, "nothing is known yet");
+        assert_eq!(run.bounds_of(&start, Some((32, 32))), None, "nothing is known yet");
         run.frames = Arc::new(vec![frame(0, &first), frame(20, &second)]);
         run.array = Arc::new(newest.clone());
         let told = |step: usize| {
             Some(NamedBound { from: format!("run, step {step}"), bits_per_pixel: 0.3, interval_95: [0.2, 0.4] })
         };
         let below = |is_of_mask, step| Some(RunBounds { is_of_mask, lower: told(step), upper: None });
-        assert_eq!(run.bounds_of(&start, (32, 32)), below(true, 0));
-        assert_eq!(run.bounds_of(&with(&second), (32, 32)), below(true, 20));
-        assert_eq!(run.bounds_of(&with(&newest), (32, 32)), below(false, 20));
-        assert_eq!(run.bounds_of(&with(&newest), (16, 16)), None, "of other patches");
+        assert_eq!(run.bounds_of(&start, Some((32, 32))), below(true, 0));
+        assert_eq!(run.bounds_of(&with(&second), Some((32, 32))), below(true, 20));
+        assert_eq!(run.bounds_of(&with(&newest), Some((32, 32))), below(false, 20));
+        assert_eq!(run.bounds_of(&with(&newest), Some((16, 16))), None, "of other patches");
         let other = Design { seed: 2, ..with(&second) };
-        assert_eq!(run.bounds_of(&other, (32, 32)), None, "another scene");
+        assert_eq!(run.bounds_of(&other, Some((32, 32))), None, "another scene");
         newest.lenslets[1].x += 1.0;
-        assert_eq!(run.bounds_of(&with(&newest), (32, 32)), None, "another mask");
+        assert_eq!(run.bounds_of(&with(&newest), Some((32, 32))), None, "another mask");
         run.settings = settings(Objective::Density);
         let above = Some(RunBounds { is_of_mask: true, lower: None, upper: told(20) });
-        assert_eq!(run.bounds_of(&with(&second), (32, 32)), above);
+        assert_eq!(run.bounds_of(&with(&second), Some((32, 32))), above);
     }
 }
