@@ -24,9 +24,10 @@ fn wait(bench: &Workbench, edited: Instant, wanted: impl Fn(&LiveEstimate) -> bo
     }
 }
 
-/// The smallest bound from above that an estimate has.
-fn upper(live: &LiveEstimate) -> f64 {
-    live.upper.as_ref().map_or(live.bits_per_pixel, |upper| upper.bits_per_pixel.min(live.bits_per_pixel))
+/// The smallest bound from above: of an estimate, and the ceiling where there is one, which comes with every edit.
+fn upper(live: &LiveEstimate, ceiling: Option<f64>) -> f64 {
+    let sampled = live.upper.as_ref().map(|upper| upper.bits_per_pixel);
+    sampled.into_iter().chain(ceiling).fold(live.bits_per_pixel, f64::min)
 }
 
 /// What a scene's edits have come to at the worst.
@@ -72,6 +73,10 @@ fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
         let (soon, _) = wait(&bench, edited, is_later);
         let (settled, seconds) = wait(&bench, edited, |live| live.remaining.is_none());
         let off = (soon.bits_per_pixel - settled.bits_per_pixel).abs();
+        let information = bench.live().information;
+        let ceiling = information.filter(|found| found.revision == bench.revision());
+        let ceiling = ceiling.and_then(|found| found.value.ceiling_bits());
+        let upper = |live: &LiveEstimate| upper(live, ceiling);
         let upper_off = (upper(&soon) - upper(&settled)).abs();
         if edit > 0 {
             worst = worst.and(Worst { first_seconds, off, upper_off });

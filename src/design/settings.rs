@@ -481,11 +481,14 @@ mod tests {
         assert_eq!(usual(Preset::Default, "idx:digits"), Objective::Density);
         assert_eq!(usual(Preset::Paper, "beads:0.02"), Objective::PixelCnn);
         // What a person set stays.
-        let set = |settings| IdealSettings { lenslets: Some(7), patch: None, ..settings };
+        let set = |settings| IdealSettings { lenslets: Some(7), patch: Some((24, 24)), ..settings };
         let settings = set(IdealSettings::new(Preset::Default, Objective::Density, 4));
         let turned = settings.turned_to(Preset::Default, Objective::Posterior);
         assert_eq!(turned, set(IdealSettings::new(Preset::Default, Objective::Posterior, 4)));
         let turned = IdealSettings { steps: 77, ..turned }.turned_to(Preset::Paper, Objective::Density);
-        assert_eq!((turned.steps, turned.patch, turned.patches), (77, None, 4096));
+        assert_eq!((turned.steps, turned.patch, turned.patches), (77, Some((24, 24)), 4096));
+        // What it did not set is that of the new preset.
+        let usual = IdealSettings::new(Preset::Default, Objective::Posterior, 4);
+        assert_eq!(usual.turned_to(Preset::Default, Objective::Density).patch, Some((32, 32)));
     }
 }

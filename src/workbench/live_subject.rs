@@ -17,8 +17,9 @@ use crate::network::Averaging;
 use crate::objects::Split;
 use crate::sensor::{Convolver, Noise};
 
-/// Share of the usual learning rate of a fit that starts from the model of a similar design.
-const WARM_RATE: f64 = 0.35;
+/// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
+/// their cube root: who takes many need not take long ones, and is nearer to where it will settle all the way.
+const WARM_RATE: (f64, f64) = (0.35, 1400.0);
 /// The weights of such a fit are averaged over more of its steps: seconds after an edit, while rates are still high, the estimate
 /// is then nearer to where it will settle.
 const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
@@ -119,7 +120,8 @@ impl<'a> Subject<'a> {
 
     pub fn fit(&self, planned: usize, warm: bool) -> CausalFit {
         let fit = CausalFit::new(FitLength::Steps(planned), self.seed());
-        if warm { CausalFit { rate: WARM_RATE * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
+        let share = WARM_RATE.0 * (WARM_RATE.1 / planned.max(1) as f64).cbrt().min(1.0);
+        if warm { CausalFit { rate: share * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
     }
 
     /// What held-out patches tell of a model; the recipe of the estimate is that of its fit.

@@ -172,7 +172,7 @@ fn designs_that_cannot_be_are_named() {
         (|design| *design = json!([1, 2]), "no format entry"),
         (|design| *design = json!(null), "no format entry"),
         (|design| design["encoder"]["lenslets"][1]["x_px"] = json!(1e300), "lenslet 2: x_px is 1e300"),
-        (|design| design["encoder"]["lenslets"][1]["y_px"] = json!(null), "encoder: invalid type: null"),
+        (|design| design["encoder"]["lenslets"][1]["y_px"] = json!(null), "lenslet 2: invalid type: null"),
         (|design| design["encoder"]["lenslets"][1]["sigma_px"] = json!(-1.0), "lenslet 2: sigma_px"),
         (|design| design["encoder"]["lenslets"][0]["weight"] = json!(-1e-9), "lenslet 1: weight"),
         (|design| design["encoder"]["lenslets"][0]["plane"] = json!(1_000_000), "lenslet 1: plane"),
