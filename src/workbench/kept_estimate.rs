@@ -97,7 +97,7 @@ impl KeptEstimate {
         Ok(trial)
     }
 
-    /// Time for the estimate in all sessions, seconds: what a session spent on a part that it did not come to the end of counts as far
+    /// Time for the estimate before and after it was cut short, seconds: what was spent on a part that did not come to its end counts as far
     /// as the state of that part knows of it.
     pub fn seconds(&self) -> f64 {
         (self.parts.seconds + self.since.elapsed().as_secs_f64()).max(self.parts.own_seconds())
