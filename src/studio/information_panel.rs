@@ -145,13 +145,13 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
             format!("whole sensor: {}", bound.from),
-            format!("What whole measurements tell; bar and table: {rows} x {cols} px patches"),
+            format!("What whole measurements tell; below: {rows} x {cols} px patches"),
         ),
         (Some((Bracket { lower: Some(lower), upper, .. }, [rows, cols])), _) => (
             between(*lower, *upper),
             "whole sensor".to_owned(),
             format!(
-                "{rows} x {cols} px, {} bits each; bar and table: {} x {} px patches",
+                "{rows} x {cols} px, {} bits each; below: {} x {} px patches",
                 whole_bits((*lower, *upper), rows * cols),
                 known.bounds.patch.0,
                 known.bounds.patch.1
