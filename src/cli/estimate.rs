@@ -221,22 +221,20 @@ impl Arguments {
         for file in [&self.resume, &self.save_weights].into_iter().flatten() {
             check_writable(file)?;
         }
-        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
-            && is_same_file(kept, weights)
-        {
-            anyhow::bail!(
-                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
-                weights.display()
-            );
-        }
-        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
-            && has_name_of_fit(kept, weights)
-        {
-            anyhow::bail!(
-                "--save-weights {}: expected another name than those of the states beside {}; choose another one",
-                weights.display(),
-                kept.display()
-            );
+        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights) {
+            if is_same_file(kept, weights) {
+                anyhow::bail!(
+                    "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
+                    weights.display()
+                );
+            }
+            if has_name_of_fit(kept, weights) {
+                anyhow::bail!(
+                    "--save-weights {}: expected another name than those of the states beside {}; choose another one",
+                    weights.display(),
+                    kept.display()
+                );
+            }
         }
         let mut inputs = self.design.files(design);
         if let Some(source) = &self.measured.measurements {

@@ -286,16 +286,21 @@ impl Estimate {
         self.bracket.as_ref()?.lower
     }
 
+    /// Both bounds of a bracket with their 95 % intervals, bits per pixel, in order: bounds that have met can cross by chance.
+    pub fn ends(&self) -> Option<[(f64, [f64; 2]); 2]> {
+        let bracket = self.bracket.as_ref()?;
+        let mut ends = [(bracket.lower?, bracket.lower_interval_95?), (self.bits_per_pixel, self.interval_95)];
+        ends.sort_by(|one, other| one.0.total_cmp(&other.0));
+        Some(ends)
+    }
+
     /// The number for people, with all that belongs to it in a line.
     pub fn in_words(&self) -> String {
         let [low, high] = self.interval_95;
         let (bits, from) = (self.bits_per_pixel, self.upper_from());
-        match self.lower() {
-            Some(lower) => {
-                let of_lower = self.bracket.as_ref().and_then(|bracket| bracket.lower_interval_95);
-                let mut bounds = [(lower, of_lower.unwrap_or([lower; 2])), (bits, self.interval_95)];
-                bounds.sort_by(|one, other| one.0.total_cmp(&other.0));
-                let [least, most] = bounds.map(|(bits, [low, high])| format!("{bits:.4} [{low:.4}, {high:.4}]"));
+        match self.ends() {
+            Some(ends) => {
+                let [least, most] = ends.map(|(bits, [low, high])| format!("{bits:.4} [{low:.4}, {high:.4}]"));
                 format!("between {least} and {most} bits per pixel")
             }
             None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),

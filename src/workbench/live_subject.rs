@@ -36,8 +36,6 @@ pub(super) struct Subject<'a> {
     pub patch: (usize, usize),
     convolver: Convolver,
     pub channel: Option<BeadChannel>,
-    /// The same of whole measurements, where these are larger than a patch, and what such hold at the most, bits per pixel.
-    pub whole: Option<(BeadChannel, Option<f64>)>,
     entropy: NoiseEntropy,
     psf: Array3<f64>,
 }
@@ -53,16 +51,22 @@ impl<'a> Subject<'a> {
         let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
         let psf = design.psf(scene.set.planes())?;
         let convolver = imaging.convolver(psf.view())?;
-        let channel_of =
-            |patch| imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
-        let (channel, sensor) = (channel_of(patch), imaging.patch(None));
-        let whole = if sensor == patch { None } else { channel_of(sensor) };
-        let ceiling = || ceiling_of(&Design { noise, ..design.clone() }, &scene.set, psf.view(), sensor);
-        let whole =
-            whole.map(|channel| Ok::<_, InformationError>((channel, ceiling()?.map(|found| found.bits_per_pixel))));
-        let whole = whole.transpose()?;
+        let channel = imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-        Ok(Self { design, imaging, patch, convolver, channel, whole, entropy, psf })
+        Ok(Self { design, imaging, patch, convolver, channel, entropy, psf })
+    }
+
+    /// The channel of whole measurements, where there is a prior and these are larger than a patch, and what they hold at the most,
+    /// bits per pixel.
+    pub fn whole(&self) -> Result<Option<(BeadChannel, Option<f64>)>, InformationError> {
+        let sensor = self.imaging.patch(None);
+        let Some(noise) = self.channel.as_ref().filter(|_| sensor != self.patch).map(|channel| channel.noise) else {
+            return Ok(None);
+        };
+        let Some(channel) = self.imaging.bead_channel(self.psf.view(), sensor) else { return Ok(None) };
+        let design = Design { noise, ..self.design.clone() };
+        let ceiling = ceiling_of(&design, self.imaging.set, self.psf.view(), sensor)?;
+        Ok(Some((BeadChannel { noise, ..channel }, ceiling.map(|found| found.bits_per_pixel))))
     }
 
     pub fn stream(&self, split: Split) -> MeasurementStream<'_> {

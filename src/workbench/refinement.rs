@@ -311,11 +311,13 @@ impl Refiner {
                 publish(awaiting.estimate.clone());
             }
         }
-        if let Some((channel, ceiling)) = subject.whole.as_ref().filter(|_| !stop()) {
-            let mut whole = Beads::new(Some(channel), awaiting.design.seed);
+        if !stop()
+            && let Some((channel, ceiling)) = subject.whole()?
+        {
+            let mut whole = Beads::new(Some(&channel), awaiting.design.seed);
             whole.decode(LOWER_SAMPLES_WHOLE, stop);
             whole.follow(FOLLOWED_WHOLE, stop);
-            if let Some(sensor) = whole.of_sensor(channel.patch, *ceiling).filter(|_| !stop()) {
+            if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !stop()) {
                 publish(with_sensor(Some(sensor), awaiting.estimate.clone()));
             }
         }
@@ -384,10 +386,11 @@ pub(super) fn repeated(
     let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
     let stop = || !go_on(recipe.steps);
     beads.repeat((recipe.lower, recipe.upper), &stop);
-    let sensor = subject.whole.as_ref().zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
-        let mut whole = Beads::new(Some(channel), design.seed);
+    let whole = if recipe.sensor.is_some() { subject.whole()? } else { None };
+    let sensor = whole.zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
+        let mut whole = Beads::new(Some(&channel), design.seed);
         whole.repeat((Some(lower), Some(upper)), &stop);
-        whole.of_sensor(channel.patch, *ceiling)
+        whole.of_sensor(channel.patch, ceiling)
     });
     // Bounds that were stopped are missing, which is no other number.
     if stop() {

@@ -211,12 +211,8 @@ fn doubt(result: &StudyCell, other: &StudyCell) -> &'static str {
 fn worth_of(cell: &StudyCell) -> Option<String> {
     let estimate = cell.estimate.as_ref()?;
     let [low, high] = estimate.interval_95;
-    Some(match lower_of(cell) {
-        Some((lower, below)) => {
-            let mut bounds = [(lower, below), (estimate.bits_per_pixel, estimate.interval_95)];
-            bounds.sort_by(|one, other| one.0.total_cmp(&other.0));
-            bounds.map(|(bits, [low, high])| format!("{bits:.3} ({low:.3} to {high:.3})")).join(" to ")
-        }
+    Some(match estimate.ends() {
+        Some(ends) => ends.map(|(bits, [low, high])| format!("{bits:.3} ({low:.3} to {high:.3})")).join(" to "),
         None => format!("at most {:.3} ({low:.3} to {high:.3})", estimate.bits_per_pixel),
     })
 }
