@@ -221,24 +221,28 @@ impl Arguments {
         for file in [&self.resume, &self.save_weights].into_iter().flatten() {
             check_writable(file)?;
         }
-        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights) {
-            if is_same_file(kept, weights) {
-                anyhow::bail!(
-                    "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
-                    weights.display()
-                );
-            }
-            if has_name_of_fit(kept, weights) {
-                anyhow::bail!(
-                    "--save-weights {}: expected another name than those of the states beside {}; choose another one",
-                    weights.display(),
-                    kept.display()
-                );
-            }
+        if let (Some(kept), Some(weights)) = (&self.resume, &self.save_weights)
+            && is_same_file(kept, weights)
+        {
+            anyhow::bail!(
+                "--resume and --save-weights: expected two files, found {} for both; choose another name for one",
+                weights.display()
+            );
         }
         let mut inputs = self.design.files(design);
         if let Some(source) = &self.measured.measurements {
             inputs.extend(source.files()?);
+        }
+        // Such files are removed before an estimate begins and in its end.
+        let named = inputs.iter().chain(&self.save_weights);
+        if let Some(kept) = &self.resume
+            && let Some(file) = named.into_iter().find(|file| has_name_of_fit(kept, file))
+        {
+            anyhow::bail!(
+                "{}: expected another name than those of the states beside --resume {}; choose another one",
+                file.display(),
+                kept.display()
+            );
         }
         for (flag, file) in [("--resume", &self.resume), ("--save-weights", &self.save_weights)] {
             check_inputs_stay(&inputs, file.as_slice(), (flag, None))?;

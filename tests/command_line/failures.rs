@@ -378,6 +378,20 @@ fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
 }
 
 #[test]
+fn states_beside_an_estimate_take_the_place_of_no_file() {
+    let bench = Bench::new();
+    bench.done("export --lenslets heuristic:2 --out a");
+    std::fs::rename(bench.path("a/design.json"), bench.path("k.fit-1")).unwrap();
+    for line in [
+        "estimate k.fit-1 --estimator live --resume k",
+        "estimate --estimator pixelcnn --resume k --save-weights k.fit-1",
+    ] {
+        assert_told(&bench.refused(line), &["k.fit-1: expected another name", "--resume k", "choose another one"]);
+    }
+    assert!(bench.path("k.fit-1").exists() && !bench.path("k").exists());
+}
+
+#[test]
 fn files_of_another_mask_do_not_pass_as_those_of_this_one() {
     let bench = Bench::new();
     let measure = |lenslets: &str| format!("measure --count 2 --lenslets heuristic:{lenslets}");
