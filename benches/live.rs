@@ -71,7 +71,8 @@ fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
         let (first, first_seconds) = wait(&bench, edited, |_| true);
         let is_later = |live: &LiveEstimate| live.remaining.is_none() || edited.elapsed().as_secs_f64() > SOON;
         let (soon, _) = wait(&bench, edited, is_later);
-        let (settled, seconds) = wait(&bench, edited, |live| live.remaining.is_none());
+        let (_, seconds) = wait(&bench, edited, |live| live.remaining.is_none());
+        let (settled, _) = wait(&bench, edited, |live| live.remaining.is_none() && !live.bounding);
         let off = (soon.bits_per_pixel - settled.bits_per_pixel).abs();
         let information = bench.live().information;
         let ceiling = information.filter(|found| found.revision == bench.revision());

@@ -85,10 +85,13 @@ impl<'a> Beads<'a> {
 
     /// The posterior from both sides, for so long each.
     pub fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        let fit = |stream| PosteriorFit::within(time, derived_seed(self.seed, stream));
-        let (below, above) = (fit(BELOW), fit(ABOVE));
-        self.below(&below, stop);
-        self.above(&above, stop);
+        self.below(&PosteriorFit::within(time, derived_seed(self.seed, BELOW)), stop);
+        self.follow_from_above(time, stop);
+    }
+
+    /// The posterior from above alone, for so long.
+    pub fn follow_from_above(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
+        self.above(&PosteriorFit::within(time, derived_seed(self.seed, ABOVE)), stop);
     }
 
     /// The bounds once more from just these samples; those that cannot be had are left out.

@@ -279,6 +279,7 @@ mod tests {
         // Whole measurements come last; what they tell of a pixel is less, as patches count what others know, too.
         let sensor = whole.sensor.as_ref().unwrap();
         assert!(last.sensor.is_none() && sensor.patch == (65, 65));
+        assert_eq!([first.bounding, last.bounding, whole.bounding], [true, true, false]);
         let (lower, upper) = (sensor.bracket.lower.unwrap(), sensor.bracket.upper);
         assert!(lower > 0.15 && upper < 0.19 && whole.lower.as_ref().unwrap().bits_per_pixel > upper, "{sensor:?}");
         let repeated = LiveRecord::new(&design, &scene, whole).repeat(&|_| true).unwrap();

@@ -7,6 +7,7 @@ use ndarray::{Array3, Axis, s};
 use super::design::Design;
 use super::estimation::moments;
 use super::evaluation::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
+use super::live_bounds::Beads;
 use super::refinement::{LiveEstimate, LiveRecipe};
 use crate::design::{Imaging, MeasurementStream, derived_seed};
 use crate::information::{
@@ -67,6 +68,14 @@ impl<'a> Subject<'a> {
         let design = Design { noise, ..self.design.clone() };
         let ceiling = ceiling_of(&design, self.imaging.set, self.psf.view(), sensor)?;
         Ok(Some((BeadChannel { noise, ..channel }, ceiling.map(|found| found.bits_per_pixel))))
+    }
+
+    /// By how much posterior sampling lowers the smaller one of the ceiling and a density bound, bits per pixel; none where it was
+    /// not done, or there is no ceiling.
+    pub fn lowered(&self, beads: &Beads<'_>, density: f64) -> Option<f64> {
+        let (upper, _) = beads.upper.as_ref()?;
+        let ceiling = ceiling_of(self.design, self.imaging.set, self.psf.view(), self.patch).ok()??;
+        Some(ceiling.bits_per_pixel.min(density) - upper.bits_per_pixel)
     }
 
     pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
@@ -152,6 +161,7 @@ impl<'a> Subject<'a> {
             patch: model.patch(),
             seconds: 0.0,
             remaining: None,
+            bounding: false,
             recipe: LiveRecipe { test_patches: information.len(), lower: None, upper: None, sensor: None, ..recipe },
             start,
             model: Arc::new(model.clone()),
@@ -177,4 +187,43 @@ fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, Informatio
         _ => None,
     };
     Ok(PatchBatch { noisy: both(&one.noisy, &other.noisy)?, clean })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use super::super::simulation::imaging;
+    use super::*;
+    use crate::optics::{Encoder, heuristic_layout};
+
+    /// The difference of an edit must not drown in the noise of both numbers: the same scenes are measured with the same random
+    /// numbers before and after it.
+    #[test]
+    fn designs_before_and_after_an_edit_are_scored_on_the_same_draws() {
+        let before = Design { encoder: Encoder::Lenslets(heuristic_layout(4)), ..Design::default() };
+        let mut array = heuristic_layout(4);
+        array.lenslets[0].x += 0.25;
+        let after = Design { encoder: Encoder::Lenslets(array), ..before.clone() };
+        let reseeded = Design { seed: before.seed + 1, ..after.clone() };
+        let scene = Arc::new(Scene::open(&before, &|_| ControlFlow::Continue(())).unwrap());
+        let mut known = None;
+        let mut bits = |design: &Design| -> Vec<f64> {
+            let imaging = imaging(design, &scene.set).unwrap();
+            let subject = Subject::new(design, design.noise, &scene, &imaging).unwrap();
+            let (train, test) = (subject.stream(Split::Train), subject.test(96).unwrap());
+            let model = known.get_or_insert_with(|| subject.model(&train, &test, None).unwrap());
+            let maps = information_map(model, &subject.entropy, &test).unwrap();
+            maps.outer_iter().map(|map| map.mean().unwrap()).collect()
+        };
+        let [before, after, reseeded] = [&before, &after, &reseeded].map(&mut bits);
+        let spread = |of: &[f64]| {
+            let mean = of.iter().sum::<f64>() / of.len() as f64;
+            (of.iter().map(|bits| (bits - mean).powi(2)).sum::<f64>() / of.len() as f64).sqrt()
+        };
+        let difference =
+            |of: &[f64]| spread(&of.iter().zip(&before).map(|(one, other)| one - other).collect::<Vec<_>>());
+        let (common, own) = (difference(&after), difference(&reseeded));
+        assert!(common < 0.4 * own && own > spread(&before), "{common} {own} {}", spread(&before));
+    }
 }

@@ -50,6 +50,10 @@ const FOLLOWED_LAST: Duration = Duration::from_secs(8);
 /// The same for whole measurements, which come last.
 const LOWER_SAMPLES_WHOLE: usize = 256;
 const FOLLOWED_WHOLE: Duration = Duration::from_secs(10);
+/// Time for the bound from above soon after an edit, and by how many bits per pixel that bound has to have lowered the smallest one
+/// before the edit to be worth it: the density model has fewer steps then.
+const FOLLOWED_SOON: Duration = Duration::from_secs(1);
+const WORTH_FOLLOWING: f64 = 0.01;
 
 /// An estimate that gets better while one waits: an upper bound on the information at any time.
 #[derive(Clone, Debug)]
@@ -68,6 +72,8 @@ pub struct LiveEstimate {
     pub seconds: f64,
     /// Time left until it settles; none once it has.
     pub remaining: Option<Duration>,
+    /// Whether it has settled, but better bounds that know the prior are still to come.
+    pub bounding: bool,
     /// How it came about.
     pub recipe: LiveRecipe,
     /// The model of a similar design that the fit began with; none where it began with the weights of the program.
@@ -158,6 +164,8 @@ struct Awaiting {
 #[derive(Default)]
 pub(super) struct Refiner {
     last: Option<(Arc<Scene>, Arc<CausalStart>)>,
+    /// By how much posterior sampling lowered the smallest bound from above of such a design, bits per pixel.
+    lowered: f64,
     /// Seconds of a step, and the patch that they are of.
     pace: Option<(f64, (usize, usize))>,
     /// A settled estimate whose last bounds were interrupted.
@@ -202,6 +210,7 @@ impl Refiner {
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         // Kept where this fit does not get to begin.
         let start = self.last.as_ref().filter(|last| serves(last)).map(|(_, start)| Arc::clone(start));
+        self.lowered = start.as_ref().map_or(0.0, |_| self.lowered);
         let test = subject.test(SCORED)?;
         let train = subject.stream(Split::Train);
         let mut model = subject.model(&train, &test, start.as_deref())?;
@@ -246,8 +255,7 @@ impl Refiner {
                     Ok(mut estimate) => {
                         publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
-                            beads.decode(LOWER_SAMPLES, stop);
-                            publish(with_bounds(&beads, estimate.clone()));
+                            self.take_first_bounds(&mut beads, &estimate, publish, stop);
                         }
                         if progress.elapsed >= FIRST_GRADIENT {
                             estimate.gradient = pull(design, &imaging, &estimate.model);
@@ -256,6 +264,7 @@ impl Refiner {
                         if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
                             beads.follow(FOLLOWED, stop);
+                            self.lowered = subject.lowered(&beads, estimate.bits_per_pixel).unwrap_or(self.lowered);
                             publish(with_bounds(&beads, estimate));
                         }
                     }
@@ -285,9 +294,26 @@ impl Refiner {
         recipe.steps = fitted?;
         let mut estimate = score(&model, &subject.test(SCORED_LAST)?, recipe, None)?;
         estimate.gradient = pull(design, &imaging, &model);
+        estimate.bounding = beads.channel.is_some();
         publish(with_bounds(&beads, estimate.clone()));
         let awaiting = Awaiting { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
         self.take_last_bounds(awaiting, &subject, &mut beads, publish, stop)
+    }
+
+    /// Takes the bound from below for the first time, and that from above where it is worth it.
+    fn take_first_bounds(
+        &self,
+        beads: &mut Beads<'_>,
+        estimate: &LiveEstimate,
+        publish: &mut dyn FnMut(LiveEstimate),
+        stop: &(dyn Fn() -> bool + Sync),
+    ) {
+        beads.decode(LOWER_SAMPLES, stop);
+        publish(with_bounds(beads, estimate.clone()));
+        if self.lowered > WORTH_FOLLOWING {
+            beads.follow_from_above(FOLLOWED_SOON, stop);
+            publish(with_bounds(beads, estimate.clone()));
+        }
     }
 
     /// Takes the bounds that know the prior once more where the estimate has settled, and those for whole measurements.
@@ -318,13 +344,14 @@ impl Refiner {
             whole.decode(LOWER_SAMPLES_WHOLE, stop);
             whole.follow(FOLLOWED_WHOLE, stop);
             if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !stop()) {
-                publish(with_sensor(Some(sensor), awaiting.estimate.clone()));
+                awaiting.estimate = with_sensor(Some(sensor), awaiting.estimate);
             }
         }
         if stop() {
             self.awaits_bounds = Some(awaiting);
             return Err(InformationError::Cancelled.into());
         }
+        publish(LiveEstimate { bounding: false, ..awaiting.estimate });
         Ok(())
     }
 }
