@@ -37,6 +37,11 @@ struct Parts {
 }
 
 impl Parts {
+    fn hold_nothing(&self) -> bool {
+        let Self { key: _, trials, decoder, below, above, seconds: _ } = self;
+        trials.is_empty() && decoder.is_none() && below.is_none() && above.is_none()
+    }
+
     /// The time that the parts took by themselves, seconds.
     fn own_seconds(&self) -> f64 {
         let trials = self.trials.iter().map(Trial::seconds);
@@ -68,9 +73,12 @@ impl KeptEstimate {
             })?,
             None => Parts { key: key.clone(), ..Parts::default() },
         };
-        if parts.key != key {
-            return Err(refused(InformationError::OtherFit.to_string()));
-        }
+        // One that was refused before anything came of it is in nobody's way.
+        let parts = match parts.key == key {
+            true => parts,
+            false if parts.hold_nothing() && fits(path).next().is_none() => Parts { key, ..Parts::default() },
+            false => return Err(refused(InformationError::OtherFit.to_string())),
+        };
         let mut kept = Self { path: Some(path.to_owned()), since: Instant::now(), parts, goes_on: true };
         kept.store()?;
         Ok(kept)
@@ -200,12 +208,17 @@ pub(super) fn end(path: &Path) {
 
 /// Removes the states of all fits beside the file of an estimate.
 fn forget_fits(path: &Path) -> Result<(), InformationError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let found = std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
-    for file in found.filter(|file| has_name_of_fit(path, file)) {
+    for file in fits(path) {
         remove_if_there(&file)?;
     }
     Ok(())
+}
+
+/// The states of fits beside the file of an estimate.
+fn fits(path: &Path) -> impl Iterator<Item = PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let found = std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+    found.filter(move |file| has_name_of_fit(path, file))
 }
 
 /// Whether a file has the name of the state of a fit beside the file of an estimate.
@@ -388,6 +401,13 @@ mod tests {
             std::fs::write(file, "a state").unwrap();
         }
         drop(open("other").unwrap());
+        // One that came to nothing gives way, unless a fit goes on beside it.
+        let going = folder.path().join("kept.fit-1");
+        std::fs::write(&going, "a state").unwrap();
+        assert!(open("one").is_err());
+        std::fs::remove_file(&going).unwrap();
+        drop(open("one").unwrap());
+        assert!(open("one").is_ok());
         assert_eq!(others.map(|file| file.exists()), [false, false, true, true]);
         end(&path);
         // Another file is not written over.
