@@ -111,15 +111,20 @@ pub(super) fn check_effects<'a>(
     if let Some(left) = settings.lenslets.filter(|&left| left > lenslets) {
         bail!("--lenslets {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer");
     }
+    let without_effect = named.find_map(|name| Some((name, why_without_effect(settings, name)?)));
+    without_effect.map_or(Ok(()), |(name, why)| bail!("--set {name} {why}; leave it out"))
+}
+
+/// Why a setting of this name would change nothing, where that is so.
+fn why_without_effect(settings: &IdealSettings, name: &str) -> Option<&'static str> {
     let is_posterior = settings.objective == Objective::Posterior;
-    match named.find(|&name| name == if is_posterior { "objects" } else { "tried" }) {
-        Some("objects") => {
-            bail!("--set objects is for density models, the posterior draws scenes by patches; leave it out")
+    match name {
+        "objects" if is_posterior => Some("is for density models, the posterior draws scenes by patches"),
+        "tried" if !is_posterior => Some("is for the posterior, a density model knows only the mask it follows"),
+        "refit" if !settings.warm => {
+            Some("is for models that go on; those that begin anew are all fitted by first_fit")
         }
-        Some(_) => {
-            bail!("--set tried is for the posterior, a density model knows only the mask it follows; leave it out")
-        }
-        None => Ok(()),
+        _ => None,
     }
 }
 

@@ -226,27 +226,32 @@ fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
 #[test]
 fn a_run_that_was_killed_ends_as_one_that_was_not() {
     let bench = Bench::new();
-    let line = format!("{TINY} --steps 40");
-    let whole = bench.json(&format!("{line} --out whole"));
-    let state = bench.path("killed/run.safetensors");
-    let mut program = bench.command().args(format!("{line} --out killed").split_whitespace()).spawn().unwrap();
-    while !state.exists() {
-        assert!(program.try_wait().unwrap().is_none(), "the run ended before it was killed");
-        std::thread::sleep(std::time::Duration::from_millis(5));
+    let quick = "--steps 16 --set patches=2,refit_every=4,first_fit=2,refit=2,last_fit=2,tried=0";
+    for (objective, length) in [("density", "--steps 40"), ("posterior", quick)] {
+        let line = TINY.replace("density", objective);
+        let line = format!("{line} {length} --out {objective}");
+        let whole = bench.json(&format!("{line}-whole"));
+        let (state, design) =
+            (format!("{objective}-killed/run.safetensors"), format!("{objective}-killed/design.json"));
+        let mut program = bench.command().args(format!("{line}-killed").split_whitespace()).spawn().unwrap();
+        while !bench.path(&state).exists() {
+            assert!(program.try_wait().unwrap().is_none(), "{objective}: the run ended before it was killed");
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        program.kill().unwrap();
+        program.wait().unwrap();
+        assert!(!bench.path(&design).exists(), "{objective}: the run was killed before its end");
+        let output = bench.run(format!("{line}-killed --json").split_whitespace());
+        assert!(text(&output.stderr).contains("going on with the run"), "{}", text(&output.stderr));
+        let killed: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(killed["record"]["result"], whole["record"]["result"], "{objective}");
+        let bits = |told: &Value| -> Vec<Value> {
+            let frames = told["record"]["frames"].as_array().unwrap();
+            frames.iter().map(|frame| frame["bits_per_pixel"].clone()).collect()
+        };
+        assert_eq!(bits(&killed), bits(&whole), "{objective}");
     }
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    program.kill().unwrap();
-    program.wait().unwrap();
-    assert!(!bench.path("killed/design.json").exists(), "the run was killed before its end");
-    let output = bench.run(format!("{line} --out killed --json").split_whitespace());
-    assert!(text(&output.stderr).contains("going on with the run"), "{}", text(&output.stderr));
-    let killed: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(killed["record"]["result"], whole["record"]["result"]);
-    let bits = |told: &Value| -> Vec<Value> {
-        let frames = told["record"]["frames"].as_array().unwrap();
-        frames.iter().map(|frame| frame["bits_per_pixel"].clone()).collect()
-    };
-    assert_eq!(bits(&killed), bits(&whole));
 }
 
 #[test]
@@ -298,6 +303,7 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --anisotropic --free positions", "add widths to --free"),
         ("design --out a --set objects=20", "is for density models"),
         ("design --out a --objective density --set tried=20", "is for the posterior"),
+        ("design --out a --objective density --set warm=false,refit=9", "for models that go on"),
         ("design --out a --set refit", "expected NAME=VALUE"),
         ("design --out a --set steps=3", "expected one of objects, patches"),
         ("design --out a --set refit=0", "refit is 0"),
