@@ -15,7 +15,7 @@ use crate::formats::check_writable;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
 use crate::workbench::{
     Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, has_name_of_fit, lower_bound_at_once, tells_of_unwritten_weights,
+    estimate, has_name_of_fit, tells_of_unwritten_weights,
 };
 
 /// Most repetitions.
@@ -185,18 +185,7 @@ impl Arguments {
             let images = MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut watch)?;
             images.estimate(&request, design.noise, design.seed, &mut watch)?
         } else {
-            let of_objects = |error| about_objects(&design, error);
-            // A bracket looks longer, and published numbers are no bounds. What is kept is there until all is computed.
-            let below = if estimator == Estimator::Bracket || self.protocol == Protocol::Paper {
-                None
-            } else {
-                lower_bound_at_once(&design, request.patch, &mut watch).map_err(of_objects)?
-            };
-            let result = estimate(&design, &request, &mut watch).map_err(of_objects)?;
-            match below {
-                Some(below) => result.bounded_below(below),
-                None => result,
-            }
+            estimate(&design, &request, &mut watch).map_err(|error| about_objects(&design, error))?
         };
         meter.finish();
         let printed =
@@ -290,7 +279,7 @@ fn per_patch(result: &Estimate) -> String {
             let (least, most) = Bracket::in_order(lower * pixels, most);
             format!("{least:.1} to {most:.1} {patch}")
         }
-        None => format!("at most {most:.1} {patch}"),
+        None => format!("{} {most:.1} {patch}", result.relation()),
     }
 }
 
@@ -302,12 +291,13 @@ fn lines_of(result: &Estimate) -> Vec<String> {
     let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
     let mut lines = vec![format!("{} before {}, {} noise", result.encoder, result.objects, result.noise)];
     lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
-    // Those of several bounds are the smallest of them; others stand by themselves.
-    let of_several = matches!(result.estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
-    if result.bracket.is_none() || !of_several {
+    if result.is_of_one_model() {
         lines.push(format!(
-            "at most {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
-            result.bits_per_pixel, result.estimator, result.protocol
+            "{} {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
+            result.relation(),
+            result.bits_per_pixel,
+            result.estimator,
+            result.protocol
         ));
     }
     lines.extend([

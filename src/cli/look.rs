@@ -8,8 +8,10 @@ use serde::Serialize;
 use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::{NoiseEntropy, Protocol};
-use crate::workbench::{Design, EvaluationError, LiveInformation, Optics, Scene, SceneOptics, notices_of};
+use crate::information::{NamedBound, NoiseEntropy, Protocol};
+use crate::workbench::{
+    Design, EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once, notices_of,
+};
 
 /// Arguments of `look`.
 #[derive(Args, Debug)]
@@ -55,11 +57,13 @@ pub struct Look {
     notices: Vec<String>,
 }
 
-/// Upper bounds, bits per pixel.
+/// Bounds, bits per pixel.
 #[derive(Debug, Serialize)]
 struct Bounds {
     /// Rows and columns, pixels.
     patch: [usize; 2],
+    /// None where the prior of the objects is not known.
+    lower: Option<NamedBound>,
     gaussian_bound: f64,
     /// Whether the Gaussian's number is a bound.
     gaussian_is_bound: bool,
@@ -70,10 +74,11 @@ struct Bounds {
 }
 
 impl Bounds {
-    fn of(information: &LiveInformation) -> Self {
+    fn of(information: &LiveInformation, lower: Option<NamedBound>) -> Self {
         let gaussian = &information.gaussian;
         Self {
             patch: information.patch.into(),
+            lower,
             gaussian_bound: gaussian.bits_per_pixel,
             gaussian_is_bound: information.gaussian_is_bound,
             gaussian_interval_95: information.interval_95,
@@ -86,18 +91,21 @@ impl Bounds {
     fn lines(&self) -> Vec<String> {
         let loose = self.ceiling.is_some_and(|ceiling| self.gaussian_bound > ceiling);
         let ([rows, cols], [low, high], bound) = (self.patch, self.gaussian_interval_95, self.gaussian_bound);
-        let mut lines = vec![
-            format!("Information of a {rows} x {cols} px patch, bits per pixel:"),
-            if self.gaussian_is_bound {
-                format!("  at most {bound:.3} [{low:.3}, {high:.3}]  Gaussian bound")
-            } else {
-                format!("    about {bound:.3} [{low:.3}, {high:.3}]  Gaussian approximation")
-            },
-            match self.ceiling {
-                Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy ceiling"),
-                None => "  ceiling unknown: the entropy of these objects is not known".into(),
-            },
-        ];
+        let mut lines = vec![format!("Information of a {rows} x {cols} px patch, bits per pixel:")];
+        lines.extend(self.lower.as_ref().map(|lower| {
+            let [low, high] = lower.interval_95;
+            format!(" at least {:.3} [{low:.3}, {high:.3}]  {}", lower.bits_per_pixel, lower.from)
+        }));
+        let ceiling = match self.ceiling {
+            Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy ceiling"),
+            None => "  ceiling unknown: the entropy of these objects is not known".into(),
+        };
+        let gaussian = if self.gaussian_is_bound {
+            format!("  at most {bound:.3} [{low:.3}, {high:.3}]  Gaussian bound")
+        } else {
+            format!("    about {bound:.3} [{low:.3}, {high:.3}]  Gaussian approximation")
+        };
+        lines.extend(if loose { [ceiling, gaussian] } else { [gaussian, ceiling] });
         lines.extend(loose.then(|| "  the Gaussian lies above the ceiling: do not rank designs by it".into()));
         lines
     }
@@ -118,7 +126,10 @@ impl Look {
             .map_err(EvaluationError::from)
             .and_then(|entropy| prepared.information(design, &optics, scene, &measurements, &entropy));
         let (information, no_information) = match information {
-            Ok(information) => (Some(Bounds::of(&information)), None),
+            Ok(information) => {
+                let lower = lower_bound_at_once(design, Some(information.patch), &mut |_| ControlFlow::Continue(()))?;
+                (Some(Bounds::of(&information, lower)), None)
+            }
             // Without noise, say: the mask can be looked at all the same.
             Err(EvaluationError::Information(error)) => (None, Some(error.to_string())),
             Err(error) => return Err(error),

@@ -63,14 +63,28 @@ fn lines_of(repeated: &Repeated) -> Vec<String> {
     let mut lines = vec![format!("Live estimate of a {rows} x {cols} px patch, bits per pixel (now, recorded):")];
     for ((side, now), (_, then)) in bounds(&repeated.numbers).into_iter().zip(bounds(&repeated.recorded)) {
         if let (Some(now), Some(then)) = (now, then) {
-            let [low, high] = now.interval_95;
-            let (bits, recorded) = (now.bits_per_pixel, then.bits_per_pixel);
-            lines.push(format!("  {side} {bits:.6} [{low:.4}, {high:.4}], {recorded:.6}  {}", now.from));
+            lines.push(compared_line(side, &now, &then));
+        }
+    }
+    if let (Some(now), Some(then)) = (&repeated.numbers.sensor, &repeated.recorded.sensor) {
+        lines.push("Whole measurements:".into());
+        let sides =
+            [("at least", &now.lower_bounds, &then.lower_bounds), ("at most", &now.upper_bounds, &then.upper_bounds)];
+        for (side, now, then) in sides {
+            let compared = now.iter().zip(then);
+            lines.extend(compared.map(|(now, then)| compared_line(side, now, then)));
         }
     }
     lines.push(if repeated.same { "The same to the last bit." } else { "Not the same." }.into());
     lines.extend(repeated.notes.iter().map(|note| format!("note: {note}")));
     lines
+}
+
+/// A bound now and then.
+fn compared_line(side: &str, now: &NamedBound, then: &NamedBound) -> String {
+    let [low, high] = now.interval_95;
+    let (bits, recorded) = (now.bits_per_pixel, then.bits_per_pixel);
+    format!("  {side} {bits:.6} [{low:.4}, {high:.4}], {recorded:.6}  {}", now.from)
 }
 
 /// The bounds of a live estimate, and the side that they are on.

@@ -281,6 +281,12 @@ impl Estimate {
         (self.patch[0] * self.patch[1]) as f64
     }
 
+    /// Whether the number is that of its estimator alone, not the smallest of several bounds from above.
+    pub fn is_of_one_model(&self) -> bool {
+        let own = self.estimator.to_string();
+        self.bracket.as_ref().is_none_or(|bracket| bracket.upper_bounds.iter().any(|bound| bound.from == own))
+    }
+
     /// The lower bound of a bracket that has one, bits per pixel.
     pub fn lower(&self) -> Option<f64> {
         self.bracket.as_ref()?.lower
@@ -303,13 +309,22 @@ impl Estimate {
                 let [least, most] = ends.map(|(bits, [low, high])| format!("{bits:.4} [{low:.4}, {high:.4}]"));
                 format!("between {least} and {most} bits per pixel")
             }
-            None => format!("at most {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})"),
+            None => format!("{} {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})", self.relation()),
+        }
+    }
+
+    /// How the information lies to the number, for people: published procedures have the base images of training patches in their
+    /// tests, so that what they tell is no bound.
+    pub fn relation(&self) -> &'static str {
+        match self.protocol {
+            Protocol::Default => "at most",
+            Protocol::Paper => "about",
         }
     }
 
     /// The estimator, and which of its bounds the number is where it has several.
     pub fn upper_from(&self) -> String {
-        match &self.bracket {
+        match self.bracket.as_ref().filter(|_| !self.is_of_one_model()) {
             Some(bracket) => format!("{}: {}", self.estimator, bracket.upper_from),
             None => self.estimator.to_string(),
         }

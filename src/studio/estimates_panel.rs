@@ -1,6 +1,6 @@
 //! Estimates that take minutes: what to compute, how its fit goes, and what came of it.
 
-use egui::{ComboBox, ProgressBar, Ui};
+use egui::{ComboBox, DragValue, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use super::dialogs::Purpose;
@@ -19,11 +19,25 @@ use crate::workbench::{
 /// What a copied command is good for.
 const COPY_HINT: &str = "The command line that computes this number again, with the whole design in it";
 
+/// How a PixelCNN can be fitted and scored, and what its number is then.
+const PROTOCOLS: [(Protocol, &str); 2] = [
+    (Protocol::Default, "Fresh noise, no scene both in training and in test, exact noise entropy: an upper bound"),
+    (
+        Protocol::Paper,
+        "As published: patches of the same scenes in training and test, approximate noise entropy. To compare with published \
+         values; no bound",
+    ),
+];
+
 /// What the form asks for.
 pub struct EstimateForm {
     kind: Estimator,
     length: FitLengthForm,
     whole_sensor: bool,
+    /// Repetitions of a fit, of which the smallest counts; a bracket has one.
+    trials: usize,
+    /// How a PixelCNN is fitted and scored; the others know one way.
+    protocol: Protocol,
     /// Images of a camera that may be estimated instead.
     pub images: ImagesForm,
     /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
@@ -34,7 +48,7 @@ impl Default for EstimateForm {
     fn default() -> Self {
         let kind = Estimator::Bracket;
         let (length, images) = (FitLengthForm::usual(kind), ImagesForm::default());
-        Self { kind, length, whole_sensor: false, images, chosen: None }
+        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, images, chosen: None }
     }
 }
 
@@ -47,11 +61,16 @@ impl EstimateForm {
             "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below, posterior sampling on either side",
         ),
         (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
-        (Estimator::PixelCnn, "PixelCNN", "The published density model, default protocol"),
+        (Estimator::PixelCnn, "PixelCNN", "The published density model"),
     ];
 
     fn request(&self, engine: EngineChoice) -> EstimateRequest {
-        self.request_of(self.length.model(self.kind, engine))
+        let request = self.request_of(self.length.model(self.kind, engine));
+        match self.kind {
+            Estimator::PixelCnn => EstimateRequest { trials: self.trials, protocol: self.protocol, ..request },
+            Estimator::Full => EstimateRequest { trials: self.trials, ..request },
+            _ => request,
+        }
     }
 
     /// What is asked of a fit of this model, for the patch that was chosen.
@@ -143,6 +162,25 @@ fn order(ui: &mut Ui, state: &mut State) {
             })
             .response;
         name_widget(&response, "Patch");
+        if form.kind == Estimator::PixelCnn {
+            let response = ComboBox::from_id_salt("protocol")
+                .selected_text(format!("{} protocol", form.protocol))
+                .width(104.0)
+                .show_ui(ui, |ui| {
+                    for (protocol, hint) in PROTOCOLS {
+                        ui.selectable_value(&mut form.protocol, protocol, format!("{protocol} protocol"))
+                            .on_hover_text(hint);
+                    }
+                })
+                .response;
+            name_widget(&response, "Protocol");
+        }
+        if form.kind != Estimator::Bracket {
+            let unit = if form.trials == 1 { " trial" } else { " trials" };
+            let trials = ui.add(DragValue::new(&mut form.trials).range(1..=100).suffix(unit));
+            name_widget(&trials, "Trials");
+            trials.on_hover_text("Fits with seeds of their own, one after the other: the smallest counts, the spread is told");
+        }
         form.length.show(ui, form.kind, "of the fit");
         let start = ui.button("Start estimate");
         if start.on_hover_text("Where one is computed already, this one comes after it").clicked() {
@@ -224,9 +262,13 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 /// The number of an estimate in one line.
 fn summary(estimate: &Estimate) -> String {
     let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
-    match estimate.lower() {
-        Some(lower) => format!("{} bits per pixel", between(lower, bits)),
-        None => format!("\u{2264} {} {} bits per pixel ({from})", rounded(bits), interval(estimate.interval_95)),
+    match (estimate.lower(), estimate.protocol) {
+        (Some(lower), _) if estimate.is_of_one_model() => format!("{} bits per pixel ({from})", between(lower, bits)),
+        (Some(lower), _) => format!("{} bits per pixel", between(lower, bits)),
+        (None, protocol) => {
+            let sign = if protocol == Protocol::Paper { "\u{2248}" } else { "\u{2264}" };
+            format!("{sign} {} {} bits per pixel ({from})", rounded(bits), interval(estimate.interval_95))
+        }
     }
 }
 

@@ -140,19 +140,19 @@ fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
 fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
-    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor.is_none()).and_then(bound_of_run);
-    let (text, name, patch) = match (&known.sensor, known.lower()) {
+    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor_between().is_none()).and_then(bound_of_run);
+    let (text, name, patch) = match (known.sensor_between(), known.lower()) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
             format!("whole sensor: {}", bound.from),
             format!("What whole measurements tell; below: {rows} x {cols} px patches"),
         ),
-        (Some((Bracket { lower: Some(lower), upper, .. }, [rows, cols])), _) => (
-            between(*lower, *upper),
+        (Some((lower, Bracket { upper, .. }, [rows, cols])), _) => (
+            between(lower, *upper),
             "whole sensor".to_owned(),
             format!(
                 "{rows} x {cols} px, {} bits each; below: {} x {} px patches",
-                whole_bits((*lower, *upper), rows * cols),
+                whole_bits((lower, *upper), rows * cols),
                 known.bounds.patch.0,
                 known.bounds.patch.1
             ),
@@ -193,8 +193,9 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let fresh = known.current || moving;
     let text = if fresh { text.strong() } else { text.weak() };
     // A number that still changes leans.
-    let changes = known.sampling().is_some_and(|live| live.remaining.is_some()) && !is_paused(state);
-    let refining = known.sensor.is_none() && changes;
+    let goes_on = !is_paused(state) && state.bench.is_live();
+    let changes = goes_on && known.sampling().is_some_and(|live| live.remaining.is_some() || live.bounding);
+    let refining = known.sensor_between().is_none() && changes;
     let text = if refining || moving { text.italics() } else { text };
     let name = if fresh { name } else { format!("{name}, of an earlier edit") };
     ui.horizontal(|ui| {
@@ -212,7 +213,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         more(ui, state);
     });
     let from =
-        known.sensor.as_ref().and_then(|(bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
+        known.sensor_between().and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
     let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
     ui.weak(patch).on_hover_text(format!("Mutual information between scenes and noisy measurements{from}"));
     ui.add_space(4.0);
@@ -325,6 +326,12 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             let value = format!("{} {} {from}", rounded(*bits_per_pixel), interval(*interval_95));
             line("Upper bound", value, Some(FITTED), hint);
         }
+        if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &known.sensor {
+            let hint = "The smallest of the finished estimates (Estimates) of whole measurements of this design: an upper bound, \
+                        with its 95 % interval. Patches count copies of one object point again; the whole sensor does not.";
+            let value = format!("{} {} {upper_from}", rounded(*upper), interval(*upper_interval_95));
+            line("Whole sensor", value, Some(FITTED), hint);
+        }
         let (value, entropies) = live_line(state, known);
         line(
             "Density model",
@@ -392,6 +399,7 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
         Some((live, current)) => {
             let stage = match (current, live.remaining) {
                 (false, _) => "of an earlier edit".to_owned(),
+                (true, None) if live.bounding && !off && !paused => "settled; bounds go on".into(),
                 (true, None) => "settled".into(),
                 (true, Some(_)) if off => "switched off".into(),
                 (true, Some(_)) if paused => "paused".into(),

@@ -21,7 +21,7 @@ pub struct Known<'a> {
     pub bracket: Option<Bracket>,
     /// The smallest upper bound by finished estimates of one density model, for that patch.
     pub fitted: Option<NamedBound>,
-    /// The same as `bracket` for whole measurements, with their shape.
+    /// The same as `bracket` for whole measurements, with their shape; estimates by one density model are bounds in it.
     pub sensor: Option<(Bracket, [usize; 2])>,
 }
 
@@ -36,22 +36,19 @@ impl<'a> Known<'a> {
         let live = state.estimates.live.as_ref();
         let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
         let sensor = live.as_ref().filter(|(_, current)| *current).and_then(|(live, _)| live.sensor.as_ref());
-        let sensor = sensor.map(|sensor| (&sensor.bracket, <[usize; 2]>::from(sensor.patch)));
+        let sensor = sensor.map(|sensor| (sensor.bracket.clone(), <[usize; 2]>::from(sensor.patch)));
+        let here = [bounds.patch.0, bounds.patch.1];
         let brackets: Vec<_> = finished()
-            .filter_map(|estimate| Some((estimate.bracket.as_ref()?, estimate.patch)))
+            .filter_map(|estimate| {
+                let alone = || Bracket::new(vec![bound_of(estimate)?], Vec::new());
+                let of_whole = || alone().filter(|_| estimate.patch != here);
+                Some((estimate.bracket.clone().or_else(of_whole)?, estimate.patch))
+            })
             .chain(sensor)
             .collect();
         let of =
-            |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| *bracket));
-        let here = [bounds.patch.0, bounds.patch.1];
-        let is_bound = |estimate: &&Estimate| {
-            estimate.bracket.is_none() && estimate.patch == here && estimate.protocol == Protocol::Default
-        };
-        let fitted = finished().filter(is_bound).map(|estimate| NamedBound {
-            from: format!("{} estimate", estimate.estimator),
-            bits_per_pixel: estimate.bits_per_pixel,
-            interval_95: estimate.interval_95,
-        });
+            |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| bracket));
+        let fitted = finished().filter(|estimate| estimate.patch == here).filter_map(bound_of);
         let bracket = of(here);
         let whole = brackets.iter().find(|(_, patch)| *patch != here);
         let sensor = whole.and_then(|(_, patch)| Some((of(*patch)?, *patch)));
@@ -72,6 +69,11 @@ impl<'a> Known<'a> {
             fitted: fitted.min_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel)),
             sensor,
         }
+    }
+
+    /// What is known of whole measurements from both sides, with their shape.
+    pub fn sensor_between(&self) -> Option<(f64, &Bracket, [usize; 2])> {
+        self.sensor.as_ref().and_then(|(bracket, patch)| Some((bracket.lower?, bracket, *patch)))
     }
 
     /// The largest lower bound for patches.
@@ -127,4 +129,14 @@ impl<'a> Known<'a> {
         }
         bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
     }
+}
+
+/// The upper bound that an estimate by one density model alone is.
+fn bound_of(estimate: &Estimate) -> Option<NamedBound> {
+    let is_bound = estimate.is_of_one_model() && estimate.protocol == Protocol::Default;
+    is_bound.then(|| NamedBound {
+        from: format!("{} estimate", estimate.estimator),
+        bits_per_pixel: estimate.bits_per_pixel,
+        interval_95: estimate.interval_95,
+    })
 }

@@ -49,8 +49,11 @@ pub(super) fn bead_channel(
     })
 }
 
-/// Fresh scenes behind a bound at once, or fewer where half its interval is this narrow, bits per pixel.
-const AT_ONCE: (usize, f64) = (1024, 0.002);
+/// Fresh scenes behind a bound at once: beside fits, which take long, and beside what is there in a moment; fewer where half its
+/// interval is this narrow, bits per pixel.
+pub(super) const BESIDE_FITS: usize = 1024;
+pub(super) const IN_A_MOMENT: usize = 256;
+const NARROW: f64 = 0.002;
 
 /// What the decoder that comes with the program tells of the beads of a design, without any fit; none for other objects, and where
 /// there is nothing to be told of them. A patch of `None` is the whole measurement.
@@ -67,10 +70,19 @@ pub fn lower_bound_at_once(
     }
     let set = read(design, watch)?;
     let imaging = imaging(design, &set)?;
-    let (Some(channel), _) = bead_channel(design, &imaging, imaging.patch(patch))? else { return Ok(None) };
+    let (channel, _) = bead_channel(design, &imaging, imaging.patch(patch))?;
+    channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), watch))
+}
+
+/// The same of what patches show, by so many fresh scenes at the most.
+pub(super) fn told_at_once(
+    channel: &BeadChannel,
+    (scenes, seed): (usize, u64),
+    watch: Watch<'_>,
+) -> Result<Option<NamedBound>, EvaluationError> {
     let watch = RefCell::new(watch);
     let go_on = || tell(*watch.borrow_mut(), "Bounding from below", 0, 1).is_ok();
-    let bound = QuickLowerBound::new(&channel, AT_ONCE, derived_seed(design.seed, DECODER), &go_on)?;
+    let bound = QuickLowerBound::new(channel, (scenes, NARROW), derived_seed(seed, DECODER), &go_on)?;
     Ok(bound.map(|QuickLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
         from: "decoder that comes with the program".into(),
         bits_per_pixel,

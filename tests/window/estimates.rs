@@ -196,6 +196,41 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
 }
 
 #[test]
+fn a_published_model_is_fitted_as_published_and_several_times_where_that_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let pending = folder.path().join("estimates/pending/order.json");
+    let mut window = at_home(folder.path());
+    click(&mut window, "Estimates");
+    assert!(window.query_by_label("Trials").is_none() && window.query_by_label("Protocol").is_none());
+    click(&mut window, "Estimator");
+    click(&mut window, "PixelCNN");
+    click(&mut window, "Protocol");
+    click(&mut window, "paper protocol");
+    type_number(&mut window, "Trials", "3");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&pending).unwrap()).unwrap();
+    assert_eq!(
+        (&order["order"]["request"]["trials"], &order["order"]["request"]["protocol"]),
+        (&3.into(), &"paper".into())
+    );
+    click(&mut window, "Cancel estimate");
+    wait_for(&mut window, "the end", |_| !pending.exists());
+    // What was chosen for it is not asked of a bracket.
+    click(&mut window, "Estimator");
+    click(&mut window, "Bracket");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&pending).unwrap()).unwrap();
+    assert_eq!(
+        (&order["order"]["request"]["trials"], &order["order"]["request"]["protocol"]),
+        (&1.into(), &"default".into())
+    );
+    click(&mut window, "Cancel estimate");
+    wait_for(&mut window, "the end", |_| !pending.exists());
+}
+
+#[test]
 fn images_of_a_camera_are_estimated_beside_the_design() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seen.npy");

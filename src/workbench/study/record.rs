@@ -93,10 +93,13 @@ impl StudyCell {
 
     /// What the density model alone gives, bits per pixel: the estimate, or one bound of several.
     pub fn model_bits(&self) -> Option<f64> {
-        match &self.estimate.as_ref()?.bracket {
-            Some(_) => self.upper_from("density"),
-            None => self.bits_per_pixel(),
-        }
+        if self.estimate.as_ref()?.is_of_one_model() { self.bits_per_pixel() } else { self.upper_from("density") }
+    }
+
+    /// Which of several bounds from above the estimate is; none where it is that of one model.
+    pub fn chosen_from(&self) -> Option<&str> {
+        let estimate = self.estimate.as_ref().filter(|estimate| !estimate.is_of_one_model())?;
+        Some(&estimate.bracket.as_ref()?.upper_from)
     }
 
     /// The lower bound, bits per pixel, where one was computed.

@@ -64,7 +64,7 @@ pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String>
         number(cell.bits_per_pixel()),
         number(interval.map(|[low, _]| low)),
         number(interval.map(|[_, high]| high)),
-        bracket.map_or(String::new(), |bracket| bracket.upper_from.clone()),
+        cell.chosen_from().unwrap_or_default().to_owned(),
         number(cell.lower()),
         number(lower_interval.map(|[low, _]| low)),
         number(lower_interval.map(|[_, high]| high)),
@@ -166,7 +166,7 @@ fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         estimate(cell),
         upper_from(cell),
         lower(cell),
-        bits(cell.model_bits()),
+        density(cell),
         bits(cell.ceiling()),
         published(cell),
         difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
@@ -215,7 +215,7 @@ fn bracket_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         bits(cell.lower_from("decoder")),
         estimate(cell),
         upper_from(cell),
-        bits(cell.upper_from("density")),
+        density(cell),
         bits(cell.upper_from("gaussian")),
         bits(cell.ceiling()),
         published(cell),
@@ -232,8 +232,14 @@ fn estimate(cell: &StudyCell) -> String {
 
 /// Which of several bounds the estimate is.
 fn upper_from(cell: &StudyCell) -> String {
-    let bracket = cell.estimate.as_ref().and_then(|estimate| estimate.bracket.as_ref());
-    bracket.map_or(NOTHING.into(), |bracket| bracket.upper_from.clone())
+    cell.chosen_from().map_or(NOTHING.into(), str::to_owned)
+}
+
+/// What the density model alone gives, and whether objects hold as much.
+fn density(cell: &StudyCell) -> String {
+    let told = bits(cell.model_bits());
+    let above = cell.model_bits().zip(cell.ceiling()).is_some_and(|(bits, ceiling)| bits > ceiling);
+    if above { format!("{told}, above the ceiling") } else { told }
 }
 
 fn lower(cell: &StudyCell) -> String {

@@ -303,7 +303,8 @@ fn brackets_are_told_with_all_bounds_and_drawn() {
     study.run_with(&|design, _, _| Ok(of(design, bracketed(0.125, 0.25, 0.5))), &mut on).unwrap();
     let text = study.markdown();
     assert!(
-        text.contains("| 0.1250 (0.1150 to 0.1350) | - | 0.2500 (") && text.contains("| ceiling | 0.5000 | - |"),
+        text.contains("| 0.1250 (0.1150 to 0.1350) | - | 0.2500 (")
+            && text.contains("| ceiling | 0.5000, above the ceiling | - |"),
         "{text}"
     );
     // The density model's 0.5 lies above the published 0.433 of density 0.05, the ceiling's 0.25 below all.
