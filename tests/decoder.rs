@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use lenslet_studio::information::{
-    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, QuickLowerBound,
-    decoder_lower_bound,
+    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, PosteriorFit,
+    QuickLowerBound, decoder_lower_bound, posterior_lower_bound, posterior_upper_bound,
 };
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, array};
@@ -235,4 +235,43 @@ fn a_fit_to_many_channels_moves_all_weights_and_can_be_stopped() {
     let broken = |_: u64| Ok(BeadChannel { probability: 2.0, ..toy(Noise::Shot) });
     let outcome = decoder.fit_generally(&broken, (Duration::from_hours(1), 3), &mut |_, _| ControlFlow::Continue(()));
     assert!(matches!(outcome, Err(InformationError::Probability { .. })));
+}
+
+/// By repeated simulation: each bound of few samples, whose number is decided by their spread, beside that of thousands.
+#[test]
+fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
+    type Bound<'a> = &'a dyn Fn(usize, f64, u64) -> (f64, [f64; 2], usize);
+    const REPEATED: u64 = 200;
+    let spot = array![[[6.0, 10.0, 6.0], [10.0, 16.0, 10.0], [6.0, 10.0, 6.0]]];
+    let channel = BeadChannel { spot, probability: 0.06, bias: 10.0, noise: Noise::Shot, patch: (8, 8) };
+    let decoder = Decoder::shipped().unwrap();
+    let followed =
+        |samples, half_width, seed| PosteriorFit { samples, half_width, ..PosteriorFit::of_levels(16, seed) };
+    let go_on = |_: &_| ControlFlow::Continue(());
+    let at_once = |samples, half_width, seed| {
+        let bound = QuickLowerBound::new(&channel, (samples, half_width), seed, &|| true).unwrap().unwrap();
+        (bound.bits_per_pixel, bound.interval_95, bound.samples)
+    };
+    let below = |samples, half_width, seed| {
+        let fit = followed(samples, half_width, seed);
+        let bound = posterior_lower_bound(&channel, &fit, decoder, None, &mut { go_on }).unwrap();
+        (bound.bits_per_pixel, bound.interval_95, bound.samples)
+    };
+    let above = |samples, half_width, seed| {
+        let fit = followed(samples, half_width, seed);
+        let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut { go_on }).unwrap();
+        (bound.bits_per_pixel, bound.interval_95, bound.samples)
+    };
+    let bounds: [(&str, Bound<'_>); 3] = [("decoder", &at_once), ("from below", &below), ("from above", &above)];
+    for (name, bound) in bounds {
+        let (truth, [low, high], _) = bound(4096, 0.0, 1 << 20);
+        // Some forty samples, from below and above.
+        let half_width = 5.0 * (high - low);
+        let told: Vec<_> = (0..REPEATED).map(|seed| bound(256, half_width, seed)).collect();
+        let held = told.iter().filter(|(_, [low, high], _)| (*low..=*high).contains(&truth)).count();
+        let samples = told.iter().map(|(.., samples)| samples).sum::<usize>() as f64 / REPEATED as f64;
+        let share = held as f64 / REPEATED as f64;
+        println!("{name}: {truth:.4} in {share:.3} of intervals of {samples:.0} samples");
+        assert!((0.9..=0.985).contains(&share), "{name}: {share}");
+    }
 }

@@ -3,12 +3,15 @@
 use std::ops::ControlFlow;
 
 use lenslet_studio::design::{
-    Free, Ideal, IdealError, IdealEvent, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
+    Free, Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
 };
+use lenslet_studio::formats::write_array;
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
-use lenslet_studio::optics::{Lenslet, LensletArray, Limits, Spot, render_psf};
+use lenslet_studio::optics::{Encoder, Lenslet, LensletArray, Limits, Spot, render_psf};
 use lenslet_studio::sensor::{Noise, Patches};
+use lenslet_studio::workbench::{Design, run_ideal};
+use ndarray::{Array3, ArrayView3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -305,4 +308,44 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
     let full = self::imaging(&spread);
     let of_unknown = Ideal::new(&full, &two(), Limits::default(), known).err().unwrap().to_string();
     assert!(of_unknown.contains("objective is posterior"), "{of_unknown}");
+}
+
+/// What a result is judged by in the end has not been seen by its run: other test pictures leave it as it is to the bit.
+#[test]
+fn test_pictures_are_unseen_by_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    // Each picture has one bright pixel in a row of its own; its transpose is as bright.
+    let pictures = |turned: &[usize]| {
+        Array3::from_shape_fn((20, 27, 27), |(n, row, col)| {
+            let (row, col) = if turned.contains(&n) { (col, row) } else { (row, col) };
+            1.0 + ((n * 31 + row * 17 + col * 5) % 11) as f32 + if (row, col) == (n, 13) { 1000.0 } else { 0.0 }
+        })
+    };
+    let design = |name: &str, turned: &[usize]| {
+        let path = folder.path().join(name);
+        write_array(&path, pictures(turned).view()).unwrap();
+        Design { objects: ObjectSource::Stack(path), encoder: Encoder::Lenslets(two()), ..Design::default() }
+    };
+    let as_they_are = design("as they are.npy", &[]);
+    let set = ObjectSet::open(&as_they_are.objects, &ObjectOptions::default()).unwrap();
+    let objects = set.objects(Split::Test, 64, 1).unwrap();
+    let bright = |object: ArrayView3<'_, f32>| (0..20).find(|&row| object[[0, row, 13]] > 30.0 * object[[0, 26, 26]]);
+    let mut tested: Vec<usize> = objects.outer_iter().map(|object| bright(object).unwrap()).collect();
+    tested.sort_unstable();
+    tested.dedup();
+    assert_eq!(tested.len(), 4);
+    let trained: Vec<usize> = (0..20).filter(|index| !tested.contains(index)).collect();
+    let result = |design: &Design| {
+        let go_on = |_: &IdealProgress<'_>| ControlFlow::Continue(());
+        let settings = IdealSettings { steps: 4, ..settings() };
+        let reading = |_| ControlFlow::Continue(());
+        run_ideal(design, &settings, None, &reading, &mut |_| Ok(()), &mut { go_on }).unwrap()
+    };
+    let told = |design: &Design| {
+        let record = result(design);
+        (record.result.clone(), record.frames.iter().map(|frame| frame.bits_per_pixel).collect::<Vec<_>>())
+    };
+    let before = told(&as_they_are);
+    assert_eq!(told(&design("other tests.npy", &tested)), before);
+    assert_ne!(told(&design("other training.npy", &trained)), before);
 }

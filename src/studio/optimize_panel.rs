@@ -19,16 +19,18 @@ const STARTS: u64 = 8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum From {
     Design,
+    Heuristic,
     Random,
     RandomStarts,
 }
 
 impl From {
-    const ALL: [Self; 3] = [Self::Design, Self::Random, Self::RandomStarts];
+    const ALL: [Self; 4] = [Self::Design, Self::Heuristic, Self::Random, Self::RandomStarts];
 
     fn name(self) -> &'static str {
         match self {
             Self::Design => "This design",
+            Self::Heuristic => "Heuristic layout",
             Self::Random => "Random lenslets",
             Self::RandomStarts => "8 random starts",
         }
@@ -38,8 +40,12 @@ impl From {
 /// What the form asks for.
 pub struct OptimizeForm {
     from: From,
+    /// Lenslets of a heuristic start.
+    heuristic: usize,
     /// Lenslets of random starts.
     count: usize,
+    /// Seed of the first of them and of the run, where it is not that of the design.
+    seed: Option<u64>,
     settings: IdealSettings,
     /// What the mask climbs, where a person chose.
     objective: Option<Objective>,
@@ -54,7 +60,17 @@ pub struct OptimizeForm {
 impl Default for OptimizeForm {
     fn default() -> Self {
         let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-        Self { from: From::Design, count: 25, settings, objective: None, frame: None, chosen: None, trails: true }
+        Self {
+            from: From::Design,
+            heuristic: 9,
+            count: 25,
+            seed: None,
+            settings,
+            objective: None,
+            frame: None,
+            chosen: None,
+            trails: true,
+        }
     }
 }
 
@@ -122,9 +138,23 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             })
             .response;
         name_widget(&response, "Start from");
-        if form.from != From::Design {
-            let count = ui.add(DragValue::new(&mut form.count).range(1..=64).suffix(" lenslets"));
-            name_widget(&count, "Random lenslets");
+        match form.from {
+            From::Design => {}
+            From::Heuristic => {
+                let unit = if form.heuristic == 1 { " lenslet" } else { " lenslets" };
+                let count = ui.add(DragValue::new(&mut form.heuristic).range(1..=9).suffix(unit));
+                name_widget(&count, "Heuristic lenslets");
+            }
+            From::Random | From::RandomStarts => {
+                let count = ui.add(DragValue::new(&mut form.count).range(1..=64).suffix(" lenslets"));
+                name_widget(&count, "Random lenslets");
+                let mut seed = form.seed.unwrap_or(state.bench.design().seed);
+                let drag = ui.add(DragValue::new(&mut seed).prefix("seed ").speed(0.1));
+                name_widget(&drag, "Seed of the start");
+                if drag.on_hover_text("Of the lenslets, the first of several, and of the run").changed() {
+                    form.seed = Some(seed);
+                }
+            }
         }
         let response = ComboBox::from_id_salt("preset")
             .selected_text(form.settings.preset.to_string())
@@ -173,6 +203,17 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         };
         if ui.button(text).on_hover_text("Takes the run further, from where it was left").clicked() {
             let done = state.bench.extend_run(state.optimize_form.further_steps(last), place, None);
+            run_view::went_on(state, done);
+        }
+        let end = last.can_end_here().then(|| ui.button("End and score"));
+        if let Some(end) = end
+            && end
+                .on_hover_text(
+                    "Ends the run with the steps that it has: a last fit, then bounds of its own for the mask",
+                )
+                .clicked()
+        {
+            let done = state.bench.end_run_here();
             run_view::went_on(state, done);
         }
     });
@@ -326,15 +367,18 @@ pub fn start(state: &mut State) {
     let form = &mut state.optimize_form;
     (form.frame, form.chosen) = (None, None);
     form.turn_to(form.settings.preset, &design.objects);
-    let mut settings = IdealSettings { seed: design.seed, ..form.settings.clone() };
+    let is_random = matches!(form.from, From::Random | From::RandomStarts);
+    let seed = form.seed.filter(|_| is_random).unwrap_or(design.seed);
+    let mut settings = IdealSettings { seed, ..form.settings.clone() };
     let random = |seed: u64| Start::random(&design, form.count, seed);
     let starts = match form.from {
         From::Design => {
             settings.locked = state.locks.indices().iter().copied().collect();
             vec![Start { name: design.encoder.describe(), design: Arc::clone(&design) }]
         }
-        From::Random => vec![random(design.seed)],
-        From::RandomStarts => (0..STARTS).map(|number| random(design.seed.wrapping_add(number))).collect(),
+        From::Heuristic => vec![Start::heuristic(&design, form.heuristic)],
+        From::Random => vec![random(seed)],
+        From::RandomStarts => (0..STARTS).map(|number| random(seed.wrapping_add(number))).collect(),
     };
     if let Err(refusal) = state.bench.start_run(starts, settings) {
         state.messages.push(Severity::Failure, refusal);

@@ -63,6 +63,17 @@ impl Workbench {
         Ok(())
     }
 
+    /// Lets a run that was stopped come to its end with the steps that it has, so that its mask is scored; starts after it are left
+    /// out.
+    ///
+    /// # Errors
+    /// One sentence where none was stopped after a step.
+    pub fn end_run_here(&mut self) -> Result<(), String> {
+        self.designer.end_here()?;
+        self.watched.following = true;
+        Ok(())
+    }
+
     /// Lets a run that waits go on from the mask of an earlier frame, counted from 0.
     ///
     /// # Errors

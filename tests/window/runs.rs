@@ -7,6 +7,7 @@ use egui::accesskit::Toggled;
 use egui_kittest::kittest::NodeT;
 use lenslet_studio::design::{Ideal, IdealSettings, Objective, Preset};
 use lenslet_studio::information::Protocol;
+use lenslet_studio::optics::{heuristic_layout, random_layout};
 use lenslet_studio::workbench::{
     DensityModel, EstimateRequest, KeptOrder, KeptRun, RankedStart, RunStatus, Start, WeightsFiles, estimate, run_ideal,
 };
@@ -245,6 +246,44 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     click(&mut window, "Accept this mask");
     assert!(studio(&window).bench().is_dirty() && studio(&window).bench().undoes().is_none());
     assert_eq!(open_lenslets(&window).len(), newest.len());
+}
+
+#[test]
+fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
+    let mut window = open_sized(Design::default(), Vec2::new(1280.0, 1400.0));
+    for name in ["Optimize", "Details", "16 px", "Start from", "Heuristic layout"] {
+        click(&mut window, name);
+    }
+    type_number(&mut window, "Heuristic lenslets", "2");
+    let begun = |window: &mut Window, button: &str| {
+        click(window, button);
+        wait_for(window, "the run", |window| studio(window).bench().run().is_some_and(|run| run.step > 0));
+        assert!(window.query_by_label("End and score").is_none(), "it goes on");
+        click(window, "Stop run");
+        wait_for(window, "its end", |window| {
+            studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
+        });
+        studio(window).bench().run().unwrap()
+    };
+    let run = begun(&mut window, "Start run");
+    assert_eq!(run.start.encoder, Encoder::Lenslets(heuristic_layout(2)));
+    click(&mut window, "End and score");
+    wait_for(&mut window, "the last fit", |window| {
+        let run = studio(window).bench().run().unwrap();
+        run.record.is_some_and(|record| record.finished && record.settings.steps == run.step)
+    });
+    assert!(studio(&window).bench().run().unwrap().is_active(), "its score is still to come");
+    click(&mut window, "Stop run");
+    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    assert!(window.query_by_label("End and score").is_none(), "it has ended there");
+
+    click(&mut window, "Start from");
+    click(&mut window, "Random lenslets");
+    type_number(&mut window, "Random lenslets", "3");
+    type_number(&mut window, "Seed of the start", "7");
+    click(&mut window, "Start run");
+    let run = begun(&mut window, "Start anew");
+    assert_eq!((&run.start.encoder, run.settings.seed), (&Encoder::Lenslets(random_layout(3, 7)), 7));
 }
 
 /// Keeps two starts in a folder, as if they had come to their end when the program was here last; their results.

@@ -252,9 +252,13 @@ mod tests {
     }
 
     fn model(noise: Noise, patch: (usize, usize)) -> (CausalModel, Array3<f32>) {
+        dilated(&[1, 2], noise, patch)
+    }
+
+    fn dilated(dilations: &[usize], noise: Noise, patch: (usize, usize)) -> (CausalModel, Array3<f32>) {
         let sample = sample(noise, patch);
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
-        let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
+        let shape = CausalShape { channels: 6, dilations: dilations.to_vec() };
         let mut model = CausalModel::new(shape, noise, &sample, &moments, Beginning::Drawn, 3).unwrap();
         // Away from the first weights, where some gradients are 0.
         for (i, weight) in model.weights.iter_mut().enumerate() {
@@ -318,13 +322,20 @@ mod tests {
 
     #[test]
     fn no_density_depends_on_present_and_future() {
-        for noise in [Noise::Shot, Noise::Read { sigma: 3.0 }] {
-            let (model, patches) = model(noise, (5, 6));
-            let patch = patches.slice(ndarray::s![..1, .., ..]).to_owned();
+        // The last as wide apart as those of the program, so that the farthest taps lie within the patch.
+        let all = CausalShape::default().dilations;
+        let cases: [(Noise, &[usize], _); 3] = [
+            (Noise::Shot, &[1, 2], (5, 6)),
+            (Noise::Read { sigma: 3.0 }, &[1, 2], (5, 6)),
+            (Noise::Shot, &all, (12, 20)),
+        ];
+        for (noise, dilations, (rows, cols)) in cases {
+            let (model, patches) = dilated(dilations, noise, (rows, cols));
+            let (patch, pixels) = (patches.slice(ndarray::s![..1, .., ..]).to_owned(), rows * cols);
             let outputs = |patch: &Array3<f32>| -> Vec<f32> {
                 let inputs = model.conditioning.inputs(patch.view());
                 let mut workspace = Workspace::new(&model.shape, &model.layers, model.patch());
-                let out = workspace.forward(&model.layers, &model.weights, inputs.patch(0, 30)).to_vec();
+                let out = workspace.forward(&model.layers, &model.weights, inputs.patch(0, pixels)).to_vec();
                 // The weights of the levels depend on the linear prediction as well.
                 let guesses = inputs.guess.iter().flat_map(|&(mean, half)| [mean, half]);
                 out.into_iter().chain(guesses).collect()
@@ -332,17 +343,17 @@ mod tests {
             let before = outputs(&patch);
             let levels = model.layers.head.outputs;
             let mut seen = 0;
-            for moved in 0..30 {
+            for moved in 0..pixels {
                 let mut patch = patch.clone();
-                patch[(0, moved / 6, moved % 6)] += 40.0;
+                patch[(0, moved / cols, moved % cols)] += 40.0;
                 let after = outputs(&patch);
-                assert_eq!(before[..(moved + 1) * levels], after[..(moved + 1) * levels], "{noise} pixel {moved}");
-                let guesses = 30 * levels..30 * levels + 2 * (moved + 1);
+                let past = (moved + 1) * levels;
+                assert_eq!(before[..past], after[..past], "{noise} pixel {moved}");
+                let guesses = pixels * levels..pixels * levels + 2 * (moved + 1);
                 assert_eq!(before[guesses.clone()], after[guesses], "{noise} pixel {moved}");
-                seen +=
-                    usize::from(before[(moved + 1) * levels..30 * levels] != after[(moved + 1) * levels..30 * levels]);
+                seen += usize::from(before[past..pixels * levels] != after[past..pixels * levels]);
             }
-            assert_eq!(seen, 29, "every pixel but the last is seen by later ones");
+            assert_eq!(seen, pixels - 1, "every pixel but the last is seen by later ones");
         }
     }
 

@@ -9,7 +9,7 @@ use super::record::IdealRecord;
 use super::score::judge_of;
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
 use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
-use crate::optics::{Encoder, LensletArray, random_layout};
+use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
 use crate::workbench::estimate_files::is_estimate_of;
 use crate::workbench::evaluation::Scene;
 use crate::workbench::study::StudyRecord;
@@ -224,6 +224,11 @@ impl DesignRun {
         matches!(self.status, RunStatus::Running | RunStatus::Paused)
     }
 
+    /// Whether it was stopped after a step and before its last.
+    pub fn can_end_here(&self) -> bool {
+        self.status == RunStatus::Stopped && self.step > 0 && !self.is_being_scored()
+    }
+
     /// Whether it has come to its end but for the score of its result.
     pub fn is_being_scored(&self) -> bool {
         self.status != RunStatus::Finished && self.step >= self.settings.steps
@@ -293,6 +298,12 @@ impl Start {
     pub fn random(design: &Design, count: usize, seed: u64) -> Self {
         let encoder = Encoder::Lenslets(random_layout(count, seed));
         Self { name: format!("{count} random, seed {seed}"), design: Arc::new(Design { encoder, ..design.clone() }) }
+    }
+
+    /// The published layout of so many lenslets, 1 to 9, in place of those of a design.
+    pub fn heuristic(design: &Design, count: usize) -> Self {
+        let encoder = Encoder::Lenslets(heuristic_layout(count));
+        Self { name: format!("heuristic, {count}"), design: Arc::new(Design { encoder, ..design.clone() }) }
     }
 }
 

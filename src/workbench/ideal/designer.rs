@@ -160,6 +160,20 @@ impl Designer {
         self.run_on(run)
     }
 
+    /// Lets a run that was stopped come to its end with the steps that it has: a last fit to its mask, and the score of that. Starts
+    /// after it are left out.
+    ///
+    /// # Errors
+    /// One sentence where there is none, it has no steps, or it still goes on.
+    pub fn end_here(&self) -> Result<(), String> {
+        let run = self.run().filter(DesignRun::can_end_here);
+        let mut run = run.ok_or("there is no run that was stopped after a step")?;
+        run.settings.steps = run.step;
+        (run.alone, run.status) = (true, RunStatus::Running);
+        *lock(&self.shared.rewind_to) = None;
+        self.run_on(run)
+    }
+
     /// Lets a run that waits go on from the mask of an earlier frame.
     ///
     /// # Errors
@@ -389,6 +403,17 @@ mod tests {
         designer.extend(1, 0, Some(0)).unwrap();
         let run = wait_for(&|run| rewinds(run).len() > 1 && run.step > stopped.step);
         assert_eq!((rewinds(&run)[1], run.settings.steps, again(&run, 0)), (0, 4_000, 2));
+        assert!(designer.end_here().is_err(), "it goes on");
+        designer.stop();
+        let stopped = wait_for(&|run| !run.is_active());
+        // It comes to its end with the steps that it has, and would be scored.
+        designer.end_here().unwrap();
+        let run = wait_for(&|run| run.record.as_ref().is_some_and(|record| record.finished));
+        let record = run.record.as_ref().unwrap();
+        assert_eq!((record.settings.steps, record.frames.last().unwrap().step), (stopped.step, stopped.step));
+        for (one, other) in record.frames.iter().zip(stopped.frames.iter()) {
+            assert_eq!((one.step, &one.array, one.bits_per_pixel), (other.step, &other.array, other.bits_per_pixel));
+        }
         designer.stop();
         wait_for(&|run| !run.is_active());
     }
