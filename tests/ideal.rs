@@ -349,3 +349,18 @@ fn test_pictures_are_unseen_by_a_run() {
     assert_eq!(told(&design("other tests.npy", &tested)), before);
     assert_ne!(told(&design("other training.npy", &trained)), before);
 }
+
+/// Values of a density model before sparse beads overstate: the record says so where they do for certain.
+#[test]
+fn a_run_that_ends_above_the_ceiling_says_so() {
+    let design = |density: &str| Design { objects: density.parse().unwrap(), ..Design::default() };
+    let settings = IdealSettings { steps: 1, patch: Some((16, 16)), first_fit: 20, last_fit: 20, ..settings() };
+    let notices = |design: &Design, settings: &IdealSettings| {
+        let go_on = |_: &IdealProgress<'_>| ControlFlow::Continue(());
+        let reading = |_| ControlFlow::Continue(());
+        run_ideal(design, settings, None, &reading, &mut |_| Ok(()), &mut { go_on }).unwrap().notices
+    };
+    let sparse = notices(&design("beads:0.008"), &settings);
+    assert!(sparse.len() == 1 && sparse[0].contains("above what the objects hold"), "{sparse:?}");
+    assert!(notices(&design("beads:0.11"), &settings).is_empty());
+}

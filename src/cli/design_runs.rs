@@ -122,7 +122,7 @@ fn why_without_effect(settings: &IdealSettings, name: &str) -> Option<&'static s
         "objects" if is_posterior => Some("is for density models, the posterior draws scenes by patches"),
         "tried" if !is_posterior => Some("is for the posterior, a density model knows only the mask it follows"),
         "refit" if !settings.warm => {
-            Some("is for models that go on; those that begin anew are all fitted by first_fit")
+            Some("is for models that go on; those that begin anew are fitted by first_fit and last_fit")
         }
         _ => None,
     }

@@ -62,7 +62,7 @@ pub struct Look {
 struct Bounds {
     /// Rows and columns, pixels.
     patch: [usize; 2],
-    /// None where the prior of the objects is not known.
+    /// None where the prior of the objects is not known or nothing can be told; of other draws than in the window.
     lower: Option<NamedBound>,
     gaussian_bound: f64,
     /// Whether the Gaussian's number is a bound.
@@ -127,7 +127,9 @@ impl Look {
             .and_then(|entropy| prepared.information(design, &optics, scene, &measurements, &entropy));
         let (information, no_information) = match information {
             Ok(information) => {
-                let lower = lower_bound_at_once(design, Some(information.patch), &mut |_| ControlFlow::Continue(()))?;
+                // The other numbers are told where this one cannot be had.
+                let lower = lower_bound_at_once(design, Some(information.patch), &mut |_| ControlFlow::Continue(()));
+                let lower = lower.unwrap_or_default();
                 (Some(Bounds::of(&information, lower)), None)
             }
             // Without noise, say: the mask can be looked at all the same.

@@ -71,7 +71,8 @@ fn lines_of(repeated: &Repeated) -> Vec<String> {
         let sides =
             [("at least", &now.lower_bounds, &then.lower_bounds), ("at most", &now.upper_bounds, &then.upper_bounds)];
         for (side, now, then) in sides {
-            let compared = now.iter().zip(then);
+            // Those of another machine may be in another order.
+            let compared = then.iter().filter_map(|then| Some((now.iter().find(|now| now.from == then.from)?, then)));
             lines.extend(compared.map(|(now, then)| compared_line(side, now, then)));
         }
     }

@@ -218,7 +218,11 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
         };
         let minutes = estimate.seconds / 60.0;
         let of = if measured.is_some() { &estimate.objects } else { &estimate.encoder };
-        ui.weak(format!("{of}, patch {rows} x {cols} px, {minutes:.1} min{age}"));
+        let trials = match estimate.trials {
+            1 => String::new(),
+            trials => format!(", smallest of {trials} trials, spread {}", rounded(estimate.trial_spread)),
+        };
+        ui.weak(format!("{of}, patch {rows} x {cols} px, {minutes:.1} min{trials}{age}"));
         if measured.is_some() {
             ui.weak("The noisy images stand in for the clean ones in H(Y|X).");
         }
@@ -263,8 +267,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
 fn summary(estimate: &Estimate) -> String {
     let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
     match (estimate.lower(), estimate.protocol) {
-        (Some(lower), _) if estimate.is_of_one_model() => format!("{} bits per pixel ({from})", between(lower, bits)),
-        (Some(lower), _) => format!("{} bits per pixel", between(lower, bits)),
+        (Some(lower), _) => format!("{} bits per pixel ({from})", between(lower, bits)),
         (None, protocol) => {
             let sign = if protocol == Protocol::Paper { "\u{2248}" } else { "\u{2264}" };
             format!("{sign} {} {} bits per pixel ({from})", rounded(bits), interval(estimate.interval_95))

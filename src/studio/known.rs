@@ -120,10 +120,10 @@ impl<'a> Known<'a> {
         if let Some(upper) = self.sampling().and_then(|live| live.upper.as_ref()) {
             bounds.push((upper.bits_per_pixel, upper.from.clone()));
         }
+        bounds.extend(self.fitted.as_ref().map(|fitted| (fitted.bits_per_pixel, fitted.from.clone())));
         if let Some(bracket) = &self.bracket {
             bounds.push((bracket.upper, bracket.upper_from.clone()));
         }
-        bounds.extend(self.fitted.as_ref().map(|fitted| (fitted.bits_per_pixel, fitted.from.clone())));
         if let Some(upper) = self.run.as_ref().and_then(|run| run.upper.as_ref()) {
             bounds.push((upper.bits_per_pixel, upper.from.clone()));
         }

@@ -119,7 +119,7 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
             plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet })
         });
     }
-    let mut locked = state.locks.indices().contains(&index);
+    let mut locked = state.locks.indices().contains(&index) && state.bench.shows_own_lenslets();
     // Locks are of the open design, whatever is shown.
     let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::new(&mut locked, ""));
     name_widget(&lock, &format!("Lock lenslet {number}"));

@@ -31,9 +31,10 @@ impl Locks {
 
     /// Follows a command that has left the lenslets of this number.
     pub fn follow(&mut self, command: &Command, lenslets: u64) {
-        if lenslets != self.lenslets {
-            self.keep();
+        if lenslets == self.lenslets {
+            return;
         }
+        self.keep();
         match command {
             Command::DeleteLenslets(deleted) => {
                 let left = self.indices.iter().filter(|index| !deleted.contains(index));
@@ -62,11 +63,6 @@ impl Locks {
         } else {
             self.others.insert(self.lenslets, self.indices.clone());
         }
-    }
-
-    /// Forgets all.
-    pub fn forget(&mut self) {
-        self.indices.clear();
     }
 }
 

@@ -276,7 +276,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         wheel(ui, state, index);
     }
     draw_handle(ui, &response, placement, array, lenslet, selected, radius);
-    if state.locks.indices().contains(&index) {
+    if state.locks.indices().contains(&index) && state.bench.shows_own_lenslets() {
         let centre = placement.to_screen(lenslet.x, lenslet.y);
         let mark = Rect::from_center_size(centre, Vec2::splat(5.0));
         ui.painter().rect_filled(mark, 0.0, Color32::WHITE);

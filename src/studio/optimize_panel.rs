@@ -148,7 +148,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             From::Random | From::RandomStarts => {
                 let count = ui.add(DragValue::new(&mut form.count).range(1..=64).suffix(" lenslets"));
                 name_widget(&count, "Random lenslets");
-                let mut seed = form.seed.unwrap_or(state.bench.design().seed);
+                let mut seed = form.seed.unwrap_or(state.bench.open_design().seed);
                 let drag = ui.add(DragValue::new(&mut seed).prefix("seed ").speed(0.1));
                 name_widget(&drag, "Seed of the start");
                 if drag.on_hover_text("Of the lenslets, the first of several, and of the run").changed() {
@@ -209,7 +209,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         if let Some(end) = end
             && end
                 .on_hover_text(
-                    "Ends the run with the steps that it has: a last fit, then bounds of its own for the mask",
+                    "Ends the run at its last refit, without starts that come after it: one more fit, then bounds of its own for the mask",
                 )
                 .clicked()
         {
@@ -284,6 +284,9 @@ fn details(ui: &mut Ui, state: &mut State) {
     });
 }
 
+/// Steps of a fit that goes on from the one before it.
+const REFIT: &str = "Refit";
+
 /// When what the mask climbs is fitted, and how fast lenslets move; as the preset says where nobody says otherwise.
 fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
     ui.collapsing("Schedule and rates", |ui| {
@@ -291,12 +294,14 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
             let counts = [
                 ("Refit every", &mut settings.refit_every, "Steps of the mask between two fits of what it climbs"),
                 ("First fit", &mut settings.first_fit, "Steps of the fit to the mask at the start"),
-                ("Refit", &mut settings.refit, "Steps of each fit on the way"),
+                (REFIT, &mut settings.refit, "Steps of each fit on the way"),
                 ("Last fit", &mut settings.last_fit, "Steps of the fit to the mask in the end"),
             ];
             for (name, count, hint) in counts {
                 let label = ui.label(name).on_hover_text(hint);
-                ui.add(DragValue::new(count).range(1..=IdealSettings::MOST).suffix(" steps")).labelled_by(label.id);
+                let value = DragValue::new(count).range(1..=IdealSettings::MOST).suffix(" steps");
+                let value = ui.add_enabled(settings.warm || name != REFIT, value).labelled_by(label.id);
+                value.on_disabled_hover_text("Models that begin anew are fitted as the first and the last one");
                 ui.end_row();
             }
             let Rates { position, variance, weight, relative_weight } = &mut settings.rates;
@@ -389,7 +394,8 @@ pub fn start(state: &mut State) {
 fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let steps = run.settings.steps;
     ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
-    let left = run.left.map_or(String::new(), |left| format!(", {} left", spoken(left)));
+    let of_what = if run.start_number.1 > 1 { " of this start" } else { "" };
+    let left = run.left.map_or(String::new(), |left| format!(", {} left{of_what}", spoken(left)));
     let doing = match (&run.status, &run.doing) {
         (RunStatus::Paused, _) => "paused".to_owned(),
         (_, Some((doing, share))) if *share < 1.0 => format!("{doing}, {:.0} %", 100.0 * share),

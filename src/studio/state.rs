@@ -291,7 +291,7 @@ impl State {
         }
         match (are_others, command.edits_lenslets()) {
             // Whoever edits a mask of the run has accepted it.
-            (true, true) => self.locks.forget(),
+            (true, true) => self.locks.check(self.bench.lenslets()),
             // The open design is shown again.
             (true, false) => self.selection.clear(),
             (false, _) => {}

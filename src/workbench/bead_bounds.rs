@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 
 use super::design::Design;
-use super::estimation::read;
+use super::estimation::{DensityModel, EstimateRequest, read};
 use super::evaluation::EvaluationError;
 use super::kept_estimate::KeptEstimate;
 use super::live_bounds::{ABOVE, BELOW};
@@ -12,8 +12,9 @@ use super::progress::{Watch, tell};
 use super::simulation::imaging;
 use crate::design::{Imaging, derived_seed};
 use crate::information::{
-    BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, FitLength, InformationError, NamedBound, PosteriorBound,
-    PosteriorFit, QuickLowerBound, decoder_lower_bound, posterior_lower_bound, posterior_upper_bound,
+    BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength, InformationError, NamedBound,
+    PosteriorBound, PosteriorFit, Protocol, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
+    posterior_upper_bound,
 };
 
 /// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
@@ -51,8 +52,8 @@ pub(super) fn bead_channel(
 
 /// Fresh scenes behind a bound at once: beside fits, which take long, and beside what is there in a moment; fewer where half its
 /// interval is this narrow, bits per pixel.
-pub(super) const BESIDE_FITS: usize = 1024;
-pub(super) const IN_A_MOMENT: usize = 256;
+const BESIDE_FITS: usize = 1024;
+const IN_A_MOMENT: usize = 256;
 const NARROW: f64 = 0.002;
 
 /// What the decoder that comes with the program tells of the beads of a design, without any fit; none for other objects, and where
@@ -75,7 +76,7 @@ pub fn lower_bound_at_once(
 }
 
 /// The same of what patches show, by so many fresh scenes at the most.
-pub(super) fn told_at_once(
+fn told_at_once(
     channel: &BeadChannel,
     (scenes, seed): (usize, u64),
     watch: Watch<'_>,
@@ -88,6 +89,31 @@ pub(super) fn told_at_once(
         bits_per_pixel,
         interval_95,
     }))
+}
+
+/// An estimate with what the decoder that comes with the program tells of the same patches; none is added to a bracket, which has looked
+/// longer, and to published numbers, which are no bounds. One that has taken long is not lost where it cannot be had.
+///
+/// # Errors
+/// When cancelled.
+pub(super) fn bounded_at_once(
+    mut estimate: Estimate,
+    (channel, request): (&BeadChannel, &EstimateRequest),
+    seed: u64,
+    watch: Watch<'_>,
+) -> Result<Estimate, EvaluationError> {
+    let scenes = match request.model {
+        _ if request.protocol == Protocol::Paper => return Ok(estimate),
+        DensityModel::Bracket { .. } => return Ok(estimate),
+        DensityModel::Causal { .. } | DensityModel::PixelCnn { .. } => BESIDE_FITS,
+        _ => IN_A_MOMENT,
+    };
+    match told_at_once(channel, (scenes, seed), watch) {
+        Ok(below) => return Ok(below.into_iter().fold(estimate, Estimate::bounded_below)),
+        Err(error) if error.is_cancelled() => return Err(error),
+        Err(error) => estimate.notes.push(format!("no lower bound: {error}")),
+    }
+    Ok(estimate)
 }
 
 /// A share of a time; steps are not shared.

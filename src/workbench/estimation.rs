@@ -7,8 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::bead_bounds::{
-    BESIDE_FITS, DENSITY_ABOVE, DENSITY_BETWEEN, IN_A_MOMENT, bead_bounds, bead_channel, bound_above, share_of,
-    told_at_once,
+    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
 };
 use super::design::Design;
 use super::evaluation::{EvaluationError, ceiling_of};
@@ -279,25 +278,13 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         (DensityModel::Causal { .. }, None) if refusal.is_some() => Estimate::at_most(&trials, None, provenance)?,
         _ => Estimate::new(&trials, provenance)?,
     };
-    if let (Some(channel), Some(scenes)) = (&channel, scenes_at_once(request)) {
-        let below = told_at_once(channel, (scenes, design.seed), watch)?;
-        estimate = below.into_iter().fold(estimate, Estimate::bounded_below);
+    if let Some(channel) = &channel {
+        estimate = bounded_at_once(estimate, (channel, request), design.seed, watch)?;
     }
     estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
     Ok(estimate)
-}
-
-/// Scenes of the lower bound beside an estimate; none beside a bracket, which has looked longer, and published numbers, which are no
-/// bounds.
-fn scenes_at_once(request: &EstimateRequest) -> Option<usize> {
-    match request.model {
-        _ if request.protocol == Protocol::Paper => None,
-        DensityModel::Bracket { .. } => None,
-        DensityModel::Causal { .. } | DensityModel::PixelCnn { .. } => Some(BESIDE_FITS),
-        _ => Some(IN_A_MOMENT),
-    }
 }
 
 /// One trial, with the share of the time that a density model gets beside bounds that know the prior; the `smallest` of the trials

@@ -338,7 +338,7 @@ impl Refiner {
             }
         }
         if !stop()
-            && let Some((channel, ceiling)) = subject.whole()?
+            && let Ok(Some((channel, ceiling))) = subject.whole()
         {
             let mut whole = Beads::new(Some(&channel), awaiting.design.seed);
             whole.decode(LOWER_SAMPLES_WHOLE, stop);

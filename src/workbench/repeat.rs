@@ -120,8 +120,10 @@ fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, Stri
     flags.extend(published.map(|(_, name)| format!("--published-as {name}")));
     let preset = IdealSettings::new(settings.preset, settings.objective, settings.seed);
     let preset = IdealSettings { rates: published.map_or(preset.rates, |(rates, _)| rates), ..preset };
-    let set: Vec<String> =
-        settings.set_apart_from(&preset).into_iter().map(|(name, value)| format!("{name}={value}")).collect();
+    // Models that begin anew are never refitted, and what changes nothing is refused.
+    let is_used = |name: &str| name != "refit" || settings.warm;
+    let apart = settings.set_apart_from(&preset).into_iter().filter(|(name, _)| is_used(name));
+    let set: Vec<String> = apart.map(|(name, value)| format!("{name}={value}")).collect();
     if !set.is_empty() {
         flags.push(format!("--set {}", set.join(",")));
     }

@@ -63,8 +63,8 @@ impl Workbench {
         Ok(())
     }
 
-    /// Lets a run that was stopped come to its end with the steps that it has, so that its mask is scored; starts after it are left
-    /// out.
+    /// Lets a run that was stopped come to its end at its last refit, so that the mask which it had there is scored; starts after it
+    /// are left out.
     ///
     /// # Errors
     /// One sentence where none was stopped after a step.

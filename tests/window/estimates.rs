@@ -231,6 +231,26 @@ fn a_published_model_is_fitted_as_published_and_several_times_where_that_is_aske
 }
 
 #[test]
+fn what_is_known_of_the_whole_sensor_from_above_alone_stands_among_the_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("objects.npy");
+    let stripes = ndarray::Array3::from_shape_fn((12, 80, 80), |(n, r, c)| ((r + 3 * n + c % 5) % 9) as f32);
+    lenslet_studio::formats::write_array(&path, stripes.view()).unwrap();
+    let mut window = open(Design { objects: ObjectSource::Stack(path), ..Design::default() });
+    click(&mut window, "Estimates");
+    for name in ["Estimator", "Full", "Patch", "Whole sensor"] {
+        click(&mut window, name);
+    }
+    type_number(&mut window, "Steps of the fit", "20");
+    click(&mut window, "Start estimate");
+    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
+    let estimate = studio(&window).bench().estimates().finished[0].value.estimate.clone();
+    assert!(estimate.bracket.is_none() && estimate.patch == [49, 49]);
+    let [low, high] = estimate.interval_95;
+    window.get_by_label(&format!("{:.3} [{low:.3}, {high:.3}] full estimate", estimate.bits_per_pixel));
+}
+
+#[test]
 fn images_of_a_camera_are_estimated_beside_the_design() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seen.npy");

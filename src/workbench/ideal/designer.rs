@@ -160,14 +160,20 @@ impl Designer {
         self.run_on(run)
     }
 
-    /// Lets a run that was stopped come to its end with the steps that it has: a last fit to its mask, and the score of that. Starts
-    /// after it are left out.
+    /// Lets a run that was stopped come to its end at its last refit: one more fit to the mask that it had there, and the score of
+    /// that. Starts after it are left out.
     ///
     /// # Errors
     /// One sentence where there is none, it has no steps, or it still goes on.
     pub fn end_here(&self) -> Result<(), String> {
         let run = self.run().filter(DesignRun::can_end_here);
         let mut run = run.ok_or("there is no run that was stopped after a step")?;
+        // Steps since then would be taken again, as the last ones of a run that is shorter than it was.
+        let bytes = lock(&self.shared.states).get(run.start_number.0 - 1).cloned().flatten();
+        let kept = bytes.and_then(|bytes| Ideal::state_in(&bytes).ok()).filter(|state| state.step > 0);
+        if let Some(state) = kept {
+            run.take_up(&state);
+        }
         run.settings.steps = run.step;
         (run.alone, run.status) = (true, RunStatus::Running);
         *lock(&self.shared.rewind_to) = None;
@@ -406,11 +412,14 @@ mod tests {
         assert!(designer.end_here().is_err(), "it goes on");
         designer.stop();
         let stopped = wait_for(&|run| !run.is_active());
-        // It comes to its end with the steps that it has, and would be scored.
+        // It comes to its end with the mask that is kept, and would be scored.
+        let kept = lock(&designer.shared.states)[0].clone().unwrap();
+        let kept = Ideal::state_in(&kept).unwrap();
         designer.end_here().unwrap();
         let run = wait_for(&|run| run.record.as_ref().is_some_and(|record| record.finished));
         let record = run.record.as_ref().unwrap();
-        assert_eq!((record.settings.steps, record.frames.last().unwrap().step), (stopped.step, stopped.step));
+        let end = record.frames.last().unwrap();
+        assert_eq!((record.settings.steps, end.step, &end.array), (kept.step, kept.step, &kept.array));
         for (one, other) in record.frames.iter().zip(stopped.frames.iter()) {
             assert_eq!((one.step, &one.array, one.bits_per_pixel), (other.step, &other.array, other.bits_per_pixel));
         }

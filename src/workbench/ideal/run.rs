@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
 use super::score::is_about;
-use crate::design::{Ideal, IdealSettings, OnIdeal};
+use crate::design::{Ideal, IdealSettings, Imaging, Objective, OnIdeal};
 use crate::formats::{
     FormatError, check_writable, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely,
 };
 use crate::objects::Progress;
-use crate::optics::{Encoder, LensletArray};
+use crate::optics::{Encoder, LensletArray, render_psf};
+use crate::workbench::evaluation::ceiling_of;
 use crate::workbench::simulation::{imaging, open_set_with};
 use crate::workbench::study::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::{Design, EvaluationError};
@@ -60,7 +61,23 @@ pub fn run_ideal(
         ideal.advance(watch)?;
         keep(&ideal)?;
     }
-    Ok(IdealRecord { notices: set.notices().to_vec(), ..IdealRecord::new(design, &ideal) })
+    let notices = set.notices().iter().cloned().chain(above_ceiling(design, &imaging, &ideal)).collect();
+    Ok(IdealRecord { notices, ..IdealRecord::new(design, &ideal) })
+}
+
+/// A sentence where a density model puts the last mask above what its objects hold at all.
+fn above_ceiling(design: &Design, imaging: &Imaging<'_>, ideal: &Ideal<'_>) -> Option<String> {
+    let settings = ideal.settings();
+    let last = ideal.state().frames.last().filter(|_| settings.objective != Objective::Posterior)?;
+    let psf = render_psf(&last.array, imaging.set.planes()).ok()?;
+    let ceiling = ceiling_of(design, imaging.set, psf.view(), imaging.patch(settings.patch)).ok()??.bits_per_pixel;
+    (last.interval_95[0] > ceiling).then(|| {
+        let bits = last.bits_per_pixel;
+        format!(
+            "the run's estimate lies above what the objects hold at all, {bits:.3} of at most {ceiling:.3} bits per pixel: judge \
+             the design by a bracket"
+        )
+    })
 }
 
 /// The lenslets of a design.

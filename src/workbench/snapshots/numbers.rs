@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::information::{Bracket, NamedBound, Protocol};
+use crate::information::{Bracket, Estimator, NamedBound, Protocol};
 use crate::workbench::design::Design;
 use crate::workbench::estimator::Estimates;
 use crate::workbench::worker::Live;
@@ -92,7 +92,8 @@ impl SnapshotNumbers {
             .filter(|estimate| estimate.patch == [32, 32] && estimate.protocol == Protocol::Default)
             .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 });
         self.fitted = fitted.chain(self.fitted).min_by(|one, other| one.bits.total_cmp(&other.bits));
-        let brackets = finished().filter_map(|estimate| {
+        // Others are bounded from below at once, and so more loosely.
+        let brackets = finished().filter(|estimate| estimate.estimator == Estimator::Bracket).filter_map(|estimate| {
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
             let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
             let above = Bits { bits: *upper, interval_95: *upper_interval_95 };

@@ -116,7 +116,7 @@ impl StudyCell {
     /// The lower bound by one means ("decoder", of whichever kind, or "posterior sampling") of a bracket, bits per pixel.
     pub fn lower_from(&self, means: &str) -> Option<f64> {
         let bounds = &self.estimate.as_ref()?.bracket.as_ref()?.lower_bounds;
-        bounds.iter().find(|bound| bound.from.ends_with(means)).map(|bound| bound.bits_per_pixel)
+        bounds.iter().find(|bound| bound.from.contains(means)).map(|bound| bound.bits_per_pixel)
     }
 
     /// The ceiling, bits per pixel, where the entropy of the objects is known.
