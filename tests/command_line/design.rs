@@ -226,7 +226,7 @@ fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
 #[test]
 fn a_run_that_was_killed_ends_as_one_that_was_not() {
     let bench = Bench::new();
-    let quick = "--steps 16 --set patches=2,refit_every=4,first_fit=2,refit=2,last_fit=2,tried=0";
+    let quick = "--steps 8 --set patches=2,refit_every=4,first_fit=2,refit=2,last_fit=2,tried=0";
     for (objective, length) in [("density", "--steps 40"), ("posterior", quick)] {
         let line = TINY.replace("density", objective);
         let line = format!("{line} {length} --out {objective}");

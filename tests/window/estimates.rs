@@ -200,34 +200,26 @@ fn a_published_model_is_fitted_as_published_and_several_times_where_that_is_aske
     let folder = tempfile::tempdir().unwrap();
     let pending = folder.path().join("estimates/pending/order.json");
     let mut window = at_home(folder.path());
+    // Trials and protocol that are asked for, of an estimate that is then cancelled.
+    let ordered = |window: &mut Window| {
+        click(window, "Start estimate");
+        wait_for(window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+        let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&pending).unwrap()).unwrap();
+        click(window, "Cancel estimate");
+        wait_for(window, "the end", |_| !pending.exists());
+        ["trials", "protocol"].map(|name| order["order"]["request"][name].to_string())
+    };
     click(&mut window, "Estimates");
     assert!(window.query_by_label("Trials").is_none() && window.query_by_label("Protocol").is_none());
-    click(&mut window, "Estimator");
-    click(&mut window, "PixelCNN");
-    click(&mut window, "Protocol");
-    click(&mut window, "paper protocol");
+    for name in ["Estimator", "PixelCNN", "Protocol", "paper protocol"] {
+        click(&mut window, name);
+    }
     type_number(&mut window, "Trials", "3");
-    click(&mut window, "Start estimate");
-    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
-    let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&pending).unwrap()).unwrap();
-    assert_eq!(
-        (&order["order"]["request"]["trials"], &order["order"]["request"]["protocol"]),
-        (&3.into(), &"paper".into())
-    );
-    click(&mut window, "Cancel estimate");
-    wait_for(&mut window, "the end", |_| !pending.exists());
+    assert_eq!(ordered(&mut window), ["3", "\"paper\""]);
     // What was chosen for it is not asked of a bracket.
     click(&mut window, "Estimator");
     click(&mut window, "Bracket");
-    click(&mut window, "Start estimate");
-    wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
-    let order: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&pending).unwrap()).unwrap();
-    assert_eq!(
-        (&order["order"]["request"]["trials"], &order["order"]["request"]["protocol"]),
-        (&1.into(), &"default".into())
-    );
-    click(&mut window, "Cancel estimate");
-    wait_for(&mut window, "the end", |_| !pending.exists());
+    assert_eq!(ordered(&mut window), ["1", "\"default\""]);
 }
 
 #[test]
