@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use lenslet_studio::information::{
-    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, PosteriorFit,
-    QuickLowerBound, decoder_lower_bound, posterior_lower_bound, posterior_upper_bound,
+    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, PosteriorBound,
+    PosteriorFit, QuickLowerBound, decoder_lower_bound, posterior_lower_bound, posterior_upper_bound,
 };
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, array};
@@ -252,15 +252,18 @@ fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
         let bound = QuickLowerBound::new(&channel, (samples, half_width), seed, &|| true).unwrap().unwrap();
         (bound.bits_per_pixel, bound.interval_95, bound.samples)
     };
+    let told = |bound: PosteriorBound| (bound.bits_per_pixel, bound.interval_95, bound.samples);
     let below = |samples, half_width, seed| {
-        let fit = followed(samples, half_width, seed);
-        let bound = posterior_lower_bound(&channel, &fit, decoder, None, &mut { go_on }).unwrap();
-        (bound.bits_per_pixel, bound.interval_95, bound.samples)
+        told(
+            posterior_lower_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on })
+                .unwrap(),
+        )
     };
     let above = |samples, half_width, seed| {
-        let fit = followed(samples, half_width, seed);
-        let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut { go_on }).unwrap();
-        (bound.bits_per_pixel, bound.interval_95, bound.samples)
+        told(
+            posterior_upper_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on })
+                .unwrap(),
+        )
     };
     let bounds: [(&str, Bound<'_>); 3] = [("decoder", &at_once), ("from below", &below), ("from above", &above)];
     for (name, bound) in bounds {

@@ -9,7 +9,7 @@ use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
 use super::output::{self, Meter};
-use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, Objective, time_left};
+use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::formats::check_writable;
 use crate::information::InformationError;
 use crate::workbench::{
@@ -111,21 +111,8 @@ pub(super) fn check_effects<'a>(
     if let Some(left) = settings.lenslets.filter(|&left| left > lenslets) {
         bail!("--lenslets {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer");
     }
-    let without_effect = named.find_map(|name| Some((name, why_without_effect(settings, name)?)));
+    let without_effect = named.find_map(|name| Some((name, settings.why_unused(name)?)));
     without_effect.map_or(Ok(()), |(name, why)| bail!("--set {name} {why}; leave it out"))
-}
-
-/// Why a setting of this name would change nothing, where that is so.
-fn why_without_effect(settings: &IdealSettings, name: &str) -> Option<&'static str> {
-    let is_posterior = settings.objective == Objective::Posterior;
-    match name {
-        "objects" if is_posterior => Some("is for density models, the posterior draws scenes by patches"),
-        "tried" if !is_posterior => Some("is for the posterior, a density model knows only the mask it follows"),
-        "refit" if !settings.warm => {
-            Some("is for models that go on; those that begin anew are fitted by first_fit and last_fit")
-        }
-        _ => None,
-    }
 }
 
 /// Names of the curve and the record of a run.

@@ -27,7 +27,7 @@ pub fn has_display() -> bool {
 
 /// Computes a design as the window would, prints its numbers, and exports it.
 pub fn run(design: &Design) -> Result<(), Failure> {
-    let mut lines = Look::at(design)?.lines();
+    let mut lines = Look::bounded(design)?.lines();
     let exported = export_design(design, Path::new(FOLDER), None);
     if let Ok(files) = &exported {
         lines.push(format!("Exported to {FOLDER}:"));

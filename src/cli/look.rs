@@ -30,7 +30,7 @@ pub struct Arguments {
 impl Arguments {
     /// Does it.
     pub fn run(self) -> Result<(), Failure> {
-        let look = Look::at(&self.design.design(&self.scene)?)?;
+        let look = Look::bounded(&self.design.design(&self.scene)?)?;
         if self.json {
             return output::print_json(&look);
         }
@@ -62,7 +62,8 @@ pub struct Look {
 struct Bounds {
     /// Rows and columns, pixels.
     patch: [usize; 2],
-    /// None where the prior of the objects is not known or nothing can be told; of other draws than in the window.
+    /// None where it was not asked for, the prior of the objects is not known or nothing can be told; of other draws than in the
+    /// window.
     lower: Option<NamedBound>,
     gaussian_bound: f64,
     /// Whether the Gaussian's number is a bound.
@@ -74,11 +75,11 @@ struct Bounds {
 }
 
 impl Bounds {
-    fn of(information: &LiveInformation, lower: Option<NamedBound>) -> Self {
+    fn of(information: &LiveInformation) -> Self {
         let gaussian = &information.gaussian;
         Self {
             patch: information.patch.into(),
-            lower,
+            lower: None,
             gaussian_bound: gaussian.bits_per_pixel,
             gaussian_is_bound: information.gaussian_is_bound,
             gaussian_interval_95: information.interval_95,
@@ -118,6 +119,17 @@ impl Look {
         Self::of(design, &scene).map_err(|error| about_objects(design, error))
     }
 
+    /// The same with the lower bound that can be had in a moment.
+    pub fn bounded(design: &Design) -> anyhow::Result<Self> {
+        let scene = Scene::open(design, &|_| ControlFlow::Continue(()))?;
+        let mut look = Self::of(design, &scene).map_err(|error| about_objects(design, error))?;
+        if let Some(bounds) = &mut look.information {
+            // The others are told where this one cannot be had.
+            bounds.lower = lower_bound_at_once(design, &scene.set, bounds.patch.into()).unwrap_or_default();
+        }
+        Ok(look)
+    }
+
     fn of(design: &Design, scene: &Scene) -> Result<Self, EvaluationError> {
         let optics = Optics::of(design, scene.set.planes())?;
         let prepared = SceneOptics::new(scene, design.encoder.grid())?;
@@ -126,12 +138,7 @@ impl Look {
             .map_err(EvaluationError::from)
             .and_then(|entropy| prepared.information(design, &optics, scene, &measurements, &entropy));
         let (information, no_information) = match information {
-            Ok(information) => {
-                // The other numbers are told where this one cannot be had.
-                let lower = lower_bound_at_once(design, Some(information.patch), &mut |_| ControlFlow::Continue(()));
-                let lower = lower.unwrap_or_default();
-                (Some(Bounds::of(&information, lower)), None)
-            }
+            Ok(information) => (Some(Bounds::of(&information)), None),
             // Without noise, say: the mask can be looked at all the same.
             Err(EvaluationError::Information(error)) => (None, Some(error.to_string())),
             Err(error) => return Err(error),

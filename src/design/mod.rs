@@ -10,6 +10,7 @@ mod movement;
 mod schedule;
 mod settings;
 mod state;
+mod unused;
 mod watched;
 
 pub use error::IdealError;

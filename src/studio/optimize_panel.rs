@@ -289,6 +289,7 @@ const REFIT: &str = "Refit";
 
 /// When what the mask climbs is fitted, and how fast lenslets move; as the preset says where nobody says otherwise.
 fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
+    let is_refitted = settings.why_unused("refit").is_none();
     ui.collapsing("Schedule and rates", |ui| {
         egui::Grid::new("schedule").num_columns(2).show(ui, |ui| {
             let counts = [
@@ -300,7 +301,7 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
             for (name, count, hint) in counts {
                 let label = ui.label(name).on_hover_text(hint);
                 let value = DragValue::new(count).range(1..=IdealSettings::MOST).suffix(" steps");
-                let value = ui.add_enabled(settings.warm || name != REFIT, value).labelled_by(label.id);
+                let value = ui.add_enabled(name != REFIT || is_refitted, value).labelled_by(label.id);
                 value.on_disabled_hover_text("Models that begin anew are fitted as the first and the last one");
                 ui.end_row();
             }

@@ -1,9 +1,10 @@
 //! Bounds that know the prior of beads: what a decoder tells, and what following the posterior does.
 
 use std::cell::RefCell;
+use std::ops::ControlFlow;
 
 use super::design::Design;
-use super::estimation::{DensityModel, EstimateRequest, read};
+use super::estimation::{DensityModel, EstimateRequest};
 use super::evaluation::EvaluationError;
 use super::kept_estimate::KeptEstimate;
 use super::live_bounds::{ABOVE, BELOW};
@@ -16,6 +17,7 @@ use crate::information::{
     PosteriorBound, PosteriorFit, Protocol, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
     posterior_upper_bound,
 };
+use crate::objects::ObjectSet;
 
 /// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
 /// above, which is soon as good as it gets; the rest is that of the density model.
@@ -56,23 +58,19 @@ const BESIDE_FITS: usize = 1024;
 const IN_A_MOMENT: usize = 256;
 const NARROW: f64 = 0.002;
 
-/// What the decoder that comes with the program tells of the beads of a design, without any fit; none for other objects, and where
-/// there is nothing to be told of them. A patch of `None` is the whole measurement.
+/// What the decoder that comes with the program tells of patches (rows, cols) of the beads of a design, without any fit; none for other
+/// objects, and where there is nothing to be told of them.
 ///
 /// # Errors
-/// As [`estimate`].
+/// Where mask and objects do not belong together, or numbers are not finite.
 pub fn lower_bound_at_once(
     design: &Design,
-    patch: Option<(usize, usize)>,
-    watch: Watch<'_>,
+    set: &ObjectSet,
+    patch: (usize, usize),
 ) -> Result<Option<NamedBound>, EvaluationError> {
-    if !design.objects.is_beads() {
-        return Ok(None);
-    }
-    let set = read(design, watch)?;
-    let imaging = imaging(design, &set)?;
-    let (channel, _) = bead_channel(design, &imaging, imaging.patch(patch))?;
-    channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), watch))
+    let (channel, _) = bead_channel(design, &imaging(design, set)?, patch)?;
+    let mut watch = |_: &_| ControlFlow::Continue(());
+    channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), &mut watch))
 }
 
 /// The same of what patches show, by so many fresh scenes at the most.

@@ -120,9 +120,8 @@ fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, Stri
     flags.extend(published.map(|(_, name)| format!("--published-as {name}")));
     let preset = IdealSettings::new(settings.preset, settings.objective, settings.seed);
     let preset = IdealSettings { rates: published.map_or(preset.rates, |(rates, _)| rates), ..preset };
-    // Models that begin anew are never refitted, and what changes nothing is refused.
-    let is_used = |name: &str| name != "refit" || settings.warm;
-    let apart = settings.set_apart_from(&preset).into_iter().filter(|(name, _)| is_used(name));
+    // What changes nothing is refused.
+    let apart = settings.set_apart_from(&preset).into_iter().filter(|(name, _)| settings.why_unused(name).is_none());
     let set: Vec<String> = apart.map(|(name, value)| format!("{name}={value}")).collect();
     if !set.is_empty() {
         flags.push(format!("--set {}", set.join(",")));
