@@ -190,7 +190,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
         engine.open()?;
     }
     if let Some(file) = &request.weights.from {
-        PixelCnn::open(file)?;
+        PixelCnn::open_published(file)?;
     }
     let set = read(design, watch)?;
     let analytic_alone = matches!(request.model, DensityModel::Analytic);
@@ -393,7 +393,7 @@ pub(super) fn network_trial(
     watch: Watch<'_>,
 ) -> Result<Trial, InformationError> {
     if let Some(file) = &files.from {
-        return pixelcnn_score(request, &PixelCnn::open(file)?, &mut |fit| watch(&fit.into()));
+        return pixelcnn_score(request, &PixelCnn::open_published(file)?, &mut |fit| watch(&fit.into()));
     }
     let (trial, fitted) = pixelcnn_estimate(request, &mut |fit| watch(&fit.into()))?;
     if let Some(file) = &files.to

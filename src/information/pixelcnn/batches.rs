@@ -5,7 +5,7 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::fit::TrainingPatches;
+use super::protocols::TrainingPatches;
 use crate::information::gaussian_estimate::dequantised;
 
 /// Purposes that draw random numbers under one seed; each step or pass has a stream of its own.

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use ndarray::{ArrayView3, Axis};
 
 use super::engine::EngineChoice;
-use super::fit::{FitReport, PixelCnnFit, SCORED_AT_ONCE, TrainingPatches};
+use super::fit::SCORED_AT_ONCE;
 use super::model::PixelCnn;
+use super::protocols::{FitReport, PixelCnnFit, TrainingPatches};
 use super::shape::PixelCnnShape;
 pub(super) use crate::information::gaussian_estimate::check_clean;
 use crate::information::gaussian_estimate::{TEST_STREAM, dequantised, whole};

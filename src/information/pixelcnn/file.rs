@@ -83,6 +83,19 @@ impl PixelCnn {
         Ok(write_safely(path, |out| out.write_all(&bytes))?)
     }
 
+    /// As [`PixelCnn::open`], of a network of the published shape.
+    ///
+    /// # Errors
+    /// As there, and for a network of another shape.
+    pub(crate) fn open_published(path: &Path) -> Result<Self, InformationError> {
+        let (model, published) = (Self::open(path)?, PixelCnnShape::default());
+        if model.shape == published {
+            return Ok(model);
+        }
+        let reason = format!("expected {published}, found {}", model.shape);
+        Err(InformationError::WeightsFile { path: path.display().to_string(), reason })
+    }
+
     /// Reads a network from a safetensors file that this program wrote.
     ///
     /// # Errors
@@ -123,6 +136,19 @@ mod tests {
         model.save(&path).unwrap();
         let read = PixelCnn::open(&path).unwrap();
         assert_eq!((read.shape, read.scale, read.weights), (model.shape, model.scale, model.weights));
+    }
+
+    #[test]
+    fn a_network_of_another_shape_is_not_the_published_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let published = PixelCnn::new(PixelCnnShape::default(), model().scale, 1);
+        published.save(&path).unwrap();
+        assert_eq!(PixelCnn::open_published(&path).unwrap().weights, published.weights);
+        model().save(&path).unwrap();
+        let message = PixelCnn::open_published(&path).unwrap_err().to_string();
+        assert!(message.contains("weights.safetensors"), "{message}");
+        assert!(message.contains("found 8 channels, 4 components, dilations 1, 3"), "{message}");
     }
 
     #[test]

@@ -13,14 +13,15 @@ mod gradient;
 mod mixture;
 mod model;
 mod network;
+mod protocols;
 mod scale;
 mod shape;
 
 pub use engine::{BurnDevice, Engine, EngineChoice};
 pub use estimate::{PixelCnnRequest, pixelcnn_estimate, pixelcnn_score};
-pub use fit::{FitReport, PixelCnnFit, TrainingPatches};
 pub use gradient::HeldPixelCnn;
 pub use model::{Mixtures, PixelCnn};
+pub use protocols::{FitReport, PixelCnnFit, TrainingPatches};
 pub use scale::DataScale;
 pub(super) use scale::check_values;
 pub use shape::PixelCnnShape;

@@ -1,5 +1,7 @@
 //! Layers of the network and where their weights lie.
 
+use std::fmt;
+
 use super::scale::DataScale;
 use crate::information::InformationError;
 use crate::network::{Initial, Layer, ParameterLayout, Taps, Winograd};
@@ -19,6 +21,14 @@ pub struct PixelCnnShape {
 const MAX_WIDTH: usize = 512;
 /// Most gated blocks, and the largest dilation, px.
 const MAX_DEPTH: usize = 64;
+
+impl fmt::Display for PixelCnnShape {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { channels, components, dilations } = self;
+        let dilations: Vec<String> = dilations.iter().map(ToString::to_string).collect();
+        write!(formatter, "{channels} channels, {components} components, dilations {}", dilations.join(", "))
+    }
+}
 
 impl Default for PixelCnnShape {
     fn default() -> Self {
