@@ -85,12 +85,15 @@ impl From<&DecoderProgress> for EstimateProgress {
 
 impl From<&PosteriorProgress> for EstimateProgress {
     fn from(found: &PosteriorProgress) -> Self {
-        let step = if found.samples == 0 {
-            "Following the posterior".to_owned()
-        } else {
-            format!("Following the posterior, {:.3} bits per pixel", found.bits_per_pixel)
+        let bits =
+            if found.samples == 0 { String::new() } else { format!(", {:.3} bits per pixel", found.bits_per_pixel) };
+        let seconds = |time: Duration| time.as_secs_f64().ceil() as usize;
+        let Some(left) = found.remaining.map(seconds) else {
+            let step = format!("Following the posterior{bits}");
+            return Self { step, done: found.samples, total: found.most, fit: None };
         };
-        Self { step, done: found.samples, total: found.most, fit: None }
+        let (step, done) = (format!("Following the posterior{bits}, {left} s left"), seconds(found.elapsed));
+        Self { step, done, total: done + left, fit: None }
     }
 }
 
@@ -124,6 +127,22 @@ pub(super) fn thin_out(curve: &mut Vec<FitPoint>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn following_the_posterior_tells_the_time_that_is_left() {
+        let found = |samples, remaining| PosteriorProgress {
+            samples,
+            most: 40,
+            elapsed: Duration::from_secs(3),
+            remaining,
+            bits_per_pixel: 0.25,
+        };
+        let told = EstimateProgress::from(&found(0, None));
+        assert_eq!((told.step.as_str(), told.done, told.total), ("Following the posterior", 0, 40));
+        let told = EstimateProgress::from(&found(10, Some(Duration::from_millis(8_200))));
+        let step = "Following the posterior, 0.250 bits per pixel, 9 s left";
+        assert_eq!((told.step.as_str(), told.done, told.total), (step, 3, 12));
+    }
 
     #[test]
     fn times_are_told_in_their_two_largest_units() {

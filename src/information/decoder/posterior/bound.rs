@@ -115,6 +115,8 @@ pub struct PosteriorProgress {
     pub most: usize,
     /// Time since the start.
     pub elapsed: Duration,
+    /// Time left, once it can be told; the fewest samples can take longer.
+    pub remaining: Option<Duration>,
     /// The bound so far, bits per pixel.
     pub bits_per_pixel: f64,
 }
@@ -200,7 +202,7 @@ fn bound(
     let time = Stopwatch::after(before);
     let scene = Scene::new(channel)?;
     let known = (nats.len(), mean_and_half_width(&nats, 0.0, scene.pixels()).0);
-    let watch = Watch::new(on_progress, known, fit.samples, time);
+    let watch = Watch::new(on_progress, known, (fit.samples, fit.budget), time);
     let follower = Follower::new(channel, &scene, fit, decoder, &watch)?;
     let levels = levels.unwrap_or_else(|| follower.affordable_levels(side, time));
     let mut kept = time.elapsed();
