@@ -206,7 +206,7 @@ impl<'a> Ideal<'a> {
                 self.fit((steps, 0), &watch)?;
                 self.value(is_last, &watch)?;
                 if self.settings.warm {
-                    self.climb(None, &watch)?;
+                    self.climb_unless_taken_back(&watch)?;
                 } else {
                     self.state.due = self.settings.refit_every;
                 }
@@ -216,7 +216,7 @@ impl<'a> Ideal<'a> {
             (true, true) => {
                 self.value(is_last, &watch)?;
                 self.guide.follow(&self.state.array, true)?;
-                self.climb(None, &watch)?;
+                self.climb_unless_taken_back(&watch)?;
             }
             (true, false) => {
                 self.guide.follow(&self.state.array, true)?;
@@ -225,6 +225,17 @@ impl<'a> Ideal<'a> {
         }
         self.state.seconds = watch.seconds();
         Ok(())
+    }
+
+    /// The steps of a round, unless an earlier mask has just been taken up which a density model has to learn of first.
+    fn climb_unless_taken_back(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
+        let step = self.state.step;
+        let is_back = matches!(self.state.events.last(), Some(IdealEvent::Returned { step: at, .. }) if *at == step);
+        let has_learned = self.state.frames.last().is_some_and(|last| last.array == self.state.array);
+        if is_back && !has_learned && self.guide.can_overrate() {
+            return Ok(());
+        }
+        self.climb(None, watch).map(|_| ())
     }
 
     /// Steps that are left of the round, where its model stays as it is.
@@ -237,6 +248,8 @@ impl<'a> Ideal<'a> {
         let mut frame = self.frame(is_last, watch)?;
         if self.can_lag_behind() && (self.has_lost_track(&frame) || self.is_due_for_audit(is_last)) {
             frame = self.audited(frame, is_last, watch)?;
+        } else if self.state.frames.is_empty() && self.guide.can_overrate() && self.settings.warm {
+            frame.afresh = Some(frame.bits_per_pixel);
         }
         if is_last && let Some(better) = self.better_than(&frame, watch)? {
             frame = better;
@@ -282,6 +295,7 @@ impl<'a> Ideal<'a> {
             bits_per_pixel,
             interval_95,
             lower: None,
+            afresh: None,
             tamura: tamura_of_stack(measured.view()).mean().unwrap_or(0.0),
             distinct_lenslets: distinct.lenslets.len(),
             effective_lenslets: distinct.effective_count(),

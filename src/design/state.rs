@@ -26,6 +26,10 @@ pub struct Frame {
     /// Bound from below beside the upper one, in every fifth frame and the last, where the prior of the objects is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<QuickLowerBound>,
+    /// Bits per pixel by a density model that had begun anew for this mask, where one was asked: of all frames these can be
+    /// compared, since models that were fitted longer bound more tightly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub afresh: Option<f64>,
     /// Mean Tamura coefficient of held-out measurements.
     pub tamura: f64,
     /// Lenslets that are neither dark nor coincident.
@@ -88,7 +92,7 @@ pub enum IdealEvent {
         /// Its place in the list, from 0.
         lenslet: usize,
     },
-    /// The mask told less than an earlier one, by bounds from below, and the run took that up again.
+    /// The mask told less than an earlier one, by bounds from below or by density models that began anew, and the run took that up again.
     Returned {
         /// Steps of the mask so far.
         step: usize,
@@ -262,6 +266,7 @@ mod tests {
                 bits_per_pixel,
                 interval_95: around(bits_per_pixel),
                 lower,
+                afresh: None,
                 tamura: 1.0,
                 distinct_lenslets: 0,
                 effective_lenslets: 0.0,

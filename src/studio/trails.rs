@@ -73,6 +73,7 @@ mod tests {
             interval_95: [0.0, 0.2],
             lower: None,
             tamura: 1.0,
+            afresh: None,
             distinct_lenslets: 1,
             effective_lenslets: 1.0,
             seconds: 1.0,

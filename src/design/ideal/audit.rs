@@ -10,9 +10,9 @@ const MOST_GAIN: f64 = 0.015;
 /// Factor by which its interval can widen in one round.
 const MOST_WIDENING: f64 = 1.4;
 /// Rounds from one comparison with a model that begins anew to the next.
-const AUDIT_EVERY: usize = 40;
+pub(super) const AUDIT_EVERY: usize = 40;
 /// Least factor of the rates, which are halved where a model that begins anew takes over.
-const SLOWEST: f64 = 0.25;
+pub(super) const SLOWEST: f64 = 0.25;
 
 impl Ideal<'_> {
     /// Whether the guide is one that can give the mask too much because it was fitted to other masks.
@@ -22,12 +22,11 @@ impl Ideal<'_> {
 
     /// Whether it is time to see whether a model that was fitted again and again still knows more than one that begins anew: a
     /// model that lags behind by a little more in every round is not found out otherwise, and neither is one that was fitted to
-    /// the masks which the run has been told to leave.
+    /// the masks which the run has left for an earlier one.
     pub(super) fn is_due_for_audit(&self, is_last: bool) -> bool {
         let step = self.state.step;
-        let is_rewound =
-            self.state.events.iter().any(|event| matches!(event, IdealEvent::Rewound { step: at, .. } if *at == step));
-        is_last || is_rewound || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
+        let is_back = |event: &IdealEvent| matches!(event, IdealEvent::Rewound { step: at, .. } | IdealEvent::Returned { step: at, .. } if *at == step);
+        is_last || self.state.events.iter().any(is_back) || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
     }
 
     /// Whether a value says more of the model than of the mask: no mask gains so much in one round, or becomes so much more
@@ -44,7 +43,8 @@ impl Ideal<'_> {
         let before = self.guide.to_bytes(Vec::new())?;
         self.guide.follow(&self.state.array, false)?;
         self.fit((self.settings.first_fit, 1), watch)?;
-        let afresh = self.frame(is_last, watch)?;
+        let mut afresh = self.frame(is_last, watch)?;
+        afresh.afresh = Some(afresh.bits_per_pixel);
         // Both are bounds from above: the lower one knows more.
         if afresh.bits_per_pixel < frame.bits_per_pixel {
             self.state.events.push(IdealEvent::Refitted { step: self.state.step });
@@ -55,7 +55,7 @@ impl Ideal<'_> {
         }
         self.guide.restore(&before)?;
         self.guide.follow(&self.state.array, true)?;
-        Ok(frame)
+        Ok(Frame { afresh: afresh.afresh, ..frame })
     }
 }
 

@@ -1,7 +1,8 @@
-//! The way back of a run whose mask has come to tell less than before. A decoder that does not see all that measurements tell
+//! The way back of a run whose mask has come to tell less than before. A model that does not see all that measurements tell
 //! also errs about what would make them tell more, so that its slopes can lead down.
 
 use super::Ideal;
+use super::audit::SLOWEST;
 use crate::design::error::IdealError;
 use crate::design::state::{Doing, Frame, IdealEvent};
 use crate::design::watched::Watched;
@@ -10,43 +11,68 @@ use crate::optics::LensletArray;
 
 /// Loss beyond which a mask is given up for the best one, bits per pixel.
 const MOST_LOSS: f64 = 0.003;
+/// The same by density models that begin anew, which differ by less before one mask.
+const MOST_LOSS_AFRESH: f64 = 0.02;
 
 impl Ideal<'_> {
-    /// The best mask so far that has the lenslets which are left, where values can only be too low. Masks at which the run had
-    /// ended before were measured more closely; they count by what they were worth when it went on. Masks that somebody told the
-    /// run to leave do not count.
+    /// The best mask so far that has the lenslets which are left, by what can be compared. Bounds from below at which the run had
+    /// ended before were measured more closely; those masks count by what they were worth when it went on. Masks that somebody told
+    /// the run to leave do not count.
     fn best(&self) -> Option<&Frame> {
-        if self.guide.can_overrate() {
-            return None;
-        }
         let (state, frames) = (&self.state, &self.state.frames);
         let is_whole = |frame: &Frame| state.pruned.iter().all(|&index| frame.array.lenslets[index].weight == 0.0);
-        let went_on = |at: usize| frames.get(at + 1).is_some_and(|next| next.step == frames[at].step);
-        let left = |event: &IdealEvent| event.given_up().filter(|_| matches!(event, IdealEvent::Rewound { .. }));
-        let was_left = |frame: &Frame| state.events.iter().filter_map(left).any(|steps| steps.contains(&frame.step));
-        let alike =
-            frames.iter().enumerate().filter(|&(at, frame)| is_whole(frame) && !went_on(at) && !was_left(frame));
-        alike.map(|(_, frame)| frame).max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
+        let went_on = |at: usize| {
+            !self.guide.can_overrate() && frames.get(at + 1).is_some_and(|next| next.step == frames[at].step)
+        };
+        let alike = frames.iter().enumerate().filter(|&(at, frame)| {
+            is_whole(frame) && !went_on(at) && !state.events.iter().any(|event| self.left(frame, event))
+        });
+        let worth = alike.filter_map(|(_, frame)| Some((frame, self.worth(frame)?)));
+        worth.max_by(|(_, one), (_, other)| one.total_cmp(other)).map(|(frame, _)| frame)
     }
 
-    /// Goes on from the best mask where the last one tells clearly less, by the decoder as it is now: one fit of it knows more or
-    /// less than another, which says nothing of the masks.
+    /// Whether somebody told the run to leave the mask of a frame by this; the one that was chosen instead is there once more after it.
+    fn left(&self, frame: &Frame, event: &IdealEvent) -> bool {
+        let (IdealEvent::Rewound { to, .. }, Some(steps)) = (event, event.given_up()) else { return false };
+        let is_chosen = |chosen: &Frame| chosen.step == *to && chosen.array == frame.array;
+        steps.contains(&frame.step) && !self.state.frames.iter().any(is_chosen)
+    }
+
+    /// What a mask is worth by a number that can be compared: a bound from below, or a density model that had begun anew. None where
+    /// all models do, as published.
+    fn worth(&self, frame: &Frame) -> Option<f64> {
+        if self.guide.can_overrate() { frame.afresh.filter(|_| self.settings.warm) } else { Some(frame.bits_per_pixel) }
+    }
+
+    /// The best mask so far, where it tells more than that of a frame: by at least so much, or by more than chance where models that
+    /// began anew tell.
+    fn better(&self, frame: &Frame, least: f64) -> Option<&Frame> {
+        let best = self.best().filter(|best| best.array != frame.array)?;
+        let half_width = |frame: &Frame| 0.5 * (frame.interval_95[1] - frame.interval_95[0]);
+        let chance = || MOST_LOSS_AFRESH.max(half_width(best).hypot(half_width(frame)));
+        let least = if self.guide.can_overrate() { chance() } else { least };
+        (self.worth(best)? - self.worth(frame)? > least).then_some(best)
+    }
+
+    /// Goes on from the best mask where the last one tells clearly less: by the decoder as it is now, since one fit of it knows more
+    /// or less than another, which says nothing of the masks; or by density models that began anew.
     pub(super) fn take_back(&mut self, watch: &Watched<'_>) -> Result<(), IdealError> {
-        let (Some(best), Some(last)) = (self.best(), self.state.frames.last()) else { return Ok(()) };
-        let is_same = best.array == last.array;
-        if self.state.finished || is_same || best.bits_per_pixel - last.bits_per_pixel < MOST_LOSS {
-            return Ok(());
-        }
-        let Some(posterior) = self.guide.posterior() else { return Ok(()) };
-        let savings = |array: &LensletArray| {
-            let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
-            posterior.value_savings(array, 0..posterior.scenes(), &go_on)
-        };
-        let (loss, half_width) = savings_gain(&savings(&last.array)?, &savings(&best.array)?);
-        if loss < MOST_LOSS.max(half_width) {
-            return Ok(());
+        let Some(last) = self.state.frames.last().filter(|_| !self.state.finished) else { return Ok(()) };
+        let Some(best) = self.better(last, MOST_LOSS) else { return Ok(()) };
+        if let Some(posterior) = self.guide.posterior() {
+            let savings = |array: &LensletArray| {
+                let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
+                posterior.value_savings(array, 0..posterior.scenes(), &go_on)
+            };
+            let (loss, half_width) = savings_gain(&savings(&last.array)?, &savings(&best.array)?);
+            if loss < MOST_LOSS.max(half_width) {
+                return Ok(());
+            }
         }
         let (array, to) = (best.array.clone(), best.step);
+        if self.guide.can_overrate() {
+            self.state.caution = (0.5 * self.state.caution).max(SLOWEST);
+        }
         self.return_to(array, to)
     }
 
@@ -85,17 +111,24 @@ impl Ideal<'_> {
         Ok(())
     }
 
-    /// The best mask so far where it is better than the `last` one, measured as that was; the run is then there.
+    /// The best mask so far where it is better than the `last` one, measured anew; the run is then there.
     pub(super) fn better_than(&mut self, last: &Frame, watch: &Watched<'_>) -> Result<Option<Frame>, IdealError> {
-        let Some(best) = self.best().filter(|best| best.bits_per_pixel > last.bits_per_pixel) else { return Ok(None) };
+        let Some(best) = self.better(last, 0.0) else { return Ok(None) };
         let (array, to) = (best.array.clone(), best.step);
+        let (afresh, least) = (self.guide.can_overrate(), self.worth(last));
         let (before, state) = (self.guide.to_bytes(Vec::new())?, self.state.clone());
         let again = self.return_to(array, to).and_then(|()| {
-            self.fit((self.settings.last_fit, 1), watch)?;
+            if afresh {
+                self.guide.follow(&self.state.array, false)?;
+            }
+            self.fit(if afresh { (self.settings.first_fit, 2) } else { (self.settings.last_fit, 1) }, watch)?;
             self.frame(true, watch)
         });
         match again {
-            Ok(frame) if frame.bits_per_pixel > last.bits_per_pixel => Ok(Some(frame)),
+            Ok(mut frame) if Some(frame.bits_per_pixel) > least => {
+                frame.afresh = afresh.then_some(frame.bits_per_pixel);
+                Ok(Some(frame))
+            }
             again => {
                 self.state = state;
                 self.guide.restore(&before)?;
@@ -110,9 +143,11 @@ impl Ideal<'_> {
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::tests::{few_beads, short};
+    use super::super::audit::AUDIT_EVERY;
+    use super::super::tests::{beads, few_beads, short, small};
     use super::*;
     use crate::design::imaging::Imaging;
+    use crate::design::settings::{IdealSettings, Objective, Preset};
     use crate::optics::{Lenslet, Spot};
     use crate::sensor::Noise;
 
@@ -164,6 +199,57 @@ mod tests {
         let mut resumed = begun().resumed(&bytes).unwrap();
         advance(&mut resumed);
         assert_eq!(resumed.state.array, ideal.state.array);
+    }
+
+    #[test]
+    fn a_mask_that_lost_information_is_given_up_by_a_density_model_that_begins_anew() {
+        let set = beads();
+        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            first_fit: 60,
+            refit: 1,
+            steps: AUDIT_EVERY + 2,
+            patches: 2,
+            objects: 1,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
+        let mut ideal = small(&imaging, &settings);
+        let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let blur = |ideal: &mut Ideal<'_>| ideal.state.array.lenslets[0].spot = Spot::Isotropic(5.0);
+        let returned = |ideal: &Ideal<'_>| -> Vec<IdealEvent> {
+            let is_return = |event: &&IdealEvent| matches!(event, IdealEvent::Returned { .. });
+            ideal.state.events.iter().filter(is_return).cloned().collect()
+        };
+        while ideal.state.frames.len() < AUDIT_EVERY {
+            advance(&mut ideal);
+            blur(&mut ideal);
+        }
+        advance(&mut ideal);
+        let step = ideal.state.step;
+        assert_eq!(returned(&ideal).last(), Some(&IdealEvent::Returned { step, to: 0 }));
+        assert_eq!(ideal.state.array, ideal.state.frames[0].array);
+        // Before it climbs on, its model learns of that mask.
+        let bytes = ideal.to_bytes().unwrap();
+        advance(&mut ideal);
+        let last = ideal.state.frames.last().unwrap();
+        assert_eq!((last.step, &last.array), (step, &ideal.state.frames[0].array));
+        assert!(ideal.state.step == step + 1 && ideal.state.array != last.array);
+        let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
+        advance(&mut resumed);
+        assert_eq!(resumed.state.array, ideal.state.array);
+        // A run does not end with a worse mask than it had.
+        while ideal.state.step < ideal.settings.steps {
+            advance(&mut ideal);
+        }
+        blur(&mut ideal);
+        while !ideal.is_finished() {
+            advance(&mut ideal);
+        }
+        assert_eq!(ideal.state.array, ideal.state.frames[0].array);
+        assert!(matches!(returned(&ideal).last(), Some(IdealEvent::Returned { step, .. }) if *step == AUDIT_EVERY + 2));
+        let (first, last) = (&ideal.state.frames[0], ideal.state.frames.last().unwrap());
+        assert!((last.bits_per_pixel - first.bits_per_pixel).abs() < 0.1, "measured anew: {last:?}");
     }
 
     #[test]

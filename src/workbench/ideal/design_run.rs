@@ -324,6 +324,7 @@ mod tests {
             interval_95: [0.2, 0.4],
             lower: None,
             tamura: 0.8,
+            afresh: None,
             distinct_lenslets: 9,
             effective_lenslets: 9.0,
             seconds: 1.0,
