@@ -19,7 +19,7 @@ use super::state::{MaskDrag, State};
 use super::trails;
 use super::viewport::Placement;
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
-use crate::workbench::{Command, DesignRun, LensletChange};
+use crate::workbench::{Command, DesignRun, LensletChange, Pull};
 
 /// One arrow key moves by this many pixels.
 const NUDGE_PX: f64 = 0.1;
@@ -40,8 +40,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         state.views.psf.colour_controls(ui, &state.palettes);
         let arrows = ui.checkbox(&mut state.arrows, "Arrows");
         arrows.on_hover_text(
-            "Where the gradient of the live estimate would move each lenslet, the longest by 3 px; while a run is followed, that \
-             of what it climbs. The live estimate is an upper bound: for sparse scenes it also climbs where it is loose.",
+            "Where the gradient of the information would move each lenslet, the longest by 3 px; no arrow where it is not known \
+             to differ from none. It is that of the live estimate or, of beads before which that is loose, of what the decoder \
+             that comes with the program can tell; while a run is followed, that of the run.",
         );
         let count = state.lenslet_count();
         let selected = state.selection.len();
@@ -103,11 +104,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     keyboard(ui, state, array, &shown);
 }
 
-/// Where the gradient of the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow has
-/// [`LONGEST_ARROW_PX`].
+/// Where the gradient beside the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow
+/// has [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
-    let by_live = || Some(live?.value.gradient.as_ref()?.iter().map(|by| (by.x, by.y)).collect());
+    let certain = |pull: &Pull| if pull.is_certain { (pull.x, pull.y) } else { (0.0, 0.0) };
+    let by_live = || Some(live?.value.pulls.as_ref()?.iter().map(certain).collect());
     let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
     let run = state.run.as_ref().filter(of_run);
     let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);

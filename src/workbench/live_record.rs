@@ -272,7 +272,8 @@ mod tests {
         let settled = first(&mut refiner, &design, &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
         refiner.refine(&design, &scene, &mut |live| published.push(live), &|| false).unwrap();
-        let [first, last, whole] = &published[..] else { panic!("{} estimates", published.len()) };
+        let [first, pulled, last, whole] = &published[..] else { panic!("{} estimates", published.len()) };
+        assert!(pulled.pulls.is_some() && pulled.upper == first.upper);
         assert_eq!(first.upper, settled.upper);
         assert_eq!((last.bits_per_pixel, last.recipe.steps), (settled.bits_per_pixel, settled.recipe.steps));
         assert!(last.lower.is_some() && last.recipe.upper != settled.recipe.upper, "{:?}", last.recipe);

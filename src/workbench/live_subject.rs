@@ -1,6 +1,6 @@
 //! A design as its live estimate sees it: patches, model, scores.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use ndarray::{Array3, Axis, s};
 
@@ -27,6 +27,8 @@ const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
 /// Held-out patches of the scores before the last one at the most, and of that.
 pub(super) const SCORED: usize = 192;
 pub(super) const SCORED_LAST: usize = 384;
+/// Bits per pixel by which a loose bound is above another.
+const LOOSE: f64 = 0.02;
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
 
@@ -39,6 +41,8 @@ pub(super) struct Subject<'a> {
     pub channel: Option<BeadChannel>,
     entropy: NoiseEntropy,
     psf: Array3<f64>,
+    /// Once it was asked for.
+    ceiling: OnceLock<Option<f64>>,
 }
 
 impl<'a> Subject<'a> {
@@ -54,7 +58,7 @@ impl<'a> Subject<'a> {
         let convolver = imaging.convolver(psf.view())?;
         let channel = imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-        Ok(Self { design, imaging, patch, convolver, channel, entropy, psf })
+        Ok(Self { design, imaging, patch, convolver, channel, entropy, psf, ceiling: OnceLock::new() })
     }
 
     /// The channel of whole measurements, where there is a prior and these are larger than a patch, and what they hold at the most,
@@ -74,8 +78,18 @@ impl<'a> Subject<'a> {
     /// not done, or there is no ceiling.
     pub fn lowered(&self, beads: &Beads<'_>, density: f64) -> Option<f64> {
         let (upper, _) = beads.upper.as_ref()?;
-        let ceiling = ceiling_of(self.design, self.imaging.set, self.psf.view(), self.patch).ok()??;
-        Some(ceiling.bits_per_pixel.min(density) - upper.bits_per_pixel)
+        Some(self.ceiling()?.min(density) - upper.bits_per_pixel)
+    }
+
+    /// Whether a bound that knows the prior is far below a density bound, which then says more of its model than of the mask.
+    pub fn is_loose(&self, beads: &Beads<'_>, density: f64) -> bool {
+        let upper = beads.upper.as_ref().map(|(upper, _)| upper.bits_per_pixel);
+        self.ceiling().into_iter().chain(upper).any(|bound| bound + LOOSE < density)
+    }
+
+    fn ceiling(&self) -> Option<f64> {
+        let found = || ceiling_of(self.design, self.imaging.set, self.psf.view(), self.patch).ok().flatten();
+        *self.ceiling.get_or_init(|| Some(found()?.bits_per_pixel))
     }
 
     pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
@@ -165,7 +179,7 @@ impl<'a> Subject<'a> {
             recipe: LiveRecipe { test_patches: information.len(), lower: None, upper: None, sensor: None, ..recipe },
             start,
             model: Arc::new(model.clone()),
-            gradient: None,
+            pulls: None,
             lower: None,
             upper: None,
             sensor: None,

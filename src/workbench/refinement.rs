@@ -12,13 +12,12 @@ use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::live_bounds::{Beads, Draws, SensorBounds};
 use super::live_subject::{SCORED, SCORED_LAST, Subject};
+use super::pulls::{Pull, Pulls};
 use super::simulation::imaging;
-use crate::design::{GradientDraw, Imaging, derived_seed};
 use crate::information::{
     CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PatchBatch, PatchStream,
 };
 use crate::objects::Split;
-use crate::optics::LensletGradient;
 
 /// Time for the steps of a fit from the beginning.
 const COLD: Duration = Duration::from_mins(1);
@@ -33,10 +32,11 @@ const SCORES: [(Duration, usize); 2] = [(Duration::from_millis(150), 32), (Durat
 /// well enough to plan its rest; later scores follow at times that grow by [`GROWTH`].
 const SOON: Duration = Duration::from_millis(4750);
 const GROWTH: f64 = 1.7;
-/// Time from the beginning of a fit from which on the gradient is taken along, and on how many objects and patches.
-const FIRST_GRADIENT: Duration = Duration::from_secs(2);
-const PULLED_OBJECTS: usize = 12;
-const PULLED_PATCHES: usize = 32;
+/// Time from the beginning of a fit from which on each score is followed by a look at where information pulls the lenslets, and how
+/// long that takes then and once the estimate has settled.
+const FIRST_PULLED: Duration = Duration::from_secs(4);
+const PULLED: Duration = Duration::from_millis(400);
+const PULLED_LAST: Duration = Duration::from_secs(3);
 /// Time from the beginning of a fit from which on the lower bound is taken along; the most samples that it rests on
 /// then and once the estimate has settled.
 const FIRST_LOWER: Duration = Duration::from_millis(700);
@@ -80,9 +80,8 @@ pub struct LiveEstimate {
     pub start: Option<Arc<CausalStart>>,
     /// The model.
     pub model: Arc<CausalModel>,
-    /// How it changes with each lenslet, bits per pixel and unit of the parameter; none for other masks and in the first
-    /// seconds of a fit.
-    pub gradient: Option<Vec<LensletGradient>>,
+    /// Where information pulls each lenslet; none for other masks and in the first seconds of a fit.
+    pub pulls: Option<Vec<Pull>>,
     /// The largest bound from below; none where the prior of the objects is not known, and in the first second of a fit.
     pub lower: Option<NamedBound>,
     /// Bound from above by posterior sampling; none where the prior is not known, and in the first seconds of a fit.
@@ -125,6 +124,14 @@ pub struct Revision {
     pub after: usize,
     /// Steps in all from then on.
     pub planned: usize,
+}
+
+impl Revision {
+    /// After so many steps at a pace in seconds, with so much time left: the few steps of a trial, beside which a window may just be
+    /// opening, do not tell the pace well.
+    fn of((after, pace): (usize, f64), rest: Duration) -> Self {
+        Self { after, planned: (after + planned(rest, pace)).min(PLANNED.1 as usize) }
+    }
 }
 
 impl LiveRecipe {
@@ -198,6 +205,7 @@ impl Refiner {
         let imaging = imaging(&bounding, &scene.set)?;
         let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
         let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
+        let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
         let is_this = |awaiting: &Awaiting| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
         if let Some(awaiting) = self.awaits_bounds.take().filter(is_this) {
             let estimate = &awaiting.estimate;
@@ -205,7 +213,7 @@ impl Refiner {
             beads.upper = estimate.upper.clone().zip(estimate.recipe.upper);
             // An edit may interrupt again.
             publish(estimate.clone());
-            return self.take_last_bounds(awaiting, &subject, &mut beads, publish, stop);
+            return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         // Kept where this fit does not get to begin.
@@ -228,8 +236,7 @@ impl Refiner {
         let mut next = scores.next().unwrap_or((started, SCORED));
         let mut next_followed = FIRST_FOLLOWED;
         // Time beside the steps.
-        let mut aside = Duration::ZERO;
-        let mut failure = None;
+        let (mut aside, mut failure) = (Duration::ZERO, None);
         let fitted = fit.fit_watched(&mut model, &train, &mut |progress, snapshot| {
             if stop() {
                 return ControlFlow::Break(());
@@ -241,25 +248,23 @@ impl Refiner {
             let mut revision = None;
             // The last step has the last score, which is on more patches.
             if before >= due && progress.step < recipe.all() {
-                // The few steps of a trial, beside which a window may just be opening, do not tell the pace well.
                 if known.is_none() && recipe.revised.is_none() && patches == SCORED {
-                    let rest = planned(time.saturating_sub(progress.elapsed), pace);
-                    let all = (progress.step + rest).min(PLANNED.1 as usize);
-                    revision = Some(all);
-                    recipe.revised = Some(Revision { after: progress.step, planned: all });
+                    recipe.revised = Some(Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed)));
+                    revision = recipe.revised.map(|revision| revision.planned);
                 }
                 let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
                 let estimate = score(&snapshot(), &test.first(patches), recipe, Some(remaining));
                 let scoring = before.elapsed().mul_f64(SCORED as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
+                        estimate.pulls = pulls.told();
                         publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             self.take_first_bounds(&mut beads, &estimate, publish, stop);
                         }
-                        if progress.elapsed >= FIRST_GRADIENT {
-                            estimate.gradient = pull(design, &imaging, &estimate.model);
-                            publish(with_bounds(&beads, estimate.clone()));
+                        if progress.elapsed >= FIRST_PULLED {
+                            estimate = with_pulls(&mut pulls, (&subject, &beads), estimate, PULLED, stop);
+                            publish(estimate.clone());
                         }
                         if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
@@ -293,11 +298,11 @@ impl Refiner {
         self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         recipe.steps = fitted?;
         let mut estimate = score(&model, &subject.test(SCORED_LAST)?, recipe, None)?;
-        estimate.gradient = pull(design, &imaging, &model);
         estimate.bounding = beads.channel.is_some();
+        estimate.pulls = pulls.told();
         publish(with_bounds(&beads, estimate.clone()));
         let awaiting = Awaiting { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
-        self.take_last_bounds(awaiting, &subject, &mut beads, publish, stop)
+        self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop)
     }
 
     /// Takes the bound from below for the first time, and that from above where it is worth it.
@@ -316,19 +321,21 @@ impl Refiner {
         }
     }
 
-    /// Takes the bounds that know the prior once more where the estimate has settled, and those for whole measurements.
+    /// Looks where information pulls the lenslets where the estimate has settled, takes the bounds that know the prior once more, and
+    /// those for whole measurements.
     fn take_last_bounds(
         &mut self,
         mut awaiting: Awaiting,
-        subject: &Subject<'_>,
+        (subject, pulls): (&Subject<'_>, &mut Pulls<'_>),
         beads: &mut Beads<'_>,
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), EvaluationError> {
-        if beads.channel.is_none() {
-            return Ok(());
-        }
         if !awaiting.only_sensor {
+            awaiting.estimate = with_pulls(pulls, (subject, beads), awaiting.estimate, PULLED_LAST, stop);
+            publish(awaiting.estimate.clone());
+        }
+        if !awaiting.only_sensor && beads.channel.is_some() {
             beads.decode(LOWER_SAMPLES_LAST, stop);
             beads.follow(FOLLOWED_LAST, stop);
             awaiting.estimate = with_bounds(beads, awaiting.estimate);
@@ -426,6 +433,19 @@ pub(super) fn repeated(
     Ok(with_sensor(sensor, with_bounds(&beads, estimate)))
 }
 
+/// An estimate with the bounds that are known so far, and with where information pulls the lenslets, after a look for so long.
+fn with_pulls(
+    pulls: &mut Pulls<'_>,
+    (subject, beads): (&Subject<'_>, &Beads<'_>),
+    estimate: LiveEstimate,
+    time: Duration,
+    stop: &dyn Fn() -> bool,
+) -> LiveEstimate {
+    let is_loose = subject.is_loose(beads, estimate.bits_per_pixel);
+    let pulls = pulls.look((&estimate.model, is_loose), time, stop);
+    with_bounds(beads, LiveEstimate { pulls, ..estimate })
+}
+
 /// An estimate with bounds for whole measurements.
 fn with_sensor(sensor: Option<SensorBounds>, estimate: LiveEstimate) -> LiveEstimate {
     let recipe = LiveRecipe { sensor: sensor.as_ref().map(|sensor| sensor.draws), ..estimate.recipe };
@@ -437,14 +457,4 @@ fn with_bounds(beads: &Beads<'_>, estimate: LiveEstimate) -> LiveEstimate {
     let ((lower, by_lower), (upper, by_upper)) = (beads.lower.clone().unzip(), beads.upper.clone().unzip());
     let recipe = LiveRecipe { lower: by_lower, upper: by_upper, ..estimate.recipe };
     LiveEstimate { recipe, lower, upper, ..estimate }
-}
-
-/// Where information pulls the lenslets of a design, on held-out objects; none for masks without lenslets, or where numbers
-/// are not finite.
-fn pull(design: &Design, imaging: &Imaging<'_>, model: &CausalModel) -> Option<Vec<LensletGradient>> {
-    let array = design.encoder.lenslets()?;
-    let seed = derived_seed(design.seed, 6);
-    let draw = GradientDraw { split: Split::Test, objects: PULLED_OBJECTS, patches: PULLED_PATCHES, seed };
-    let gradient = imaging.gradient(array, &draw, model.patch(), model).ok()?.lenslets;
-    gradient.iter().all(|by| by.x.is_finite() && by.y.is_finite()).then_some(gradient)
 }

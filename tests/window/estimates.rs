@@ -40,10 +40,10 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     click(&mut window, "Next patch");
     assert!(window.query_by_label("2 of 8").is_some());
     wait_for(&mut window, "where the gradient pulls", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.value.gradient.is_some())
+        studio(window).bench().estimates().live.is_some_and(|live| live.value.pulls.is_some())
     });
     let live = studio(&window).bench().estimates().live.unwrap();
-    assert_eq!((live.revision, live.value.gradient.as_ref().unwrap().len()), (after, 2));
+    assert_eq!((live.revision, live.value.pulls.as_ref().unwrap().len()), (after, 2));
     // Both bounds come without being asked for.
     wait_for(&mut window, "the lower bound", |window| {
         studio(window).bench().estimates().live.is_some_and(|live| live.value.lower.is_some())

@@ -11,7 +11,7 @@ use crate::design::imaging::{Imaging, derived_seed};
 use crate::information::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, QuickLowerBound, decoder_savings, spot_slope,
 };
-use crate::optics::{LensletArray, psf_gradient, render_psf};
+use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 
 /// Pixels of a patch of 32 x 32 px. Larger ones tell as much of a mask by fewer scenes.
 const SMALL: f64 = 32.0 * 32.0;
@@ -32,8 +32,6 @@ pub(in crate::design) struct PosteriorGuide<'a> {
     decoder: Decoder,
     /// Of the mask that it follows.
     channel: BeadChannel,
-    /// What a bead is blurred with.
-    bead: Array2<f64>,
 }
 
 impl<'a> PosteriorGuide<'a> {
@@ -48,11 +46,10 @@ impl<'a> PosteriorGuide<'a> {
     ) -> Result<Self, IdealError> {
         let channel = channel(imaging, start, patch)?;
         channel.check()?;
-        let bead = imaging.set.bead_prior().ok_or_else(no_prior)?.spot.clone();
         let found = "posterior".into();
         let no_decoder = IdealError::Setting { name: "objective", found, expected: "density: there is no decoder" };
         let first = Decoder::shipped().ok_or(no_decoder)?.clone();
-        Ok(Self { imaging, patch, seed, decoder: first.clone(), first, channel, bead })
+        Ok(Self { imaging, patch, seed, decoder: first.clone(), first, channel })
     }
 }
 
@@ -154,10 +151,7 @@ impl Guide for PosteriorGuide<'_> {
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, _go_on: &dyn Fn() -> bool) -> Slopes {
-        let channel = channel(self.imaging, array, self.patch)?;
-        let by_spot = spot_slope(&channel, &self.decoder, (draw.seed, 0, draw.patches))?;
-        let by_psf = by_psf(by_spot.view(), &self.bead);
-        Ok(psf_gradient(array, by_psf.view())?)
+        self.imaging.posterior_gradient(array, (draw.patches, draw.seed), self.patch, &self.decoder)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -171,6 +165,25 @@ impl Guide for PosteriorGuide<'_> {
 
     fn can_overrate(&self) -> bool {
         false
+    }
+}
+
+impl Imaging<'_> {
+    /// How what patches (rows, cols) of freshly drawn measurements tell of beads changes with every lenslet, bits per pixel and
+    /// unit of the parameter: by the mean over so many patches, as exact as what the decoder says of single sites.
+    ///
+    /// # Errors
+    /// For objects whose prior is not known, and where mask, objects and patches do not belong together.
+    pub fn posterior_gradient(
+        &self,
+        array: &LensletArray,
+        (patches, seed): (usize, u64),
+        patch: (usize, usize),
+        decoder: &Decoder,
+    ) -> Result<Vec<LensletGradient>, IdealError> {
+        let bead = &self.set.bead_prior().ok_or_else(no_prior)?.spot;
+        let by_spot = spot_slope(&channel(self, array, patch)?, decoder, (seed, 0, patches))?;
+        Ok(psf_gradient(array, by_psf(by_spot.view(), bead).view())?)
     }
 }
 
