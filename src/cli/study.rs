@@ -86,7 +86,7 @@ struct Grid {
     #[arg(long, value_name = "OBJECTS")]
     objects: Vec<ObjectSource>,
 
-    /// The published image set that --objects stand for, once for each and in the same order.
+    /// The published image set that --objects stand for, in the same order: once for each, or for each that is read from files.
     #[arg(long, value_enum, value_name = "NAME", requires = "objects")]
     published_as: Vec<PublishedChoice>,
 
@@ -184,22 +184,25 @@ impl Grid {
     fn settings(&self) -> anyhow::Result<StudySettings> {
         let published = StudySettings::grid();
         let (sources, names) = (self.objects.len(), self.published_as.len());
-        if names != 0 && names != sources {
+        let read = self.objects.iter().filter(|source| source.is_read()).count();
+        if ![0, sources, read].contains(&names) {
             anyhow::bail!(
-                "--published-as: expected one for each of {sources} --objects in the same order, found {names}; give \
-                 none for those that nothing was published for"
+                "--published-as: expected one for each of {sources} --objects in the same order, or for each of {read} that are \
+                 read from files, found {names}; give none for those that nothing was published for"
             );
         }
-        let published_as = self.objects.iter().zip(&self.published_as);
-        if let Some((drawn, _)) = published_as.clone().find(|(source, name)| !source.is_read() && name.set().is_some())
-        {
-            anyhow::bail!(
-                "{drawn}: expected pictures that a published set holds, found beads; give --published-as none for them"
-            );
+        let mut choices = self.published_as.iter();
+        let mut objects = Vec::with_capacity(sources);
+        for source in &self.objects {
+            let choice = if names == sources || source.is_read() { choices.next() } else { None };
+            let set = choice.and_then(|choice| choice.set());
+            if !source.is_read() && set.is_some() {
+                anyhow::bail!(
+                    "{source}: expected pictures that a published set holds, found beads; give --published-as none for them"
+                );
+            }
+            objects.push(StudyObjects::new(source.clone(), set));
         }
-        let names = self.published_as.iter().map(|choice| choice.set()).chain(std::iter::repeat(None));
-        let objects = self.objects.iter().cloned().zip(names);
-        let objects: Vec<StudyObjects> = objects.map(|(source, set)| StudyObjects::new(source, set)).collect();
         Ok(StudySettings {
             objects: if objects.is_empty() { published.objects } else { objects },
             designs: layouts(&self.lenslets, published.designs),

@@ -94,6 +94,11 @@ impl ObjectSource {
         }
     }
 
+    /// Whether their mean can be chosen; otherwise their light is that of their beads.
+    pub fn has_mean(&self) -> bool {
+        !matches!(self, Self::BeadsMax { .. })
+    }
+
     /// Whether these are beads at random places, whose probability is known.
     pub fn is_beads(&self) -> bool {
         match self {

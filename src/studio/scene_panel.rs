@@ -94,7 +94,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
             ui.weak("of pixels").on_hover_text(hint);
         });
     }
-    if !matches!(design.objects, ObjectSource::BeadsMax { .. }) {
+    if design.objects.has_mean() {
         labelled(ui, "Mean", |ui| {
             let photons = number_field(ui, design.mean_photons, 0.01..=1e7, 1.0, 2, "", "Mean photons");
             if let Some(photons) = photons {

@@ -55,11 +55,7 @@ pub struct Snapshot {
 /// Objects, light, noise and seed of a design, in words.
 fn scene_of(design: &Design) -> String {
     let Design { objects, mean_photons, bias_photons, noise, seed, .. } = design;
-    let light = match objects {
-        // Their light is that of their beads.
-        ObjectSource::BeadsMax { .. } => String::new(),
-        _ => format!(", mean {mean_photons} photons"),
-    };
+    let light = if objects.has_mean() { format!(", mean {mean_photons} photons") } else { String::new() };
     format!("{objects}{light}, background {bias_photons} photons, {noise} noise, seed {seed}")
 }
 

@@ -93,6 +93,11 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
         published(&format!("{sets} --published-as cifar10 --published-as fashion --out d")),
         [json!(0.1691), json!(0.3829)]
     );
+    // Beads need no name of a set.
+    assert_eq!(
+        published("--lenslets 9 --objects beads:0.02 --objects idx:a.idx --published-as mnist --out g"),
+        [json!(0.57), json!(0.611)]
+    );
     // No set was published that is of beads.
     let sentence = bench.refused("study grid --objects beads:0.02 --published-as mnist --out f");
     assert!(sentence.contains("beads:0.02") && sentence.contains("--published-as none"), "{sentence}");

@@ -102,15 +102,17 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
         StudyKind::Bracket => "Bounds from both sides",
     };
     let budget = settings.budget_seconds.map_or(String::new(), |seconds| format!(", {seconds} s for each cell"));
+    let has_mean = settings.objects.iter().any(|objects| objects.source.has_mean());
+    let light =
+        if has_mean { format!(", {} photons per pixel on average", settings.mean_photons) } else { String::new() };
     let mut lines = vec![
         format!("# {title}"),
         String::new(),
         format!(
-            "Estimator {}{budget}; {} noise, {} photons per pixel on average, {} of background; {} test patches; seed {}; \
+            "Estimator {}{budget}; {} noise{light}, {} photons per pixel of background; {} test patches; seed {}; \
              Lenslet Studio {}. Information in bits per pixel, 95 % intervals.",
             settings.estimator,
             settings.noise,
-            settings.mean_photons,
             settings.bias_photons,
             settings.patches_test,
             settings.seed,
