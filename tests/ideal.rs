@@ -179,6 +179,25 @@ fn equal_runs_are_equal_and_interrupted_ones_go_on_bit_for_bit() {
     }
 }
 
+#[test]
+fn runs_are_equal_on_any_number_of_threads() {
+    let set = beads(0.05);
+    let imaging = imaging(&set);
+    for settings in [settings(), up_the_posterior(), up_a_pixelcnn()] {
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let state = pool.install(|| run(&imaging, &two(), settings.clone()).state().clone());
+            let bits: Vec<f64> = state.frames.iter().map(|frame| frame.bits_per_pixel).collect();
+            (state.array, bits)
+        };
+        let alone = on(1);
+        assert!(alone.0 != two());
+        for threads in [2, 3] {
+            assert_eq!(on(threads), alone, "{:?} on {threads} threads", settings.objective);
+        }
+    }
+}
+
 fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let set = beads(0.05);
     let imaging = imaging(&set);
