@@ -39,11 +39,17 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
         state.views.psf.colour_controls(ui, &state.palettes);
         let arrows = ui.checkbox(&mut state.arrows, "Arrows");
-        arrows.on_hover_text(
-            "Where the gradient of the information would move each lenslet, the longest by 3 px; no arrow where it is not known \
-             to differ from none. It is that of the live estimate or, of beads before which that is loose, of what the decoder \
-             that comes with the program can tell; while a run is followed, that of the run.",
-        );
+        arrows.on_hover_ui(|ui| {
+            ui.label(
+                "Where the gradient of the information would move each lenslet, the longest by 3 px; no arrow where it is not known \
+                 to differ from none. It is that of the live estimate or, of beads before which that is loose, of what the decoder \
+                 that comes with the program can tell; while a run is followed, that of the run.",
+            );
+            if let Some(pulls) = pulls_of(state) {
+                let known = pulls.iter().filter(|pull| pull.is_certain).count();
+                ui.label(format!("Known by now: {known} of {}", pulls.len()));
+            }
+        });
         let count = state.lenslet_count();
         let selected = state.selection.len();
         let text = match (count, selected) {
@@ -107,9 +113,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 /// Where the gradient beside the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow
 /// has [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
     let certain = |pull: &Pull| if pull.is_certain { (pull.x, pull.y) } else { (0.0, 0.0) };
-    let by_live = || Some(live?.value.pulls.as_ref()?.iter().map(certain).collect());
+    let by_live = || Some(pulls_of(state)?.iter().map(certain).collect());
     let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
     let run = state.run.as_ref().filter(of_run);
     let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);
@@ -127,6 +132,12 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
             ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));
         }
     }
+}
+
+/// Where information pulls the lenslets of the open design, by its live estimate.
+fn pulls_of(state: &State) -> Option<&[Pull]> {
+    let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
+    live?.value.pulls.as_deref()
 }
 
 /// The region and the width that can be made, drawn as a dashed frame.

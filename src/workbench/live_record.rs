@@ -272,7 +272,7 @@ mod tests {
         let settled = first(&mut refiner, &design, &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
         refiner.refine(&design, &scene, &mut |live| published.push(live), &|| false).unwrap();
-        let [first, pulled, last, whole] = &published[..] else { panic!("{} estimates", published.len()) };
+        let [first, pulled, last, whole, done] = &published[..] else { panic!("{} estimates", published.len()) };
         assert!(pulled.pulls.is_some() && pulled.upper == first.upper);
         assert_eq!(first.upper, settled.upper);
         assert_eq!((last.bits_per_pixel, last.recipe.steps), (settled.bits_per_pixel, settled.recipe.steps));
@@ -280,7 +280,8 @@ mod tests {
         // Whole measurements come last; what they tell of a pixel is less, as patches count what others know, too.
         let sensor = whole.sensor.as_ref().unwrap();
         assert!(last.sensor.is_none() && sensor.patch == (65, 65));
-        assert_eq!([first.bounding, last.bounding, whole.bounding], [true, true, false]);
+        assert_eq!([first.bounding, last.bounding, whole.bounding, done.bounding], [true, true, true, false]);
+        assert_eq!(done.sensor, whole.sensor);
         let (lower, upper) = (sensor.bracket.lower.unwrap(), sensor.bracket.upper);
         assert!(lower > 0.15 && upper < 0.19 && whole.lower.as_ref().unwrap().bits_per_pixel > upper, "{sensor:?}");
         let repeated = LiveRecord::new(&design, &scene, whole).repeat(&|_| true).unwrap();

@@ -33,10 +33,11 @@ const SCORES: [(Duration, usize); 2] = [(Duration::from_millis(150), 32), (Durat
 const SOON: Duration = Duration::from_millis(4750);
 const GROWTH: f64 = 1.7;
 /// Time from the beginning of a fit from which on each score is followed by a look at where information pulls the lenslets, and how
-/// long that takes then and once the estimate has settled.
+/// long that takes then, once the estimate has settled, and once all bounds are there.
 const FIRST_PULLED: Duration = Duration::from_secs(4);
 const PULLED: Duration = Duration::from_millis(400);
 const PULLED_LAST: Duration = Duration::from_secs(3);
+const PULLED_MORE: Duration = Duration::from_secs(6);
 /// Time from the beginning of a fit from which on the lower bound is taken along; the most samples that it rests on
 /// then and once the estimate has settled.
 const FIRST_LOWER: Duration = Duration::from_millis(700);
@@ -352,7 +353,11 @@ impl Refiner {
             whole.follow(FOLLOWED_WHOLE, stop);
             if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !stop()) {
                 awaiting.estimate = with_sensor(Some(sensor), awaiting.estimate);
+                publish(awaiting.estimate.clone());
             }
+        }
+        if beads.channel.is_some() {
+            awaiting.estimate = with_pulls(pulls, (subject, beads), awaiting.estimate, PULLED_MORE, stop);
         }
         if stop() {
             self.awaits_bounds = Some(awaiting);
