@@ -25,7 +25,10 @@ impl Ideal<'_> {
     /// the masks which the run has left for an earlier one.
     pub(super) fn is_due_for_audit(&self, is_last: bool) -> bool {
         let step = self.state.step;
-        let is_back = |event: &IdealEvent| matches!(event, IdealEvent::Rewound { step: at, .. } | IdealEvent::Returned { step: at, .. } if *at == step);
+        let is_back = |event: &IdealEvent| match event {
+            IdealEvent::Rewound { step: at, .. } | IdealEvent::Returned { step: at, .. } => *at == step,
+            _ => false,
+        };
         is_last || self.state.events.iter().any(is_back) || self.state.frames.len().is_multiple_of(AUDIT_EVERY)
     }
 
