@@ -3,10 +3,14 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use lenslet_studio::design::Imaging;
 use lenslet_studio::information::{
     BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, PosteriorBound,
-    PosteriorFit, QuickLowerBound, decoder_lower_bound, posterior_lower_bound, posterior_upper_bound,
+    PosteriorFit, QuickLowerBound, decoder_lower_bound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
+    savings_gain,
 };
+use lenslet_studio::objects::{ObjectOptions, ObjectSet};
+use lenslet_studio::optics::{heuristic_layout, render_psf};
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, array};
 use rand::{RngExt, SeedableRng};
@@ -134,6 +138,25 @@ fn a_start_helps_and_must_fit() {
 }
 
 #[test]
+fn a_short_fit_undoes_nothing_that_a_decoder_knows() {
+    let set = ObjectSet::open(&"beads:0.03".parse().unwrap(), &ObjectOptions::default()).unwrap();
+    let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+    let psf = render_psf(&heuristic_layout(9), 1).unwrap();
+    let channel = imaging.bead_channel(psf.view(), (32, 32)).unwrap();
+    let shipped = Decoder::shipped().unwrap();
+    let told = |decoder: &Decoder| decoder_savings(decoder, &channel, (5, 256), 0..512, &|| true).unwrap();
+    let fitted = |rate: f64| {
+        let fit = DecoderFit { rate, max_test: 1, ..DecoderFit::of_steps(120, DecoderKind::Autoregressive, 3) };
+        let (_, decoder) =
+            decoder_lower_bound(&channel, &fit, Some(shipped), None, &mut |_| ControlFlow::Continue(())).unwrap();
+        savings_gain(&told(shipped), &told(&decoder))
+    };
+    let ((on, half_width), (anew, _)) = (fitted(DecoderFit::RATE_ON), fitted(DecoderFit::RATE));
+    println!("{on} {half_width} {anew}");
+    assert!(on > -half_width && on > anew + half_width, "{on} {half_width} {anew}");
+}
+
+#[test]
 fn a_break_cancels_within_a_step_and_within_the_test() {
     let channel = toy(Noise::Shot);
     for (steps, calls) in [(usize::MAX, 3), (0, 1)] {
@@ -224,16 +247,18 @@ fn a_fit_to_many_channels_moves_all_weights_and_can_be_stopped() {
     let mut decoder = Decoder::new(2, 1).unwrap();
     let before = decoder.clone();
     let mut heard = 0;
-    let outcome = decoder.fit_generally(&channel, (Duration::from_hours(1), 3), &mut |progress, snapshot| {
-        heard += 1;
-        assert_eq!(progress.steps, heard);
-        assert!(progress.channels >= 16 && progress.saved_bits.is_finite());
-        assert_ne!(snapshot().weights(), before.weights());
-        if heard == 40 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    });
+    let outcome =
+        decoder.fit_generally(&channel, (Duration::from_hours(1), 3, DecoderFit::RATE), &mut |progress, snapshot| {
+            heard += 1;
+            assert_eq!(progress.steps, heard);
+            assert!(progress.channels >= 16 && progress.saved_bits.is_finite());
+            assert_ne!(snapshot().weights(), before.weights());
+            if heard == 40 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
     assert!(matches!(outcome, Err(InformationError::Cancelled)));
     let broken = |_: u64| Ok(BeadChannel { probability: 2.0, ..toy(Noise::Shot) });
-    let outcome = decoder.fit_generally(&broken, (Duration::from_hours(1), 3), &mut |_, _| ControlFlow::Continue(()));
+    let outcome = decoder
+        .fit_generally(&broken, (Duration::from_hours(1), 3, DecoderFit::RATE), &mut |_, _| ControlFlow::Continue(()));
     assert!(matches!(outcome, Err(InformationError::Probability { .. })));
 }
 

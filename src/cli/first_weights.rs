@@ -5,13 +5,13 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
 
 use super::choices::BudgetChoice;
 use super::{Failure, output};
 use crate::formats::{check_writable, read_bytes, write_safely};
-use crate::information::{Decoder, DecoderFit, DecoderKind, FirstWeights, InformationError};
+use crate::information::{Decoder, DecoderFit, FirstWeights, InformationError};
 use crate::workbench::{first_channel, first_scene, spoken};
 
 /// Largest file of weights that is read, bytes.
@@ -34,9 +34,14 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
 
-    /// Weights to go on from, of an earlier call.
+    /// Weights to go on from, of an earlier call; those of a decoder at a third of the rate.
     #[arg(long, value_name = "FILE")]
     start: Option<PathBuf>,
+
+    /// Unrolled steps of the decoder; those of --start are taken again where it has fewer [default: those of --start, or of the
+    /// decoder of the program].
+    #[arg(long, value_name = "COUNT")]
+    unrolled: Option<usize>,
 
     /// File to write the weights to, every minute and at the end.
     #[arg(long, value_name = "FILE")]
@@ -58,28 +63,38 @@ impl Arguments {
         let start = self.start.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
         let of_start = || self.start.as_deref().unwrap_or(Path::new("")).display().to_string();
         check_writable(&self.out)?;
-        let (seed, length) = (self.seed, (self.budget.0, self.seed));
+        let (seed, budget) = (self.seed, self.budget.0);
         let mut writer = Writer::new(&self.out);
         let (fitted, bytes) = match self.of {
             Of::Decoder => {
-                let mut decoder = match &start {
-                    Some(bytes) => Decoder::from_bytes(bytes).with_context(of_start)?,
-                    None => Decoder::new(DecoderFit::of_steps(0, DecoderKind::Autoregressive, 0).unrolled, seed)?,
+                let (mut decoder, rate) = match &start {
+                    Some(bytes) => {
+                        let start = Decoder::from_bytes(bytes).with_context(of_start)?;
+                        let unrolled = self.unrolled.unwrap_or(start.unrolled());
+                        (start.deepened(unrolled).context("--unrolled")?, DecoderFit::RATE_ON)
+                    }
+                    None => {
+                        let unrolled = self.unrolled.unwrap_or(Decoder::UNROLLED);
+                        (Decoder::new(unrolled, seed).context("--unrolled")?, DecoderFit::RATE)
+                    }
                 };
-                let fitted =
-                    decoder.fit_generally(&|number| first_channel(seed, number), length, &mut |now, snapshot| {
-                        let (steps, channels, bits) = (now.steps, now.channels, now.saved_bits);
-                        let told = format_args!("{steps} steps, {channels} channels, {bits:.4} bits/px saved of late");
-                        writer.hear(now.elapsed, told, &mut || snapshot().to_bytes())
-                    });
+                let fit = (budget, seed, rate);
+                let fitted = decoder.fit_generally(&|number| first_channel(seed, number), fit, &mut |now, snapshot| {
+                    let (steps, channels, bits) = (now.steps, now.channels, now.saved_bits);
+                    let told = format_args!("{steps} steps, {channels} channels, {bits:.4} bits/px saved of late");
+                    writer.hear(now.elapsed, told, &mut || snapshot().to_bytes())
+                });
                 (fitted, decoder.to_bytes())
             }
             Of::Density => {
+                if self.unrolled.is_some() {
+                    return Err(anyhow!("--unrolled is for decoders; leave it out").into());
+                }
                 let mut weights = match &start {
                     Some(bytes) => FirstWeights::from_bytes(bytes).with_context(of_start)?,
                     None => FirstWeights::new(seed),
                 };
-                let fitted = weights.fit(&|number| first_scene(seed, number), length, &mut |now, snapshot| {
+                let fitted = weights.fit(&|number| first_scene(seed, number), (budget, seed), &mut |now, snapshot| {
                     let (steps, scenes, bits) = (now.steps, now.scenes, now.bits);
                     let told = format_args!("{steps} steps, {scenes} scenes, {bits:.4} bits/px of late");
                     writer.hear(now.elapsed, told, &mut || snapshot().to_bytes())

@@ -36,7 +36,7 @@ mod trial;
 
 /// Version of the numbers: that of the program, and how often the same settings have come to give other numbers. It stands in all
 /// records; numbers of different versions do not belong into one table, nor does a fit go on from that of another.
-pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+19");
+pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+20");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};

@@ -135,6 +135,8 @@ pub(super) fn bead_bounds(
         FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
     };
+    let rate = if start.is_some() { DecoderFit::RATE_ON } else { DecoderFit::RATE };
+    let fit = DecoderFit { rate, ..fit };
     let (bound, decoder) =
         kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut |fit| watch(&fit.into())))?;
     let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);

@@ -71,9 +71,7 @@ impl PosteriorGuide<'_> {
         &GuideFit { steps, seed, warm }: &GuideFit,
     ) -> Result<DecoderRefit, IdealError> {
         let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
-        if warm {
-            fit.rate *= WARM_RATE;
-        }
+        fit.rate = if warm { WARM_RATE * DecoderFit::RATE } else { DecoderFit::RATE_ON };
         Ok(DecoderRefit::new(fit, &self.decoder)?)
     }
 

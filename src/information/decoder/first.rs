@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::channel::BeadChannel;
-use super::fit::{Mover, UNROLLED, revealed_in_training};
+use super::fit::{Mover, revealed_in_training};
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::scene::Scene;
@@ -22,8 +22,6 @@ const CHANNELS: usize = 16;
 const STEPS: usize = 256;
 /// Samples of one step.
 const BATCH: usize = 2;
-/// Largest learning rate.
-const RATE: f64 = 1e-2;
 
 /// How far a fit to many channels has come.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,20 +43,21 @@ impl Decoder {
     /// The decoder whose weights come with the program, fitted to beads through many encoders; none where the program was
     /// built without weights that fit this version.
     pub fn shipped() -> Option<&'static Self> {
-        static DECODER: LazyLock<Option<Decoder>> =
-            LazyLock::new(|| Decoder::from_bytes(SHIPPED).ok().filter(|decoder| decoder.unrolled() == UNROLLED));
+        static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| {
+            Decoder::from_bytes(SHIPPED).ok().filter(|decoder| decoder.unrolled() == Decoder::UNROLLED)
+        });
         DECODER.as_ref()
     }
 
     /// Fits a decoder for so long to many channels at once, with others revealed as an autoregressive decoder has them;
-    /// `channel` makes them by their number.
+    /// `channel` makes them by their number, `rate` is the largest learning rate.
     ///
     /// # Errors
     /// Where a channel is none or numbers stay infinite; when `on_progress` cancels.
     pub fn fit_generally(
         &mut self,
         channel: &dyn Fn(u64) -> Result<BeadChannel, InformationError>,
-        (length, seed): (Duration, u64),
+        (length, seed, rate): (Duration, u64, f64),
         on_progress: OnFirstStep<'_>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
@@ -83,7 +82,7 @@ impl Decoder {
                 let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
                 // Sparse scenes have less to tell; without this they would count for less.
                 let prior = scene.prior_nats().max(1e-6);
-                if !mover.step(self, &passes.gradient, prior, RATE * rate_schedule(done))? {
+                if !mover.step(self, &passes.gradient, prior, rate * rate_schedule(done))? {
                     continue;
                 }
                 progress.steps += 1;

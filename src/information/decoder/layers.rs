@@ -37,6 +37,9 @@ pub struct Decoder {
 }
 
 impl Decoder {
+    /// Unrolled steps of the decoder of the program.
+    pub const UNROLLED: usize = 8;
+
     /// A decoder of `steps` unrolled steps with first weights.
     ///
     /// # Errors
@@ -72,6 +75,24 @@ impl Decoder {
         let steps = steps.collect();
         let weights = layout.draw(seed);
         Ok(Self { steps, layout, weights })
+    }
+
+    /// The same with more unrolled steps, `steps` in all: the last but one is taken several times. As it is it knows less; a short fit
+    /// makes it know more.
+    ///
+    /// # Errors
+    /// For fewer steps than there are, or more than 32.
+    pub fn deepened(&self, steps: usize) -> Result<Self, InformationError> {
+        let (unrolled, last) = (self.unrolled(), self.unrolled() - 1);
+        if steps < unrolled {
+            let (expected, found) = ("at least the unrolled steps that are there", format!("{steps} of {unrolled}"));
+            return Err(InformationError::DecoderFit { expected, found });
+        }
+        let deeper = Self::new(steps, 0)?;
+        let one = self.weights.len() / unrolled;
+        let taken = |step: usize| if step + 1 == steps { last } else { step.min(last.saturating_sub(1)) };
+        let weights = (0..steps).flat_map(|step| &self.weights[taken(step) * one..][..one]).copied().collect();
+        Ok(Self { weights, ..deeper })
     }
 
     /// Number of unrolled steps.
@@ -115,5 +136,26 @@ impl Windows {
             out: window(vec![0], HIDDEN, OUTPUTS),
             out_back: window(vec![0], OUTPUTS, HIDDEN),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_deeper_decoder_takes_the_last_step_but_one_again() {
+        let decoder = Decoder::new(3, 8).unwrap();
+        let deeper = decoder.deepened(5).unwrap();
+        for (step, taken) in [(0, 0), (1, 1), (2, 1), (3, 1), (4, 2)] {
+            let (new, old) = (&deeper.steps[step], &decoder.steps[taken]);
+            let pairs = [(&new.look.0, &old.look.0), (&new.window.0, &old.window.0), (&new.heads.0, &old.heads.0)];
+            for (new, old) in pairs.into_iter().chain([(&new.hidden, &old.hidden)]) {
+                assert_eq!(deeper.weights[new.clone()], decoder.weights[old.clone()], "step {step}");
+            }
+        }
+        assert_eq!(decoder.deepened(3).unwrap().weights, decoder.weights);
+        assert!(decoder.deepened(2).unwrap_err().to_string().contains("2 of 3"));
+        assert_eq!(Decoder::new(1, 8).unwrap().deepened(3).unwrap().unrolled(), 3);
     }
 }
