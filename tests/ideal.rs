@@ -49,7 +49,7 @@ fn settings() -> IdealSettings {
 fn up_the_posterior() -> IdealSettings {
     let IdealSettings { steps, patch, refit_every, first_fit, refit, last_fit, .. } = settings();
     let usual = IdealSettings::new(Preset::Default, Objective::Posterior, 3);
-    IdealSettings { steps, patches: 8, patch, refit_every, first_fit, refit, last_fit, ..usual }
+    IdealSettings { steps, patches: 8, patch, refit_every, first_fit, refit, last_fit, tried: 6, ..usual }
 }
 
 /// A short run of the published procedure.
