@@ -209,6 +209,8 @@ impl Arguments {
         let named = [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::file)];
         let inputs = files_of(named, &design.objects);
         check_inputs_stay(&inputs, &outputs(&self.out, self.starts), ("--out", None))?;
+        // What a run leaves is read from other folders as well.
+        let design = Design { objects: design.objects.absolute(), ..design };
         let kept = KeptRun::in_folder(&self.out)?;
         let _lock = kept.lock()?;
         check_place(&kept, &self.out, self.starts)?;

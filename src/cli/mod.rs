@@ -59,7 +59,7 @@ enum Command {
     Tamura(tamura::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
-    /// Compute a live estimate of the window again, from the record that the window wrote of it.
+    /// Compute a live estimate of the window or a run again, from its record, and compare.
     Repeat(repeat::Arguments),
     /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
     Design(design::Arguments),

@@ -4,44 +4,20 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
+use super::record::{FORMAT_VERSION, LIVE_FORMAT};
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
-
-use crate::formats::{FormatError, create_folder, read_json, write_json};
+use crate::formats::{FormatError, create_folder, write_json};
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound};
 use crate::objects::Progress;
-
-/// What such a file says of itself.
-const FORMAT: &str = "lenslet-studio/live-estimate";
-const FORMAT_VERSION: u32 = 1;
-
-/// Why a record was not read.
-#[derive(Debug, Error)]
-pub enum LiveRecordError {
-    /// The file cannot be read or parsed.
-    #[error(transparent)]
-    File(#[from] FormatError),
-    /// The file is JSON, but not a record that this version knows.
-    #[error(
-        "{path}: expected a record of a live estimate of version {FORMAT_VERSION}, found {found}; choose a file that the \
-         Information room has written"
-    )]
-    Refused {
-        /// The file.
-        path: String,
-        /// What it holds.
-        found: String,
-    },
-}
 
 /// A live estimate, the design that it is of, and how it came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveRecord {
     format: String,
-    format_version: u32,
+    format_version: u64,
     program_version: String,
     /// The design, its objects by absolute path.
     pub design: Design,
@@ -112,7 +88,7 @@ impl LiveRecord {
     /// The record of an estimate of a design before a scene.
     pub fn new(design: &Design, scene: &Scene, live: &LiveEstimate) -> Self {
         Self {
-            format: FORMAT.to_owned(),
+            format: LIVE_FORMAT.to_owned(),
             format_version: FORMAT_VERSION,
             program_version: NUMBERS_VERSION.to_owned(),
             design: Design { objects: design.objects.absolute(), ..design.clone() },
@@ -145,29 +121,16 @@ impl LiveRecord {
         format!("live-{}.json", &hasher.finalize().to_hex()[..16])
     }
 
-    /// Reads one.
-    ///
-    /// # Errors
-    /// [`LiveRecordError`] for files that are no such record, one of a newer version, or one that no window has written.
-    pub fn open(path: &Path) -> Result<Self, LiveRecordError> {
-        let refuse = |found: String| LiveRecordError::Refused { path: path.display().to_string(), found };
-        let value: serde_json::Value = read_json(path)?;
-        let entry = |name: &str| value.get(name).map_or_else(|| "nothing".to_owned(), ToString::to_string);
-        if value.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
-            return Err(refuse(format!("{} as its format", entry("format"))));
+    /// The record, if it is one that a window may have written; what was found otherwise.
+    pub(super) fn checked(self) -> Result<Self, String> {
+        self.design.check().map_err(|error| error.to_string())?;
+        if !self.recipe.is_sound() {
+            return Err(format!("a recipe that no window makes, {:?}", self.recipe));
         }
-        if value.get("format_version").and_then(serde_json::Value::as_u64) != Some(FORMAT_VERSION.into()) {
-            return Err(refuse(format!("format version {}", entry("format_version"))));
+        if self.start.as_ref().is_some_and(|start| !start.is_sound()) {
+            return Err("a start of the fit that is damaged".to_owned());
         }
-        let record: Self = serde_json::from_value(value).map_err(|error| refuse(error.to_string()))?;
-        record.design.check().map_err(|error| refuse(error.to_string()))?;
-        if !record.recipe.is_sound() {
-            return Err(refuse(format!("a recipe that no window makes, {:?}", record.recipe)));
-        }
-        if record.start.as_ref().is_some_and(|start| !start.is_sound()) {
-            return Err(refuse("a start of the fit that is damaged".to_owned()));
-        }
-        Ok(record)
+        Ok(self)
     }
 
     /// Steps of the fit.
@@ -205,10 +168,16 @@ mod tests {
     use super::super::closer::{CloserKey, CloserOrder};
     use super::super::evaluation::{Optics, SceneOptics};
     use super::super::live_bounds::Draws;
+    use super::super::record::{Record, RecordError};
     use super::super::refinement::Refiner;
     use super::*;
     use crate::optics::{Encoder, heuristic_layout};
     use crate::sensor::Noise;
+
+    fn open(path: &Path) -> Result<LiveRecord, RecordError> {
+        let Record::Live(record) = Record::open(path)? else { panic!("a record of a run") };
+        Ok(*record)
+    }
 
     /// The first estimate that is wanted of a design.
     fn first(
@@ -245,7 +214,7 @@ mod tests {
             let path = folder.path().join("new folder").join(name);
             let record = LiveRecord::new(design, &scene, live);
             record.save(&path).unwrap();
-            let read = LiveRecord::open(&path).unwrap();
+            let read = open(&path).unwrap();
             assert_eq!(read, record);
             let repeated = read.repeat(&|_| true).unwrap();
             assert!(repeated.same && repeated.notes.is_empty(), "{repeated:#?}");
@@ -311,12 +280,12 @@ mod tests {
     fn other_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("record.json");
-        let mut texts = vec!["{}".to_owned(), "[]".into(), format!("{{\"format\": \"{FORMAT}\"}}")];
-        texts.push(format!("{{\"format\": \"{FORMAT}\", \"format_version\": 2}}"));
-        texts.push(format!("{{\"format\": \"{FORMAT}\", \"format_version\": 1, \"recipe\": 3}}"));
+        let mut texts = vec!["{}".to_owned(), "[]".into(), format!("{{\"format\": \"{LIVE_FORMAT}\"}}")];
+        texts.push(format!("{{\"format\": \"{LIVE_FORMAT}\", \"format_version\": 2}}"));
+        texts.push(format!("{{\"format\": \"{LIVE_FORMAT}\", \"format_version\": 1, \"recipe\": 3}}"));
         for text in texts {
             std::fs::write(&path, &text).unwrap();
-            let refusal = LiveRecord::open(&path).unwrap_err().to_string();
+            let refusal = open(&path).unwrap_err().to_string();
             assert!(refusal.contains("record.json") && refusal.contains("record of a live"), "{text}: {refusal}");
         }
     }
@@ -331,13 +300,13 @@ mod tests {
         first(&mut refiner, &design, &scene, |_| true);
         let warm = first(&mut refiner, &design, &scene, |_| true);
         let record = serde_json::to_value(LiveRecord::new(&design, &scene, &warm)).unwrap();
-        let open = |change: &dyn Fn(&mut serde_json::Value)| {
+        let opened = |change: &dyn Fn(&mut serde_json::Value)| {
             let mut changed = record.clone();
             change(&mut changed);
             std::fs::write(&path, changed.to_string()).unwrap();
-            LiveRecord::open(&path)
+            open(&path)
         };
-        assert!(open(&|_| {}).is_ok());
+        assert!(opened(&|_| {}).is_ok());
         let changes: [&dyn Fn(&mut serde_json::Value); 9] = [
             &|record| record["recipe"]["planned"] = 1_000_000_000_u64.into(),
             &|record| record["recipe"]["revised"] = serde_json::json!({ "after": 9, "planned": 1_u64 << 40 }),
@@ -352,7 +321,7 @@ mod tests {
             &|record| record["start"]["weights"] = serde_json::json!([0.5]),
         ];
         for (number, change) in changes.into_iter().enumerate() {
-            assert!(matches!(open(change), Err(LiveRecordError::Refused { .. })), "change {number}");
+            assert!(matches!(opened(change), Err(RecordError::Refused { .. })), "change {number}");
         }
     }
 }

@@ -8,6 +8,7 @@ use std::path::Path;
 use super::calibration::Calibration;
 use super::design::Design;
 use super::estimation::{DensityModel, EstimateRequest};
+use super::ideal::ends_of;
 use super::measured::MeasuredOrder;
 use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
 use crate::information::{FitLength, Protocol};
@@ -74,22 +75,9 @@ fn estimate_flags(request: &EstimateRequest) -> String {
 /// # Errors
 /// As [`look_command`]; where the run was told on its way to take another number of steps or to go back, which no command does.
 pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
-    let told = events.iter().find_map(|event| match event {
-        IdealEvent::Replanned { step, before } => {
-            Some(format!("at step {step} of {before} this run was told to take another number of steps"))
-        }
-        IdealEvent::Rewound { step, to } => Some(format!("at step {step} this run was told to go back to step {to}")),
-        _ => None,
-    });
-    if let Some(told) = told {
-        return Err(format!("{told}, which no command repeats; its record tells what it did"));
-    }
-    let ends = events.iter().filter_map(|event| match event {
-        IdealEvent::Extended { step } => Some(*step),
-        _ => None,
-    });
-    let parts =
-        ends.chain([settings.steps]).map(|steps| part_command(start, &IdealSettings { steps, ..settings.clone() }));
+    let ends = ends_of(settings, events)
+        .map_err(|told| format!("{told}, which no command repeats; its record tells what it did"))?;
+    let parts = ends.into_iter().map(|steps| part_command(start, &IdealSettings { steps, ..settings.clone() }));
     Ok(parts.collect::<Result<Vec<_>, _>>()?.join("\n"))
 }
 

@@ -6,8 +6,9 @@ use serde_json::{Value, json};
 
 use super::{Bench, npy, text};
 
-/// A run of a few seconds.
-const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density --score none";
+/// A run of a second.
+const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density --score none \
+                    --set first_fit=60,refit=15,last_fit=60";
 
 fn read(bench: &Bench, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
@@ -61,7 +62,7 @@ fn two_starts(bench: &Bench, side: usize) -> String {
     let value = |index: usize| (index * 37 % 101 + index / side % 7 * 9) as f32;
     let values: Vec<f32> = (0..30 * side * side).map(value).collect();
     bench.write("seen.npy", npy(&format!("(30, {side}, {side})"), &values));
-    let objects = "--objects stack:seen.npy --patch 6 --score 0.2s --against 2";
+    let objects = "--objects stack:seen.npy --patch 6 --set first_fit=60,last_fit=60 --score 0.2s --against 2";
     format!("design --start random:4 --seed 5 {objects} --starts 2 --steps 2 --out a")
 }
 
@@ -227,7 +228,7 @@ fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
 fn a_run_that_was_killed_ends_as_one_that_was_not() {
     let bench = Bench::new();
     let quick = "--steps 8 --set patches=2,refit_every=4,first_fit=2,refit=2,last_fit=2,tried=0";
-    for (objective, length) in [("density", "--steps 40"), ("posterior", quick)] {
+    for (objective, length) in [("density", "--steps 40 --set refit=60,last_fit=600"), ("posterior", quick)] {
         let line = TINY.replace("density", objective);
         let line = format!("{line} {length} --out {objective}");
         let whole = bench.json(&format!("{line}-whole"));
@@ -252,6 +253,66 @@ fn a_run_that_was_killed_ends_as_one_that_was_not() {
         };
         assert_eq!(bits(&killed), bits(&whole), "{objective}");
     }
+}
+
+#[test]
+fn a_run_is_repeated_from_its_record() {
+    let bench = Bench::new();
+    bench.done(&format!("{TINY} --steps 6 --out a"));
+    // It came to its end once before.
+    let told = bench.json(&format!("{TINY} --steps 9 --out a"));
+    let before = bench.files();
+    let again = bench.json("repeat a/run.json");
+    assert_eq!(
+        (&again["same"], &again["differs_from_step"], &again["notes"]),
+        (&json!(true), &Value::Null, &json!([]))
+    );
+    assert_eq!((&again["recorded"], &again["record"]["result"]), (&told["record"], &told["record"]["result"]));
+    let events = again["record"]["events"].as_array().unwrap();
+    assert_eq!(
+        (&told["record"]["events"], events.last()),
+        (&json!(events), Some(&json!({"kind": "extended", "step": 6})))
+    );
+    assert_eq!(bench.files(), before, "nothing stays behind");
+    // One that was stopped is repeated as far as it got.
+    let mut stopped = read(&bench, "a/run.json");
+    stopped["frames"].as_array_mut().unwrap().truncate(2);
+    (stopped["finished"], stopped["events"], stopped["settings"]["steps"]) = (json!(false), json!([]), json!(6));
+    bench.write("stopped.json", stopped.to_string());
+    let told = bench.done("repeat stopped.json");
+    assert!(told.contains("step 5: ") && told.contains("The same to the last bit"), "{told}");
+    assert!(told.contains("had not come to its end") && !told.contains("step 6"), "{told}");
+
+    // A record that tells other numbers is found out.
+    let mut changed = read(&bench, "a/run.json");
+    let bits = changed["frames"][1]["bits_per_pixel"].as_f64().unwrap();
+    changed["frames"][1]["bits_per_pixel"] = json!(bits + 1e-12);
+    bench.write("changed.json", changed.to_string());
+    let output = bench.run("repeat changed.json".split_whitespace());
+    let (printed, told) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(printed.contains("Not the same from step 5 on"), "{printed}");
+    assert!(told.contains("the record, which may have been changed"), "{told}");
+    changed["program_version"] = json!("0.0.1");
+    bench.write("changed.json", changed.to_string());
+    let told = text(&bench.run("repeat changed.json".split_whitespace()).stderr);
+    assert!(told.starts_with("changed.json: the record was written by version 0.0.1\n"), "{told}");
+    assert!(told.contains("those of the record: the record was written by version 0.0.1"), "{told}");
+
+    // What nobody can do again is told before anything is computed.
+    let mut rewound = read(&bench, "a/run.json");
+    rewound["events"] = json!([{"kind": "rewound", "step": 6, "to": 5}]);
+    bench.write("rewound.json", rewound.to_string());
+    let sentence = bench.refused("repeat rewound.json");
+    assert!(sentence.contains("rewound.json: at step 6 this run was told to go back to step 5"), "{sentence}");
+    rewound["settings"]["steps"] = json!(0);
+    bench.write("none.json", rewound.to_string());
+    let sentence = bench.refused("repeat none.json");
+    assert!(sentence.contains("none.json: expected a record") && sentence.contains("(steps is 0"), "{sentence}");
+    rewound["frames"] = json!([]);
+    rewound["settings"]["steps"] = json!(9);
+    bench.write("none.json", rewound.to_string());
+    assert!(bench.refused("repeat none.json").contains("a run without any mask"));
 }
 
 #[test]
