@@ -129,14 +129,16 @@ pub(super) fn bead_bounds(
     kept: &mut KeptEstimate,
     watch: Watch<'_>,
 ) -> Result<BeadBounds, EvaluationError> {
-    let start = if fresh { None } else { Decoder::shipped() };
+    let start = if fresh { None } else { Decoder::shipped_deep() };
     let (kind, decoder_seed) = (DecoderKind::Autoregressive, derived_seed(seed, DECODER));
     let fit = match share_of(length, DECODING) {
         FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
     };
-    let rate = if start.is_some() { DecoderFit::RATE_ON } else { DecoderFit::RATE };
-    let fit = DecoderFit { rate, ..fit };
+    let fit = match start {
+        Some(start) => DecoderFit { rate: DecoderFit::RATE_ON, unrolled: start.unrolled(), ..fit },
+        None => fit,
+    };
     let (bound, decoder) =
         kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut |fit| watch(&fit.into())))?;
     let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);

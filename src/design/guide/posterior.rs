@@ -71,7 +71,9 @@ impl PosteriorGuide<'_> {
         &GuideFit { steps, seed, warm }: &GuideFit,
     ) -> Result<DecoderRefit, IdealError> {
         let mut fit = DecoderFit::of_steps(steps, DecoderKind::Autoregressive, seed);
-        fit.rate = if warm { WARM_RATE * DecoderFit::RATE } else { DecoderFit::RATE_ON };
+        if warm {
+            fit.rate *= WARM_RATE;
+        }
         Ok(DecoderRefit::new(fit, &self.decoder)?)
     }
 

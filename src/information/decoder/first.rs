@@ -17,6 +17,7 @@ use crate::network::rate_schedule;
 
 /// Those that come with the program.
 const SHIPPED: &[u8] = include_bytes!("../../../assets/first_decoder.safetensors");
+const DEEP: &[u8] = include_bytes!("../../../assets/bracket_decoder.safetensors");
 /// Channels in use at a time, and steps until they make room for others.
 const CHANNELS: usize = 16;
 const STEPS: usize = 256;
@@ -43,10 +44,18 @@ impl Decoder {
     /// The decoder whose weights come with the program, fitted to beads through many encoders; none where the program was
     /// built without weights that fit this version.
     pub fn shipped() -> Option<&'static Self> {
-        static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| {
-            Decoder::from_bytes(SHIPPED).ok().filter(|decoder| decoder.unrolled() == Decoder::UNROLLED)
-        });
+        static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| Decoder::of_program(SHIPPED, Decoder::UNROLLED));
         DECODER.as_ref()
+    }
+
+    /// The same of [`Decoder::DEEP`] unrolled steps, for fits that have the time.
+    pub fn shipped_deep() -> Option<&'static Self> {
+        static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| Decoder::of_program(DEEP, Decoder::DEEP));
+        DECODER.as_ref()
+    }
+
+    fn of_program(bytes: &[u8], unrolled: usize) -> Option<Self> {
+        Self::from_bytes(bytes).ok().filter(|decoder| decoder.unrolled() == unrolled)
     }
 
     /// Fits a decoder for so long to many channels at once, with others revealed as an autoregressive decoder has them;

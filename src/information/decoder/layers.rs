@@ -37,8 +37,10 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Unrolled steps of the decoder of the program.
-    pub const UNROLLED: usize = 8;
+    /// Unrolled steps of the decoder of the program, which serves bounds at once and runs.
+    pub const UNROLLED: usize = 6;
+    /// Those of the one that brackets begin with: it tells more, and takes longer for each scene.
+    pub const DEEP: usize = 8;
 
     /// A decoder of `steps` unrolled steps with first weights.
     ///
