@@ -67,16 +67,13 @@ impl Arguments {
         let mut writer = Writer::new(&self.out);
         let (fitted, bytes) = match self.of {
             Of::Decoder => {
-                let (mut decoder, rate) = match &start {
-                    Some(bytes) => {
-                        let start = Decoder::from_bytes(bytes).with_context(of_start)?;
-                        let unrolled = self.unrolled.unwrap_or(start.unrolled());
-                        (start.deepened(unrolled).context("--unrolled")?, DecoderFit::RATE_ON)
-                    }
-                    None => {
-                        let unrolled = self.unrolled.unwrap_or(Decoder::UNROLLED);
-                        (Decoder::new(unrolled, seed).context("--unrolled")?, DecoderFit::RATE)
-                    }
+                let (mut decoder, rate) = if let Some(bytes) = &start {
+                    let start = Decoder::from_bytes(bytes).with_context(of_start)?;
+                    let unrolled = self.unrolled.unwrap_or(start.unrolled());
+                    (start.deepened(unrolled).context("--unrolled")?, DecoderFit::RATE_ON)
+                } else {
+                    let unrolled = self.unrolled.unwrap_or(Decoder::UNROLLED);
+                    (Decoder::new(unrolled, seed).context("--unrolled")?, DecoderFit::RATE)
                 };
                 let fit = (budget, seed, rate);
                 let fitted = decoder.fit_generally(&|number| first_channel(seed, number), fit, &mut |now, snapshot| {
