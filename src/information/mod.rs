@@ -20,6 +20,7 @@ mod gaussian_estimate;
 mod held_density;
 mod interpolation;
 mod likelihood;
+mod paired_difference;
 mod pixelcnn;
 mod poisson;
 mod poisson_gaussian;
@@ -63,6 +64,7 @@ pub(crate) use gaussian_estimate::dequantised;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
 pub use held_density::HeldDensity;
 pub use likelihood::log_likelihood;
+pub use paired_difference::{PairedDifference, TestPatches};
 pub use pixelcnn::{
     BurnDevice, DataScale, Engine, EngineChoice, FitReport, HeldPixelCnn, Mixtures, PixelCnn, PixelCnnFit,
     PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate, pixelcnn_score,

@@ -221,6 +221,11 @@ impl Trial {
         self.entropy_y_given_x
     }
 
+    /// What each held-out patch tells, bits per pixel, in the order in which they were drawn.
+    pub fn information(&self) -> &[f64] {
+        &self.information
+    }
+
     /// What it was made with.
     pub fn settings(&self) -> &TrialSettings {
         &self.settings

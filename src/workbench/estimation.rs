@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -18,8 +19,8 @@ use super::simulation::{imaging, notices_of, open_set_with};
 use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::information::{
     Beginning, CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
-    InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, Trial,
-    TrialSettings, causal_estimate, check_causal_patch, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
+    InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
+    Trial, TrialSettings, causal_estimate, check_causal_patch, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
@@ -183,6 +184,19 @@ impl EstimateRequest {
 /// # Errors
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
 pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) -> Result<Estimate, EvaluationError> {
+    estimate_on_patches(design, request, watch).map(|(estimate, _)| estimate)
+}
+
+/// The same, with what the density model of the smallest trial tells of each test patch: under the default protocol these are the
+/// same patches for all masks of one grid, so that differences of masks are known better than either.
+///
+/// # Errors
+/// As [`estimate`].
+pub(super) fn estimate_on_patches(
+    design: &Design,
+    request: &EstimateRequest,
+    watch: Watch<'_>,
+) -> Result<(Estimate, TestPatches), EvaluationError> {
     let start = std::time::Instant::now();
     // Without noise, or without the engine, there is nothing to estimate; better told before the objects are read.
     NoiseEntropy::new(design.noise, request.protocol)?;
@@ -207,7 +221,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     request.model.check_patch(patch)?;
     let protocol = request.protocol;
-    let source = PatchSource { design: &bounding, imaging: &imaging, convolver: &convolver, patch, protocol };
+    let source = PatchSource::new(&bounding, &imaging, &convolver, (patch, protocol));
     let (channel, refusal) = bead_channel(design, &imaging, patch)?;
     // Told before anything is fitted; a density model does without the prior.
     if matches!(request.model, DensityModel::Bracket { .. })
@@ -284,7 +298,20 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
     estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
     estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
-    Ok(estimate)
+    Ok((estimate, test_patches(&source, &trials)?))
+}
+
+/// What the smallest of the trials tells of each of its test patches.
+fn test_patches(source: &PatchSource<'_>, trials: &[Trial]) -> Result<TestPatches, EvaluationError> {
+    let smallest = trials.iter().min_by(|one, other| one.bits_per_pixel().total_cmp(&other.bits_per_pixel()));
+    let Some(smallest) = smallest else { return Ok(TestPatches::default()) };
+    // An analytic bound is that of all images, of which its patches are a fair draw.
+    let pictures = match smallest.settings().estimator {
+        Estimator::GaussianAnalytic => None,
+        _ => source.pictures(smallest.patches_test(), smallest.settings().seed)?,
+    };
+    let told = smallest.information().to_vec();
+    Ok(TestPatches { told, pictures: pictures.map(Rc::unwrap_or_clone).unwrap_or_default() })
 }
 
 /// One trial, with the share of the time that a density model gets beside bounds that know the prior; the `smallest` of the trials

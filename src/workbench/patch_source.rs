@@ -1,5 +1,8 @@
 //! Patches of a design's simulated measurements, each of an object of its own.
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 use ndarray::{Array3, ArrayView3, Axis};
 
 use super::design::Design;
@@ -22,6 +25,9 @@ pub(super) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, 
     Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
 }
 
+/// The number of test patches and their seed, and the base images that they show.
+type Shown = ((usize, u64), Rc<SharedPictures>);
+
 /// Where patches come from.
 pub(super) struct PatchSource<'a> {
     pub design: &'a Design,
@@ -30,9 +36,21 @@ pub(super) struct PatchSource<'a> {
     pub convolver: &'a Convolver,
     pub patch: (usize, usize),
     pub protocol: Protocol,
+    /// The base images that were asked for last, with the number of the test patches that show them and their seed.
+    shown: RefCell<Option<Shown>>,
 }
 
-impl PatchSource<'_> {
+impl<'a> PatchSource<'a> {
+    /// Of a design and its imaging, with the convolver for its PSF.
+    pub fn new(
+        design: &'a Design,
+        imaging: &'a Imaging<'a>,
+        convolver: &'a Convolver,
+        (patch, protocol): ((usize, usize), Protocol),
+    ) -> Self {
+        Self { design, imaging, convolver, patch, protocol, shown: RefCell::default() }
+    }
+
     /// Parts of the set to train and to test on.
     pub fn splits(&self) -> (Split, Split) {
         match self.protocol {
@@ -76,12 +94,26 @@ impl PatchSource<'_> {
 
     /// A trial with an interval that counts the base images which its test patches share ([`Trial::sharing`]).
     pub fn sharing(&self, trial: Trial, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
+        let pictures = self.pictures(patches, seed)?;
+        Ok(pictures.iter().fold(trial, |trial, pictures| trial.sharing(pictures)))
+    }
+
+    /// The base images that so many test patches of a trial show, where their objects have any.
+    pub fn pictures(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedPictures>>, EvaluationError> {
         let (set, (_, split)) = (self.imaging.set, self.splits());
         if set.base_images().is_none() {
-            return Ok(trial);
+            return Ok(None);
+        }
+        let asked = (patches, self.test_seed(seed));
+        if let Some((of, pictures)) = &*self.shown.borrow()
+            && *of == asked
+        {
+            return Ok(Some(Rc::clone(pictures)));
         }
         let psf = seen_psf(self.design, set)?;
-        Ok(trial.sharing(&self.shared(psf.view(), split, patches, self.test_seed(seed))?))
+        let pictures = Rc::new(self.shared(psf.view(), split, patches, asked.1)?);
+        self.shown.replace(Some((asked, Rc::clone(&pictures))));
+        Ok(Some(pictures))
     }
 
     /// The base images that the patches show which are drawn of a part with a seed.
@@ -180,7 +212,7 @@ mod tests {
             psf[[0, 9, 4]] = 1.0;
             let convolver = imaging.convolver(psf.view()).unwrap();
             let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
-            let source = PatchSource { design, imaging: &imaging, convolver: &convolver, patch, protocol };
+            let source = PatchSource::new(design, &imaging, &convolver, (patch, protocol));
             let count = 2 * BATCH + 7;
             let (clean, _) =
                 source.draw(Split::Test, count, 3, "Test patches", &mut |_| ControlFlow::Continue(())).unwrap();

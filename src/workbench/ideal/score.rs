@@ -162,19 +162,16 @@ fn over_start(result: &StudyCell, start: &StudyCell) -> Option<String> {
         return Some(format!("lower bound: {lower:.3}, its start {before:.3}, {:+.3}; it {judged}", lower - before));
     }
     let (bits, before) = (result.model_bits()?, start.model_bits()?);
-    let doubt = doubt(result, start);
-    Some(format!("density model: {bits:.3} bits per pixel, its start {before:.3}, {:+.3}{doubt}", bits - before))
+    let gain = gain(result, start)?;
+    Some(format!("density model: {bits:.3} bits per pixel, its start {before:.3}, {gain}"))
 }
 
 fn over_layouts_by_density(result: &StudyCell, layouts: &[&StudyCell]) -> Option<String> {
     let bits = result.model_bits()?;
     let all = layouts.iter().filter_map(|cell| Some((cell.model_bits()?, *cell)));
     let (best, cell) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
-    let (name, doubt) = (&cell.design, doubt(result, cell));
-    Some(format!(
-        "density model: {bits:.3} bits per pixel, best heuristic {best:.3} ({name}), {:+.3}{doubt}",
-        bits - best
-    ))
+    let (name, gain) = (&cell.design, gain(result, cell)?);
+    Some(format!("density model: {bits:.3} bits per pixel, best heuristic {best:.3} ({name}), {gain}"))
 }
 
 fn over_layouts_by_lower(result: &StudyCell, layouts: &[&StudyCell]) -> Option<String> {
@@ -198,13 +195,21 @@ fn judged(result: &StudyCell, others: &[&StudyCell], proof: &str) -> String {
     }
 }
 
-/// What makes a difference of two density models doubtful.
-fn doubt(result: &StudyCell, other: &StudyCell) -> &'static str {
-    match lower_of(result) {
-        Some(_) => "",
-        None if overlap(result, other) => "; within their intervals, and only upper bounds are known",
-        None => "; only upper bounds are known",
-    }
+/// By how much a result tells more than another mask by the density model, and what makes that doubtful.
+fn gain(result: &StudyCell, other: &StudyCell) -> Option<String> {
+    let gain = result.model_bits()? - other.model_bits()?;
+    let (words, doubt) = match &other.first_less_this {
+        Some(paired) => {
+            let [low, high] = paired.interval_95;
+            let words = format!("{gain:+.3} ({low:+.3} to {high:+.3}, by the same test patches)");
+            (words, (!paired.is_clear()).then_some("which may be none, and "))
+        }
+        None => (format!("{gain:+.3}"), overlap(result, other).then_some("within their intervals, and ")),
+    };
+    Some(match lower_of(result) {
+        Some(_) => words,
+        None => format!("{words}; {}only upper bounds are known", doubt.unwrap_or_default()),
+    })
 }
 
 /// What a mask is worth, for people, in bits per pixel.
@@ -239,6 +244,7 @@ mod tests {
     use super::*;
     use crate::design::{Ideal, IdealSettings, Imaging, Objective, Preset};
     use crate::formats::write_array;
+    use crate::information::PairedDifference;
     use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
@@ -322,6 +328,8 @@ mod tests {
         record.cells.iter_mut().find(|cell| cell.design == "heuristic:1").unwrap().estimate = None;
         assert!(judged(&record).ends_with("confirms the gain"), "{}", judged(&record));
 
+        let three = record.cells.iter_mut().find(|cell| cell.design == "heuristic:3").unwrap();
+        assert!(three.first_less_this.take().is_some(), "both were scored on the same patches");
         // Of objects of unknown entropy there is one number of each mask.
         let mut upper = |name: &str, bits: f64| {
             let estimate = record.cells.iter_mut().find(|cell| cell.design == name).unwrap().estimate.as_mut().unwrap();
@@ -340,5 +348,21 @@ mod tests {
         upper("design", 0.215);
         upper("heuristic:3", 0.2);
         assert!(judged(&record).ends_with("+0.015; only upper bounds are known"), "{}", judged(&record));
+        // On the same patches the difference is known better, or not.
+        let mut told = |interval_95| {
+            let cell = record.cells.iter_mut().find(|cell| cell.design == "heuristic:3").unwrap();
+            cell.first_less_this = Some(PairedDifference { bits_per_pixel: 0.015, interval_95 });
+            judged(&record)
+        };
+        let clear = told([0.012, 0.018]);
+        assert!(
+            clear.ends_with("+0.015 (+0.012 to +0.018, by the same test patches); only upper bounds are known"),
+            "{clear}"
+        );
+        let doubtful = told([-0.002, 0.032]);
+        assert!(
+            doubtful.ends_with("by the same test patches); which may be none, and only upper bounds are known"),
+            "{doubtful}"
+        );
     }
 }

@@ -10,7 +10,7 @@ use super::published::Published;
 use super::settings::{PlannedCell, StudySettings, patch_name};
 use super::summary::StudySummary;
 use crate::formats::{FormatError, read_json, write_json};
-use crate::information::{Estimate, NUMBERS_VERSION};
+use crate::information::{Estimate, NUMBERS_VERSION, PairedDifference};
 
 const FORMAT: &str = "lenslet-studio/study";
 const FORMAT_VERSION: u64 = 1;
@@ -53,6 +53,14 @@ pub struct StudyCell {
     pub failure: Option<String>,
     /// What computed it.
     pub machine: Machine,
+    /// What the density model tells of each test patch, bits per pixel: kept of the first of several designs, which the others are
+    /// compared with.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub told: Vec<f64>,
+    /// By how much more the first design tells by the density model, on the same test patches; none of the first, and where its
+    /// measurements have another size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_less_this: Option<PairedDifference>,
 }
 
 impl StudyCell {
@@ -76,6 +84,8 @@ impl StudyCell {
             estimate,
             failure,
             machine,
+            told: Vec::new(),
+            first_less_this: None,
         }
     }
 

@@ -12,16 +12,19 @@ use super::record::{StudyCell, StudyRecord};
 use super::settings::{PlannedCell, StudyKind, StudySettings};
 use super::tables::{CSV_HEADER, csv_row, markdown};
 use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, write_safely};
-use crate::information::Estimate;
+use crate::information::{Estimate, PairedDifference, TestPatches};
+use crate::workbench::estimation::estimate_on_patches;
 use crate::workbench::progress::Watch;
 use crate::workbench::simulation::open_set;
-use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError, estimate};
+use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
 
 /// The file that holds a study; the others are made from it.
 pub const RECORD: &str = "study.json";
 
 /// What computes a cell; tests put something quicker in its place.
-type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimate, EvaluationError>;
+type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimated, EvaluationError>;
+/// An estimate, and what its density model tells of each test patch.
+type Estimated = (Estimate, TestPatches);
 
 /// A study in its folder: `study.json`, the tables `study.md` and `study.csv`, and the plot `study.svg` of a bracket
 /// study. One that was begun without a folder is in memory alone.
@@ -139,7 +142,7 @@ impl Study {
     /// # Errors
     /// [`StudyError::Cancelled`] where `watch` asked to stop, and where a file cannot be written.
     pub fn run(&mut self, watch: StudyWatch<'_>) -> Result<(), StudyError> {
-        self.run_with(&|design, request, watch| estimate(design, request, watch), watch)
+        self.run_with(&|design, request, watch| estimate_on_patches(design, request, watch), watch)
     }
 
     /// [`Study::run`] with something else in place of the estimate.
@@ -154,7 +157,12 @@ impl Study {
                 continue;
             }
             let result = self.compute(&settings, index, planned, estimator, watch)?;
+            let (result, patches) = match result {
+                Ok((estimate, patches)) => (Ok(estimate), patches),
+                Err(sentence) => (Err(sentence), TestPatches::default()),
+            };
             let cell = StudyCell::new(planned, &settings, result, machine.clone());
+            let cell = self.compared(cell, planned, patches);
             self.record.put(cell.clone());
             self.write()?;
             let event = StudyEvent::Done { number: index + 1, cells: plan.len(), cell: &cell };
@@ -165,6 +173,25 @@ impl Study {
         Ok(())
     }
 
+    /// A cell with what its test patches tell, of the first design, or with how much more that one tells of the same.
+    fn compared(&self, cell: StudyCell, planned: &PlannedCell<'_>, patches: TestPatches) -> StudyCell {
+        let settings = &self.record.settings;
+        let [first, _, ..] = settings.designs.as_slice() else { return cell };
+        if cell.estimate.is_none() || planned.design.encoder.grid() != first.encoder.grid() {
+            return cell;
+        }
+        if planned.design.name == first.name {
+            return StudyCell { told: patches.told, ..cell };
+        }
+        let is_first = |other: &&StudyCell| {
+            (&other.objects, &other.design, other.patch) == (&cell.objects, &first.name, cell.patch)
+        };
+        let of = self.record.cells.iter().find(is_first).map_or(&[][..], |of| &of.told);
+        // What is no finite number has failed as an estimate.
+        let first_less_this = PairedDifference::new(of, &patches, settings.seed).unwrap_or_default();
+        StudyCell { first_less_this, ..cell }
+    }
+
     /// The estimate of a cell, or the sentence that says why there is none.
     fn compute(
         &self,
@@ -173,7 +200,7 @@ impl Study {
         planned: &PlannedCell<'_>,
         estimator: Estimator<'_>,
         watch: StudyWatch<'_>,
-    ) -> Result<Result<Estimate, String>, StudyError> {
+    ) -> Result<Result<Estimated, String>, StudyError> {
         let (start, expected) = (Instant::now(), self.time_of_cell());
         let others = expected.mul_f64(self.missing().saturating_sub(1) as f64);
         let name = planned.name();
@@ -187,11 +214,11 @@ impl Study {
             },
         );
         match result {
-            Ok(estimate) if estimate.objects_fingerprint != planned.objects.fingerprint => Ok(Err(
+            Ok((estimate, _)) if estimate.objects_fingerprint != planned.objects.fingerprint => Ok(Err(
                 "its objects changed while the study ran; put them back as they were, or begin in another folder"
                     .into(),
             )),
-            Ok(estimate) => Ok(Ok(estimate)),
+            Ok(estimated) => Ok(Ok(estimated)),
             Err(error) if error.is_cancelled() => Err(StudyError::Cancelled),
             Err(error) => Ok(Err(error.to_string())),
         }

@@ -2,10 +2,11 @@
 
 use super::record::{StudyCell, StudyRecord};
 use super::settings::{StudyKind, StudySettings, patch_name};
+use crate::information::PairedDifference;
 use crate::objects::ObjectSource;
 
 /// Columns of the CSV table; information and intervals in bits per pixel. What is not known is empty.
-pub(super) const CSV_HEADER: [&str; 28] = [
+pub(super) const CSV_HEADER: [&str; 31] = [
     "objects",
     "density_beads_per_px",
     "design",
@@ -25,6 +26,9 @@ pub(super) const CSV_HEADER: [&str; 28] = [
     "posterior_sampling_lower_bits_per_px",
     "posterior_sampling_upper_bits_per_px",
     "density_bound_bits_per_px",
+    "first_design_less_this_density_model_bits_per_px",
+    "first_less_this_low_95_bits_per_px",
+    "first_less_this_high_95_bits_per_px",
     "gaussian_bound_bits_per_px",
     "ceiling_bits_per_px",
     "published_bits_per_px",
@@ -73,6 +77,9 @@ pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String>
         number(cell.lower_from("posterior sampling")),
         number(cell.upper_from("posterior sampling")),
         number(cell.upper_from("density")),
+        number(cell.first_less_this.map(|difference| difference.bits_per_pixel)),
+        number(cell.first_less_this.map(|difference| difference.interval_95[0])),
+        number(cell.first_less_this.map(|difference| difference.interval_95[1])),
         number(cell.upper_from("gaussian")),
         number(cell.ceiling()),
         number(cell.published.map(|published| published.bits_per_pixel)),
@@ -145,7 +152,7 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
     lines.join("\n")
 }
 
-const GRID: [&str; 11] = [
+const GRID: [&str; 12] = [
     "objects",
     "design",
     "patch",
@@ -153,6 +160,7 @@ const GRID: [&str; 11] = [
     "from",
     "lower bound",
     "density bound",
+    "first design's - this",
     "ceiling",
     "published",
     "estimate - published",
@@ -169,6 +177,7 @@ fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         upper_from(cell),
         lower(cell),
         density(cell),
+        cell.first_less_this.map_or(NOTHING.into(), signed),
         bits(cell.ceiling()),
         published(cell),
         difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
@@ -262,6 +271,11 @@ fn with_interval(bits: f64, interval: Option<[f64; 2]>) -> String {
         Some([low, high]) if low < high => format!("{bits:.4} ({low:.4} to {high:.4})"),
         _ => format!("{bits:.4}"),
     }
+}
+
+fn signed(difference: PairedDifference) -> String {
+    let PairedDifference { bits_per_pixel, interval_95: [low, high] } = difference;
+    format!("{bits_per_pixel:+.4} ({low:+.4} to {high:+.4})")
 }
 
 fn bits(value: Option<f64>) -> String {

@@ -9,7 +9,10 @@ use super::record::StudyRecord;
 use super::run::{Study, StudyEvent};
 use super::settings::{StudyDesign, StudyObjects, StudySettings};
 use crate::formats::FormatError;
-use crate::information::{Bracket, Estimate, Estimator, NamedBound, Protocol, Provenance, Trial, TrialSettings};
+use crate::information::{
+    Bracket, Estimate, Estimator, NamedBound, PairedDifference, Protocol, Provenance, TestPatches, Trial, TrialSettings,
+};
+use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::{Noise, SensorError};
 use crate::workbench::simulation::open_set;
 use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
@@ -29,10 +32,10 @@ pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
     Estimate::new(&[trial], Provenance { ceiling, ..Provenance::default() }).unwrap()
 }
 
-/// The same of the objects of a design.
-fn of(design: &Design, mut estimate: Estimate) -> Estimate {
+/// The same of the objects of a design, without test patches.
+fn of(design: &Design, mut estimate: Estimate) -> (Estimate, TestPatches) {
     estimate.objects_fingerprint = open_set(design).unwrap().fingerprint();
-    estimate
+    (estimate, TestPatches::default())
 }
 
 /// An estimate between two bounds; the density model's is a third.
@@ -154,7 +157,7 @@ fn a_cell_that_fails_is_recorded_and_tried_again() {
 fn estimates_of_objects_that_changed_meanwhile_do_not_count() {
     let folder = tempfile::tempdir().unwrap();
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
-    study.run_with(&|_, _, _| Ok(estimated(0.25, None)), &mut on).unwrap();
+    study.run_with(&|_, _, _| Ok((estimated(0.25, None), TestPatches::default())), &mut on).unwrap();
     assert_eq!((study.missing(), study.record().summary.failed), (4, 4));
     assert!(study.markdown().contains("its objects changed while the study ran"));
     drop(study);
@@ -261,7 +264,7 @@ fn estimates_are_compared_with_published_ones() {
     let text = study.markdown();
     for part in [
         "| beads:0.008 | heuristic:1 | 32 x 32 px | 0.1400 (",
-        "| - | - | 0.1400 | 0.4000 | 0.1300 (0.1185 to 0.1418) | +0.0100 | 2.0 |",
+        "| - | - | 0.1400 | - | 0.4000 | 0.1300 (0.1185 to 0.1418) | +0.0100 | 2.0 |",
         "- 3 of 4 estimates (75 %) are at most the published value + 0.02 bits per pixel, 3 by the density model alone",
         "- beads:0.02: rank correlation with the published order of 2 designs -1.00",
         "- 2 of 4 estimates lie above the ceiling",
@@ -277,6 +280,44 @@ fn estimates_are_compared_with_published_ones() {
     assert_eq!((at("objects"), at("density_beads_per_px"), at("lenslets")), ("beads:0.008", "0.008", "1"));
     assert_eq!((at("published_bits_per_px"), at("patch_rows_px"), at("failure")), ("0.13", "32", ""));
     assert!((at("bits_per_px").parse::<f64>().unwrap() - 0.14).abs() < 1e-9);
+}
+
+#[test]
+fn designs_are_compared_with_the_first_on_the_same_patches() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut wide = heuristic_layout(2);
+    wide.cols = 40;
+    let mut settings = four_cells();
+    settings.objects.truncate(1);
+    settings.designs.push(StudyDesign { name: "wide".into(), encoder: Encoder::Lenslets(wide) });
+    // What scenes differ in is the same before all masks.
+    let told = |design: &Design| {
+        let more = if design.encoder.describe() == "1 lenslet" { 0.0 } else { -0.1 };
+        (0..50).map(|patch| 0.3 + more + 0.01 * f64::from(patch) + 1e-4 * more * f64::from(patch % 2)).collect()
+    };
+    let compute = |design: &Design, _: &EstimateRequest, _: crate::workbench::Watch<'_>| {
+        let (estimate, _) = of(design, estimated(0.25, None));
+        Ok((estimate, TestPatches { told: told(design), ..TestPatches::default() }))
+    };
+    let mut study = Study::open(settings.clone(), folder.path()).unwrap();
+    let stopped = study.run_with(&compute, &mut |event| match event {
+        StudyEvent::Done { .. } => ControlFlow::Break(()),
+        StudyEvent::Step(_) => ControlFlow::Continue(()),
+    });
+    assert!(matches!(stopped, Err(StudyError::Cancelled)));
+    drop(study);
+    // The one that goes on knows what the first design told.
+    let mut study = Study::open(settings, folder.path()).unwrap();
+    study.run_with(&compute, &mut on).unwrap();
+    let [first, second, wide] = study.record().cells.as_slice() else { panic!("three cells") };
+    assert_eq!((first.told.len(), first.first_less_this, second.told.len()), (50, None, 0));
+    let PairedDifference { bits_per_pixel, interval_95: [low, high] } = second.first_less_this.unwrap();
+    assert!((bits_per_pixel - 0.100_005).abs() < 1e-9 && low > 0.1 && high < 0.10001, "{low} to {high}");
+    assert_eq!(wide.first_less_this, None, "its patches are others");
+    assert!(study.markdown().contains("| +0.1000 (+0.1000 to +0.1000) |"), "{}", study.markdown());
+    let table = std::fs::read_to_string(folder.path().join("study.csv")).unwrap();
+    assert!(table.lines().nth(2).unwrap().contains(&format!(",{bits_per_pixel:?},{low:?},{high:?},")), "{table}");
+    assert_eq!(&saved(folder.path()), study.record());
 }
 
 #[test]
