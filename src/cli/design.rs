@@ -16,7 +16,7 @@ use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
-use crate::workbench::study::{PublishedSet, Study, StudyRecord, StudySettings};
+use crate::workbench::study::{PublishedSet, Study, StudyDesign, StudyRecord, StudySettings};
 use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
 /// Arguments of `design`.
@@ -104,13 +104,13 @@ pub struct Arguments {
     starts: usize,
 
     /// Compare the result with the start and the heuristic layouts when the run is done, in patches of 32 x 32 px and for
-    /// the whole sensor, with this time for each, such as 60s: a study in DIR/score; none leaves it out [default: 15s, for
-    /// result and start alone].
+    /// the whole sensor, with this time for each, such as 60s: a study in DIR/score; none leaves it out [default: the comparison
+    /// that is there, or 15s].
     #[arg(long, value_name = "TIME|none")]
     score: Option<ScoreChoice>,
 
     /// Heuristic layouts to compare with, by their number of lenslets [default: 1 to 9].
-    #[arg(long, value_name = "COUNTS", value_delimiter = ',', requires = "score", value_parser = super::study::layout)]
+    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = super::study::layout)]
     against: Vec<usize>,
 
     /// Print the result as JSON.
@@ -173,10 +173,8 @@ impl FromStr for FreeChoice {
 const USUAL_LENSLETS: usize = 25;
 /// Most runs of an order.
 const MOST_STARTS: usize = 1000;
-/// Time for each estimate of result and start, where no comparison was asked for.
-const BRIEF_SCORE: Duration = Duration::from_secs(15);
-/// Test patches of each: those of whole measurements take long.
-const BRIEF_PATCHES: usize = 300;
+/// Time for each estimate of a comparison, where none was asked for.
+const USUAL_SCORE: Duration = Duration::from_secs(15);
 
 /// What is told at the end.
 #[derive(Debug, Serialize)]
@@ -202,7 +200,7 @@ impl Arguments {
         check_count("--starts", self.starts, 1..=MOST_STARTS)?;
         if matches!(self.score, Some(ScoreChoice(None))) && !self.against.is_empty() {
             return Err(
-                anyhow::anyhow!("--against names what --score compares with; leave it out, or give a time").into()
+                anyhow::anyhow!("--against names what a result is compared with, and --score none leaves that out; leave out one of them").into()
             );
         }
         check_folder(&self.out)?;
@@ -352,20 +350,21 @@ impl Arguments {
         }
     }
 
-    /// Compares the result with its start, and with others where that was asked for.
+    /// Compares the result with its start and with heuristic layouts.
     fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<StudyRecord>> {
         let all: Vec<usize> = (1..=9).collect();
         let against = if self.against.is_empty() { &all } else { &self.against };
         let settings = match self.score {
             Some(ScoreChoice(None)) => return Ok(None),
             Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
+            None if !self.against.is_empty() => score_settings(record, against, USUAL_SCORE)?,
             None => {
-                // One that was asked for before says more, and goes on where it was stopped.
+                // One with others that is there goes on where it was stopped.
                 let there = KeptRun::in_folder(&self.out)?.compared(&record.result);
                 match there.filter(|study| study.settings.designs.len() > 2) {
                     Some(there) if there.program_version != NUMBERS_VERSION => return Ok(Some(there)),
                     Some(there) => there.settings,
-                    None => StudySettings { patches_test: BRIEF_PATCHES, ..score_settings(record, &[], BRIEF_SCORE)? },
+                    None => score_settings(record, usual_layouts(record, &all), USUAL_SCORE)?,
                 }
             }
         };
@@ -373,6 +372,13 @@ impl Arguments {
         run_with_bar(&mut study)?;
         Ok(Some(study.record().clone()))
     }
+}
+
+/// Those of the heuristic layouts that a result is compared with where nobody says: on a grid of another size they make other
+/// measurements.
+fn usual_layouts<'a>(record: &IdealRecord, all: &'a [usize]) -> &'a [usize] {
+    let grid = StudyDesign::heuristic(1).encoder.grid();
+    if record.start.encoder.grid() == grid { all } else { &[] }
 }
 
 /// Folder of the comparison in that of the run.

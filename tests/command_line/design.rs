@@ -373,7 +373,6 @@ fn what_allows_no_run_is_refused_in_a_sentence() {
         ("design --out a --score 5", "expected a time"),
         ("design --out a --starts 0", "--starts"),
         ("design --out a --score none --against 3", "--against"),
-        ("design --out a --against 3", "--score"),
         ("design --out a --score 1s --against 10", "from 1 to 9"),
         ("design --out a --free speed", "expected positions"),
         ("design --out a --preset best", "expected default or paper"),
