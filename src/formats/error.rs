@@ -48,6 +48,12 @@ pub enum FormatError {
         /// The folder.
         path: PathBuf,
     },
+    /// Another program writes the file.
+    #[error("{}: expected a file of this estimate alone, found another at work with it; wait for it or choose another name", .path.display())]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
 }
 
 impl FormatError {
@@ -58,7 +64,8 @@ impl FormatError {
             | Self::Unreadable { path, .. }
             | Self::Malformed { path, .. }
             | Self::NotWritten { path, .. }
-            | Self::Busy { path } => path,
+            | Self::Busy { path }
+            | Self::InUse { path } => path,
         }
     }
 

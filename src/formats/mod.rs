@@ -33,6 +33,6 @@ pub use stack::{read_picture_or_array, read_stack};
 pub use tables::{complete_csv, complete_json, read_json, write_csv, write_csv_text, write_json};
 pub use tiff_pages::{PageWriter, read_pages, write_tiff};
 pub use write::{
-    CompleteFile, TEMPORARY_PREFIX, check_writable, complete_file, create_folder, lock_folder, read_if_there,
-    remove_if_there, write_safely,
+    CompleteFile, NameLock, TEMPORARY_PREFIX, check_writable, complete_file, create_folder, lock_folder, lock_name,
+    read_if_there, remove_if_there, write_safely,
 };

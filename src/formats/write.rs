@@ -70,13 +70,64 @@ pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
 
 fn locked(path: &Path) -> Result<Option<File>, FormatError> {
     let Ok(folder) = File::open(path) else { return Ok(None) };
-    let Err(TryLockError::WouldBlock) = folder.try_lock() else { return Ok(Some(folder)) };
+    lock_within_grace(folder).map(Some).ok_or_else(|| FormatError::Busy { path: path.to_path_buf() })
+}
+
+/// A file that is locked by now, or of a system that knows no such locks; none where somebody else still has it.
+fn lock_within_grace(file: File) -> Option<File> {
+    let Err(TryLockError::WouldBlock) = file.try_lock() else { return Some(file) };
     let (tell, told) = channel();
     // Where nobody waits any more, the lock goes as soon as it comes.
-    let wait = move || drop(folder.lock().map(|()| tell.send(folder)));
+    let wait = move || drop(file.lock().map(|()| tell.send(file)));
     let waiting = std::thread::Builder::new().name("lenslet-lock".into()).spawn(wait);
-    let locked = waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok());
-    locked.map(Some).ok_or_else(|| FormatError::Busy { path: path.to_path_buf() })
+    waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok())
+}
+
+/// Keeps other programs from a file that is replaced again and again, by a lock on an empty one beside it, which is removed with it.
+#[derive(Debug)]
+pub struct NameLock {
+    path: PathBuf,
+    _file: File,
+}
+
+/// Locks the name of a file, whether it is there or not, until the lock is dropped or the process ends, however it ends; `lock` is the
+/// empty file that stands for it. Where that cannot be written, or is somebody's file, nobody is kept out.
+///
+/// # Errors
+/// [`FormatError::InUse`] where another one has it, as [`lock_folder`].
+pub fn lock_name(path: &Path, lock: &Path) -> Result<Option<NameLock>, FormatError> {
+    loop {
+        let Ok(file) = File::options().create(true).truncate(false).write(true).open(lock) else { return Ok(None) };
+        if file.metadata().map_or(true, |of| of.len() > 0 || !of.is_file()) {
+            return Ok(None);
+        }
+        let Some(file) = lock_within_grace(file) else { return Err(FormatError::InUse { path: path.to_path_buf() }) };
+        // Whoever had it may have removed it meanwhile, and somebody else made another.
+        if is_at(&file, lock) {
+            return Ok(Some(NameLock { path: lock.to_path_buf(), _file: file }));
+        }
+    }
+}
+
+/// Whether an open file is still the one of this name.
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let place = |of: fs::Metadata| (of.dev(), of.ino());
+    file.metadata().ok().map(place) == fs::metadata(path).ok().map(place)
+}
+
+/// Elsewhere a file that is open keeps its name.
+#[cfg(not(unix))]
+fn is_at(_: &File, _: &Path) -> bool {
+    true
+}
+
+impl Drop for NameLock {
+    fn drop(&mut self) {
+        // One that stays, as after a kill, is taken by the next.
+        let _ = fs::remove_file(&self.path);
+    }
 }
 
 /// Removes temporary files that nobody writes any more: whoever does has them locked.
@@ -269,6 +320,40 @@ mod tests {
         going_on.complete().unwrap().put_in_place().unwrap();
         assert!(path.is_file() && lock.is_some());
         assert!(matches!(lock_folder(folder.path()), Err(FormatError::Busy { .. })));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_name_is_locked_whether_its_file_is_there_or_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, lock] = ["kept", "kept.lock"].map(|name| folder.path().join(name));
+        let held = lock_name(&path, &lock).unwrap();
+        assert!(held.is_some() && !path.exists());
+        write_safely(&path, |writer| writer.write_all(b"one")).unwrap();
+        let told = lock_name(&path, &lock).unwrap_err().to_string();
+        assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
+        drop(held);
+        assert_eq!(names(folder.path()), ["kept"], "nothing stays of the lock");
+        // What a kill leaves is in nobody's way, and what is somebody's stays.
+        fs::write(&lock, b"").unwrap();
+        drop(lock_name(&path, &lock).unwrap().unwrap());
+        assert!(!lock.exists());
+        fs::write(&lock, b"mine").unwrap();
+        assert!(lock_name(&path, &lock).unwrap().is_none());
+        assert_eq!(fs::read(&lock).unwrap(), b"mine");
+        assert!(lock_name(&path, &folder.path().join("no/lock")).unwrap().is_none());
+        // One that is removed while somebody waits for it is not what that one comes to have.
+        let lock = folder.path().join("other.lock");
+        let held = lock_name(&path, &lock).unwrap().unwrap();
+        let waiting = std::thread::spawn({
+            let (path, lock) = (path.clone(), lock.clone());
+            move || lock_name(&path, &lock).unwrap().unwrap()
+        });
+        std::thread::sleep(GRACE / 5);
+        drop(held);
+        let next = waiting.join().unwrap();
+        assert!(lock.exists() && lock_name(&path, &lock).is_err());
+        drop(next);
     }
 
     #[cfg(unix)]

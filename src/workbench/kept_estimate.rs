@@ -8,13 +8,15 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::estimation::tells_of_unwritten_weights;
-use crate::formats::{read_if_there, remove_if_there, write_safely};
+use crate::formats::{NameLock, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
 /// on. Without a file everything is computed as it comes.
 pub(super) struct KeptEstimate {
     path: Option<PathBuf>,
+    /// Held while the estimate goes on, so that no other one keeps its parts there.
+    _lock: Option<NameLock>,
     since: Instant,
     parts: Parts,
     /// Whether what comes is worth keeping: not once weights could not be written, which the same command is to try again.
@@ -54,12 +56,13 @@ impl KeptEstimate {
     /// What `path` holds of the estimate that `what` describes completely.
     ///
     /// # Errors
-    /// Where the file cannot be read, or is that of another estimate.
+    /// Where the file cannot be read, is that of another estimate, or another one goes on with it.
     pub fn open(path: Option<&Path>, what: &dyn Debug) -> Result<Self, InformationError> {
         // A mask may be a picture of millions of numbers, which nobody need write out where nothing is kept.
         let Some(path) = path else {
-            return Ok(Self { path: None, since: Instant::now(), parts: Parts::default(), goes_on: true });
+            return Ok(Self { path: None, _lock: None, since: Instant::now(), parts: Parts::default(), goes_on: true });
         };
+        let lock = lock_name(path, &fit_file(path, LOCK))?;
         let key = key_of(what);
         let refused = |reason: String| failed(path, &reason);
         let found = read_if_there(path)?;
@@ -79,7 +82,7 @@ impl KeptEstimate {
             false if parts.hold_nothing() && fits(path).next().is_none() => Parts { key, ..Parts::default() },
             false => return Err(refused(InformationError::OtherFit.to_string())),
         };
-        let mut kept = Self { path: Some(path.to_owned()), since: Instant::now(), parts, goes_on: true };
+        let mut kept = Self { path: Some(path.to_owned()), _lock: lock, since: Instant::now(), parts, goes_on: true };
         kept.store()?;
         Ok(kept)
     }
@@ -201,6 +204,8 @@ impl KeptEstimate {
 
 /// Removes the files of an estimate, once its result is where it is to stay.
 pub(super) fn end(path: &Path) {
+    // Another estimate may have begun to go on with it.
+    let Ok(_lock) = lock_name(path, &fit_file(path, LOCK)) else { return };
     // Those that stay behind are in nobody's way: the next estimate in this place begins by removing them.
     let _ = forget_fits(path);
     forget(path);
@@ -218,22 +223,25 @@ fn forget_fits(path: &Path) -> Result<(), InformationError> {
 fn fits(path: &Path) -> impl Iterator<Item = PathBuf> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let found = std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
-    found.filter(move |file| has_name_of_fit(path, file))
+    let lock = fit_file(path, LOCK);
+    found.filter(move |file| has_name_of_fit(path, file) && file.file_name() != lock.file_name())
 }
 
-/// Whether a file has the name of the state of a fit beside the file of an estimate.
+/// Whether a file has the name of what lies beside the file of an estimate: the state of a fit, or the lock.
 pub fn has_name_of_fit(estimate: &Path, file: &Path) -> bool {
     let start = fit_file(estimate, "");
     let names =
         file.file_name().zip(start.file_name()).map(|names| (names.0.to_string_lossy(), names.1.to_string_lossy()));
     let part = names.as_ref().and_then(|(name, start)| name.strip_prefix(&**start)).unwrap_or_default();
-    [DECODER, BELOW, ABOVE].contains(&part) || part.parse::<usize>().is_ok()
+    [DECODER, BELOW, ABOVE, LOCK].contains(&part) || part.parse::<usize>().is_ok()
 }
 
 /// Names of parts in the files of their fits.
 const DECODER: &str = "decoder";
 const BELOW: &str = "below";
 const ABOVE: &str = "above";
+/// What stands there for the estimate that goes on.
+const LOCK: &str = "lock";
 
 /// That of a trial, counted from 0.
 fn trial_part(index: usize) -> String {
@@ -305,6 +313,23 @@ mod tests {
         let dark = key_of(&picture);
         picture[[32, 32]] = 1.0;
         assert_ne!(dark, key_of(&picture));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn two_estimates_do_not_share_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("kept");
+        let kept = KeptEstimate::open(Some(&path), &"one").unwrap();
+        let told = KeptEstimate::open(Some(&path), &"one").err().unwrap().to_string();
+        assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
+        // Nor does one remove what another goes on with.
+        end(&path);
+        assert!(path.exists());
+        drop(kept);
+        assert!(KeptEstimate::open(Some(&path), &"one").is_ok());
+        end(&path);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
     #[test]
@@ -391,6 +416,7 @@ mod tests {
             (trial(), trial().ok().map(|one| one.bits_per_pixel()))
         );
         assert!(again.seconds() >= 2.5, "a trial and a decoder of 1 s, two bounds of 0.25 s");
+        drop(again);
         std::fs::write(&half, "half of it").unwrap();
         end(&path);
         assert!(!path.exists() && !fit.exists() && !half.exists());
@@ -406,8 +432,7 @@ mod tests {
         std::fs::write(&going, "a state").unwrap();
         assert!(open("one").is_err());
         std::fs::remove_file(&going).unwrap();
-        drop(open("one").unwrap());
-        assert!(open("one").is_ok());
+        assert!((0..2).all(|_| open("one").is_ok()));
         assert_eq!(others.map(|file| file.exists()), [false, false, true, true]);
         end(&path);
         // Another file is not written over.
