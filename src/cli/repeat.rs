@@ -162,6 +162,10 @@ fn lines_of(repeated: &Repeated) -> Vec<String> {
             lines.extend(compared.map(|(now, then)| compared_line(side, now, then)));
         }
     }
+    if let (Some(now), Some(then)) = (repeated.numbers.edit, repeated.recorded.edit) {
+        let ([low, high], bits, recorded) = (now.interval_95, now.bits_per_pixel, then.bits_per_pixel);
+        lines.push(format!("  last edit {bits:+.6} [{low:+.4}, {high:+.4}], {recorded:+.6}"));
+    }
     lines.push(if repeated.same { "The same to the last bit." } else { "Not the same." }.into());
     lines.extend(repeated.notes.iter().map(|note| format!("note: {note}")));
     lines

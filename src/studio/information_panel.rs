@@ -10,7 +10,7 @@ use super::known::Known;
 use super::menus;
 use super::messages::Severity;
 use super::state::State;
-use crate::information::{Bracket, NUMBERS_VERSION, NamedBound};
+use crate::information::{Bracket, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::workbench::{RunBounds, RunStatus};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
@@ -103,6 +103,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
         "ceiling": known.bounds.ceiling_bits(),
         "live_estimate": live,
+        "last_edit": known.sampling().and_then(|live| live.edit),
         "bracket": known.bracket,
         "fitted": known.fitted,
         "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
@@ -307,6 +308,13 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
+        if let Some(edit) = known.sampling().and_then(|live| live.edit) {
+            let PairedDifference { bits_per_pixel, interval_95: [low, high] } = edit;
+            let hint = "By how much more (+) or less the decoder that comes with the program tells of the beads since the last \
+                        edit, of the same scenes seen through both masks: differences show that are smaller than the \
+                        intervals of either number. 95 % interval; Undo goes back to the other mask.";
+            line("Last edit", format!("{bits_per_pixel:+.4} [{low:+.4}, {high:+.4}]"), None, hint);
+        }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = known.lower() {
             let hint = "What a decoder, or following the posterior of the beads, was seen to tell of fresh scenes: the \
                         information is at least this. At once by the decoder that comes with the program; a bracket \

@@ -17,7 +17,7 @@ use super::measured::MeasuredOrder;
 use super::recovery::{Autosave, Recovered};
 use super::threads::{Threads, Wake};
 use super::watched::WatchedRun;
-use super::worker::{Live, Worker};
+use super::worker::{Live, Wanted, Worker};
 use crate::formats::FormatError;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
@@ -67,7 +67,7 @@ impl Workbench {
         let (threads, activities) = (Threads::default(), Activities::default());
         let worker = Worker::start(Arc::clone(&wake), &threads, activities.clone())?;
         let design = Arc::new(design);
-        worker.evaluate(1, Arc::clone(&design));
+        worker.evaluate(Wanted { revision: 1, design: Arc::clone(&design), before: None });
         Ok(Self {
             design,
             open: None,
@@ -331,7 +331,9 @@ impl Workbench {
     pub(super) fn show(&mut self, design: Arc<Design>) {
         self.revision += 1;
         self.design = design;
-        self.worker.evaluate(self.revision, Arc::clone(&self.design));
+        // Masks of a run are no edits.
+        let before = self.history.before().filter(|_| !self.is_looking()).cloned();
+        self.worker.evaluate(Wanted { revision: self.revision, design: Arc::clone(&self.design), before });
     }
 
     /// Keeps the design in a folder while it has unsaved changes, so that they survive the program; see

@@ -9,14 +9,13 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use super::activity::{Activities, ActivityKind, Entry};
-use super::design::Design;
 use super::estimate_files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use super::estimation::{DensityModel, EstimateRequest, estimate};
 use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint, thin_out};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
-use super::worker::Stamped;
+use super::worker::{Stamped, Wanted};
 use crate::formats::{FormatError, create_folder};
 use crate::information::FitLength;
 
@@ -97,8 +96,7 @@ struct Mailbox {
 /// A design whose live estimate is wanted.
 #[derive(Clone)]
 struct Refine {
-    revision: u64,
-    design: Arc<Design>,
+    wanted: Wanted,
     scene: Arc<Scene>,
 }
 
@@ -174,9 +172,9 @@ impl Estimator {
     }
 
     /// Asks for the live estimate of a design; takes the place of one that waits.
-    pub fn refine(&self, revision: u64, design: Arc<Design>, scene: Arc<Scene>) {
-        self.supersede(revision);
-        lock(&self.shared.mailbox).refine = Some(Refine { revision, design, scene });
+    pub fn refine(&self, wanted: Wanted, scene: Arc<Scene>) {
+        self.supersede(wanted.revision);
+        lock(&self.shared.mailbox).refine = Some(Refine { wanted, scene });
         self.shared.arrived.notify_one();
     }
 
@@ -293,7 +291,7 @@ fn run(shared: &Shared) {
         match (task, done) {
             (Task::Order(_, entry), Ok(Some(text))) => entry.end(Ok(text)),
             (Task::Order(_, entry), Err(Some(failed))) => entry.end(Err(failed.text)),
-            (Task::Refine(wanted), Err(Some(failed))) => {
+            (Task::Refine(Refine { wanted, .. }), Err(Some(failed))) => {
                 refiner = Refiner::default();
                 lock(&shared.estimates).live_failure = Some((wanted.revision, failed.text));
             }
@@ -451,8 +449,9 @@ impl Shared {
         *lock(&self.folder) = Some(folder);
     }
 
-    fn refine(&self, refiner: &mut Refiner, wanted: &Refine) {
-        let revision = wanted.revision;
+    fn refine(&self, refiner: &mut Refiner, order: &Refine) {
+        let Refine { wanted: Wanted { revision, design, before }, scene } = order;
+        let revision = *revision;
         if revision < self.newest.load(Ordering::Relaxed) {
             return;
         }
@@ -471,13 +470,13 @@ impl Shared {
             let unwanted = self.quit.load(Ordering::Relaxed) || !self.wants_live();
             superseded || unwanted || !lock(&self.mailbox).orders.is_empty()
         };
-        match refiner.refine(&wanted.design, &wanted.scene, &mut publish, &stop) {
+        match refiner.refine((design, before.as_ref()), scene, &mut publish, &stop) {
             Ok(()) => {}
             Err(error) if error.is_cancelled() => {
                 // An order or the switch interrupted: it goes on afterwards, unless there is a newer design by then.
                 let mut mailbox = lock(&self.mailbox);
                 if revision >= self.newest.load(Ordering::Relaxed) && mailbox.refine.is_none() {
-                    mailbox.refine = Some(wanted.clone());
+                    mailbox.refine = Some(order.clone());
                 }
             }
             Err(error) => lock(&self.estimates).live_failure = Some((revision, error.to_string())),

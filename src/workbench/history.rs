@@ -87,6 +87,11 @@ impl History {
         *self = Self::default();
     }
 
+    /// The design that an undo would go back to.
+    pub fn before(&self) -> Option<&Arc<Design>> {
+        self.past.last().map(|step| &step.version.design)
+    }
+
     /// What an undo would undo.
     pub fn undoes(&self) -> Option<&str> {
         self.past.last().map(|step| step.label.as_str())

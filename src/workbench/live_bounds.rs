@@ -1,14 +1,17 @@
 //! The bounds beside the live estimate that know the prior of the objects.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use super::design::Design;
 use crate::design::derived_seed;
 use crate::information::{
-    BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PosteriorBound, PosteriorFit,
-    QuickLowerBound, posterior_lower_bound, posterior_upper_bound,
+    BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PairedDifference,
+    PosteriorBound, PosteriorFit, QuickLowerBound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
+    savings_gain,
 };
 
 /// Half width of the interval of the decoder's bound that is enough, bits per pixel.
@@ -16,6 +19,9 @@ const LOWER_HALF_WIDTH: f64 = 0.002;
 /// Streams of random numbers for the posterior from below and from above.
 pub(super) const BELOW: u64 = 8;
 pub(super) const ABOVE: u64 = 9;
+/// The same for the comparison with the mask before an edit, and how many of its samples belong together.
+const EDIT: u64 = 10;
+const EDIT_BLOCK: usize = 64;
 
 /// Samples behind a bound that knows the prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,11 +71,35 @@ pub(super) struct Beads<'a> {
     seed: u64,
     pub lower: Option<(NamedBound, Draws)>,
     pub upper: Option<(NamedBound, Draws)>,
+    /// The design before the last edit and what patches showed through its mask, where that can be compared.
+    pub before: Option<(Arc<Design>, BeadChannel)>,
+    /// By how much more the decoder tells than before the last edit, and on how many samples.
+    pub edit: Option<(PairedDifference, usize)>,
 }
 
 impl<'a> Beads<'a> {
     pub fn new(channel: Option<&'a BeadChannel>, seed: u64) -> Self {
-        Self { channel, seed, lower: None, upper: None }
+        Self { channel, seed, lower: None, upper: None, before: None, edit: None }
+    }
+
+    /// What the decoder tells of so many samples of the same beads, through the mask and through that before the last edit. Whether
+    /// there is something to compare.
+    pub fn compare(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) -> bool {
+        let (Some(channel), Some((_, before)), Some(decoder)) = (self.channel, &self.before, Decoder::shipped()) else {
+            return false;
+        };
+        let seed = derived_seed(self.seed, EDIT);
+        let savings =
+            |channel: &BeadChannel| decoder_savings(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &|| !stop()).ok();
+        let Some((before, after)) = savings(before).zip(savings(channel)) else { return false };
+        // Where nothing is told of either, the prior tells as much.
+        if [&before, &after].iter().all(|savings| savings.iter().sum::<f64>() <= 0.0) {
+            return false;
+        }
+        let (gain, half_width) = savings_gain(&before, &after);
+        let difference = PairedDifference { bits_per_pixel: gain, interval_95: [gain - half_width, gain + half_width] };
+        self.edit = Some((difference, samples));
+        true
     }
 
     /// What the decoder tells of fresh samples.

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -10,8 +11,9 @@ use super::evaluation::{EvaluationError, Scene};
 use super::record::{FORMAT_VERSION, LIVE_FORMAT};
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
 use crate::formats::{FormatError, create_folder, write_json};
-use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound};
+use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::Progress;
+use crate::optics::Encoder;
 
 /// A live estimate, the design that it is of, and how it came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +31,9 @@ pub struct LiveRecord {
     recipe: LiveRecipe,
     /// What the fit started from; none where it began with the weights of the program.
     start: Option<CausalStart>,
+    /// The mask before the last edit, where there was one that can be compared with this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    before: Option<Encoder>,
 }
 
 /// The numbers of a live estimate, bits per pixel.
@@ -53,6 +58,9 @@ pub struct LiveNumbers {
     /// Bounds for whole measurements, where the prior is known and the estimate had settled.
     #[serde(default)]
     pub sensor: Option<Bracket>,
+    /// By how much more is told than before the last edit, where the prior is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub edit: Option<PairedDifference>,
 }
 
 impl LiveNumbers {
@@ -67,6 +75,7 @@ impl LiveNumbers {
             lower: live.lower.clone(),
             upper: live.upper.clone(),
             sensor: live.sensor.as_ref().map(|sensor| sensor.bracket.clone()),
+            edit: live.edit,
         }
     }
 }
@@ -96,6 +105,7 @@ impl LiveRecord {
             numbers: LiveNumbers::of(live),
             recipe: live.recipe,
             start: live.start.as_deref().cloned(),
+            before: live.before.as_ref().map(|before| before.encoder.clone()),
         }
     }
 
@@ -113,8 +123,9 @@ impl LiveRecord {
     /// A name for its file: records of the same numbers have the same, others have others.
     pub fn file_name(&self) -> String {
         let mut hasher = blake3::Hasher::new();
-        let design = serde_json::to_string(&self.design).unwrap_or_default();
-        hasher.update(format!("{} {design} {:?}", self.objects_fingerprint, self.recipe).as_bytes());
+        let [design, before] = [serde_json::to_string(&self.design), serde_json::to_string(&self.before)];
+        let (design, before) = (design.unwrap_or_default(), before.unwrap_or_default());
+        hasher.update(format!("{} {design} {:?} {before}", self.objects_fingerprint, self.recipe).as_bytes());
         for weight in self.start.iter().flat_map(CausalStart::weights) {
             hasher.update(&weight.to_le_bytes());
         }
@@ -124,6 +135,9 @@ impl LiveRecord {
     /// The record, if it is one that a window may have written; what was found otherwise.
     pub(super) fn checked(self) -> Result<Self, String> {
         self.design.check().map_err(|error| error.to_string())?;
+        if let Some(before) = self.design_before() {
+            before.check().map_err(|error| error.to_string())?;
+        }
         if !self.recipe.is_sound() {
             return Err(format!("a recipe that no window makes, {:?}", self.recipe));
         }
@@ -131,6 +145,11 @@ impl LiveRecord {
             return Err("a start of the fit that is damaged".to_owned());
         }
         Ok(self)
+    }
+
+    /// The design before the last edit.
+    fn design_before(&self) -> Option<Design> {
+        self.before.clone().map(|encoder| Design { encoder, ..self.design.clone() })
     }
 
     /// Steps of the fit.
@@ -146,7 +165,9 @@ impl LiveRecord {
     pub fn repeat(&self, go_on: &(dyn Fn(usize) -> bool + Sync)) -> Result<Repeated, EvaluationError> {
         let open = |_: Progress| if go_on(0) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let scene = Scene::open(&self.design, &open)?;
-        let live = repeated(&self.design, &scene, (&self.recipe, self.start.as_ref()), go_on)?;
+        let before = self.design_before().map(Arc::new);
+        let designs = (&self.design, before.as_ref());
+        let live = repeated(designs, &scene, (&self.recipe, self.start.as_ref()), go_on)?;
         let numbers = LiveNumbers::of(&live);
         let mut notes = Vec::new();
         if scene.set.fingerprint() != self.objects_fingerprint {
@@ -162,7 +183,6 @@ impl LiveRecord {
 #[cfg(test)]
 mod tests {
     use std::cell::RefCell;
-    use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::super::closer::{CloserKey, CloserOrder};
@@ -171,7 +191,7 @@ mod tests {
     use super::super::record::{Record, RecordError};
     use super::super::refinement::Refiner;
     use super::*;
-    use crate::optics::{Encoder, heuristic_layout};
+    use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
 
     fn open(path: &Path) -> Result<LiveRecord, RecordError> {
@@ -182,7 +202,7 @@ mod tests {
     /// The first estimate that is wanted of a design.
     fn first(
         refiner: &mut Refiner,
-        design: &Design,
+        (design, before): (&Design, Option<&Arc<Design>>),
         scene: &Arc<Scene>,
         wanted: fn(&LiveEstimate) -> bool,
     ) -> LiveEstimate {
@@ -193,7 +213,7 @@ mod tests {
                 stop.store(true, Ordering::Relaxed);
             }
         };
-        let ended = refiner.refine(design, scene, &mut publish, &|| stop.load(Ordering::Relaxed));
+        let ended = refiner.refine((design, before), scene, &mut publish, &|| stop.load(Ordering::Relaxed));
         assert!(ended.as_ref().is_err_and(EvaluationError::is_cancelled), "{ended:?}");
         found.into_inner().unwrap()
     }
@@ -206,8 +226,14 @@ mod tests {
         let scene = Arc::new(Scene::open(&one, &|_| ControlFlow::Continue(())).unwrap());
         let mut refiner = Refiner::default();
         let is_revised = |live: &LiveEstimate| live.recipe.revised.is_some_and(|by| live.recipe.steps > by.after);
-        let cold = first(&mut refiner, &one, &scene, is_revised);
-        let warm = first(&mut refiner, &two, &scene, |live| live.upper.is_some());
+        let cold = first(&mut refiner, (&one, None), &scene, is_revised);
+        let before = Arc::new(one.clone());
+        let warm = first(&mut refiner, (&two, Some(&before)), &scene, |live| live.upper.is_some());
+        // Two lenslets tell more than one, by about as much as their bounds differ.
+        let gain = warm.edit.unwrap();
+        let [first_lower, then] = [&cold, &warm].map(|live| live.lower.as_ref().unwrap().bits_per_pixel);
+        assert!(cold.edit.is_none() && gain.is_clear(), "{gain:?}");
+        assert!((gain.bits_per_pixel - (then - first_lower)).abs() < 0.02, "{gain:?} {first_lower} {then}");
         assert!(cold.start.is_none() && warm.start.is_some() && warm.recipe.revised.is_none());
         assert!(matches!(warm.recipe.upper, Some(Draws::Followed { .. })));
         for (name, design, live) in [("cold", &one, &cold), ("warm", &two, &warm)] {
@@ -238,9 +264,9 @@ mod tests {
         let mut refiner = Refiner::default();
         // So slow that the fewest steps are planned.
         refiner.set_pace(1.0);
-        let settled = first(&mut refiner, &design, &scene, |live| live.remaining.is_none());
+        let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
-        refiner.refine(&design, &scene, &mut |live| published.push(live), &|| false).unwrap();
+        refiner.refine((&design, None), &scene, &mut |live| published.push(live), &|| false).unwrap();
         let [first, pulled, last, whole, done] = &published[..] else { panic!("{} estimates", published.len()) };
         assert!(pulled.pulls.is_some() && pulled.upper == first.upper);
         assert_eq!(first.upper, settled.upper);
@@ -262,7 +288,7 @@ mod tests {
         let noise = Noise::ShotRead { sigma: 0.1 };
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), noise, ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
-        let live = first(&mut Refiner::default(), &design, &scene, |_| true);
+        let live = first(&mut Refiner::default(), (&design, None), &scene, |_| true);
         let optics = Optics::of(&design, scene.set.planes()).unwrap();
         let prepared = SceneOptics::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(prepared.measure(&design, &optics, &scene).unwrap());
@@ -297,8 +323,8 @@ mod tests {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
         let mut refiner = Refiner::default();
-        first(&mut refiner, &design, &scene, |_| true);
-        let warm = first(&mut refiner, &design, &scene, |_| true);
+        first(&mut refiner, (&design, None), &scene, |_| true);
+        let warm = first(&mut refiner, (&design, None), &scene, |_| true);
         let record = serde_json::to_value(LiveRecord::new(&design, &scene, &warm)).unwrap();
         let opened = |change: &dyn Fn(&mut serde_json::Value)| {
             let mut changed = record.clone();

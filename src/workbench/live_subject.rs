@@ -74,6 +74,27 @@ impl<'a> Subject<'a> {
         Ok(Some((BeadChannel { noise, ..channel }, ceiling.map(|found| found.bits_per_pixel))))
     }
 
+    /// The bounds that rest on a known prior, and what there was before the last edit.
+    pub fn beads(&self, before: Option<&Arc<Design>>) -> Beads<'_> {
+        let before = before.and_then(|before| Some((Arc::clone(before), self.channel_through(before)?)));
+        let mut beads = Beads::new(self.channel.as_ref(), self.design.seed);
+        beads.before = before;
+        beads
+    }
+
+    /// What patches show of the same beads through the mask of another design; none without a prior, where the two differ in more than
+    /// their masks, or the mask is the same.
+    fn channel_through(&self, other: &Design) -> Option<BeadChannel> {
+        let (own, noise) = (self.design, self.channel.as_ref()?.noise);
+        let is_seen_alike = (other.noise, other.bias_photons) == (noise, own.bias_photons);
+        let is_alike = Scene::same_objects(own, other) && is_seen_alike && other.encoder.grid() == own.encoder.grid();
+        if !is_alike || other.encoder == own.encoder {
+            return None;
+        }
+        let psf = other.psf(self.imaging.set.planes()).ok()?;
+        self.imaging.bead_channel(psf.view(), self.patch).map(|channel| BeadChannel { noise, ..channel })
+    }
+
     /// By how much posterior sampling lowers the smaller one of the ceiling and a density bound, bits per pixel; none where it was
     /// not done, or there is no ceiling.
     pub fn lowered(&self, beads: &Beads<'_>, density: f64) -> Option<f64> {
@@ -176,13 +197,20 @@ impl<'a> Subject<'a> {
             seconds: 0.0,
             remaining: None,
             bounding: false,
-            recipe: LiveRecipe { test_patches: information.len(), lower: None, upper: None, sensor: None, ..recipe },
+            recipe: LiveRecipe {
+                steps: recipe.steps,
+                test_patches: information.len(),
+                revised: recipe.revised,
+                ..LiveRecipe::of(recipe.planned)
+            },
             start,
             model: Arc::new(model.clone()),
             pulls: None,
             lower: None,
             upper: None,
             sensor: None,
+            before: None,
+            edit: None,
             mean_map: maps.mean_axis(Axis(0)).unwrap_or_default().mapv(|bits| bits as f32),
             maps: maps.slice(shown).mapv(|bits| bits as f32),
             patches: test.noisy.slice(shown).to_owned(),

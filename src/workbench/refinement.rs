@@ -15,7 +15,8 @@ use super::live_subject::{SCORED, SCORED_LAST, Subject};
 use super::pulls::{Pull, Pulls};
 use super::simulation::imaging;
 use crate::information::{
-    CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PatchBatch, PatchStream,
+    CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PairedDifference, PatchBatch,
+    PatchStream,
 };
 use crate::objects::Split;
 
@@ -51,6 +52,9 @@ const FOLLOWED_LAST: Duration = Duration::from_secs(8);
 /// The same for whole measurements, which come last.
 const LOWER_SAMPLES_WHOLE: usize = 256;
 const FOLLOWED_WHOLE: Duration = Duration::from_secs(10);
+/// Samples of the comparison with the design before the last edit soon after it, and once the estimate has settled.
+const EDIT_SAMPLES: usize = 64;
+const EDIT_SAMPLES_LAST: usize = 512;
 /// Time for the bound from above soon after an edit, and by how many bits per pixel that bound has to have lowered the smallest one
 /// before the edit to be worth it: the density model has fewer steps then.
 const FOLLOWED_SOON: Duration = Duration::from_secs(1);
@@ -89,6 +93,10 @@ pub struct LiveEstimate {
     pub upper: Option<NamedBound>,
     /// Bounds for whole measurements, once the estimate has settled; none where the prior is not known.
     pub sensor: Option<SensorBounds>,
+    /// The design before the last edit, where that can be compared with this.
+    pub before: Option<Arc<Design>>,
+    /// By how much more is told of the design than of that one, by the decoder that comes with the program on the same scenes.
+    pub edit: Option<PairedDifference>,
     /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
     pub mean_map: Array2<f32>,
     /// The same for some patches one by one, shape (n, rows, cols).
@@ -116,6 +124,9 @@ pub struct LiveRecipe {
     /// What the bounds for whole measurements were drawn from, from below and from above.
     #[serde(default)]
     pub sensor: Option<[Draws; 2]>,
+    /// Samples on which the mask was compared with that before the last edit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub edit: Option<usize>,
 }
 
 /// Another number of steps for a fit that is going on.
@@ -137,8 +148,8 @@ impl Revision {
 
 impl LiveRecipe {
     /// Before the first step of a fit of so many.
-    fn of(planned: usize) -> Self {
-        Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None, sensor: None }
+    pub(super) fn of(planned: usize) -> Self {
+        Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None, sensor: None, edit: None }
     }
 
     /// Steps in all.
@@ -156,6 +167,7 @@ impl LiveRecipe {
             && sound(self.lower)
             && sound(self.upper)
             && self.sensor.iter().flatten().all(|draws| draws.is_sound())
+            && self.edit.is_none_or(|samples| (1..=EDIT_SAMPLES_LAST).contains(&samples))
     }
 }
 
@@ -187,7 +199,7 @@ impl Refiner {
         self.pace = Some((pace, (super::evaluation::LIVE_PATCH, super::evaluation::LIVE_PATCH)));
     }
 
-    /// Refines the live estimate of a design until it settles. `publish` gets every number; `stop` is asked at every step.
+    /// Refines the live estimate of a design until it settles, and compares it with what it was before the last edit. `publish` gets every number; `stop` is asked at every step.
     ///
     /// Every design is scored on the same held-out objects at the same places, so that differences between edits are not
     /// drowned in those of the scenes.
@@ -196,7 +208,7 @@ impl Refiner {
     /// [`InformationError::Cancelled`] when stopped; [`EvaluationError`] where design, objects or noise allow no estimate.
     pub fn refine(
         &mut self,
-        design: &Design,
+        (design, before): (&Design, Option<&Arc<Design>>),
         scene: &Arc<Scene>,
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
@@ -205,15 +217,13 @@ impl Refiner {
         let bounding = design.bounding();
         let imaging = imaging(&bounding, &scene.set)?;
         let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
-        let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
+        let mut beads = subject.beads(before);
         let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
         let is_this = |awaiting: &Awaiting| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
         if let Some(awaiting) = self.awaits_bounds.take().filter(is_this) {
-            let estimate = &awaiting.estimate;
-            beads.lower = estimate.lower.clone().zip(estimate.recipe.lower);
-            beads.upper = estimate.upper.clone().zip(estimate.recipe.upper);
+            let awaiting = taken_up(awaiting, &mut beads, before, stop);
             // An edit may interrupt again.
-            publish(estimate.clone());
+            publish(awaiting.estimate.clone());
             return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
@@ -316,6 +326,9 @@ impl Refiner {
     ) {
         beads.decode(LOWER_SAMPLES, stop);
         publish(with_bounds(beads, estimate.clone()));
+        if beads.compare(EDIT_SAMPLES, stop) {
+            publish(with_bounds(beads, estimate.clone()));
+        }
         if self.lowered > WORTH_FOLLOWING {
             beads.follow_from_above(FOLLOWED_SOON, stop);
             publish(with_bounds(beads, estimate.clone()));
@@ -338,6 +351,7 @@ impl Refiner {
         }
         if !awaiting.only_sensor && beads.channel.is_some() {
             beads.decode(LOWER_SAMPLES_LAST, stop);
+            beads.compare(EDIT_SAMPLES_LAST, stop);
             beads.follow(FOLLOWED_LAST, stop);
             awaiting.estimate = with_bounds(beads, awaiting.estimate);
             if !stop() {
@@ -368,6 +382,26 @@ impl Refiner {
     }
 }
 
+/// A settled estimate, whose bounds become those that are known, and which is compared with the design before the last edit where that
+/// is another one by now.
+fn taken_up(
+    mut awaiting: Awaiting,
+    beads: &mut Beads<'_>,
+    before: Option<&Arc<Design>>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Awaiting {
+    let estimate = &awaiting.estimate;
+    beads.lower = estimate.lower.clone().zip(estimate.recipe.lower);
+    beads.upper = estimate.upper.clone().zip(estimate.recipe.upper);
+    if estimate.before.as_ref() == before {
+        beads.edit = estimate.edit.zip(estimate.recipe.edit);
+    } else {
+        beads.compare(EDIT_SAMPLES_LAST, stop);
+    }
+    awaiting.estimate = with_bounds(beads, awaiting.estimate);
+    awaiting
+}
+
 /// Steps for which a time suffices, at a pace in seconds. They are planned ahead, so that the fit does not depend on the clock.
 fn planned(time: Duration, pace: f64) -> usize {
     (time.as_secs_f64() / pace.max(1e-9)).clamp(PLANNED.0, PLANNED.1) as usize
@@ -391,7 +425,7 @@ fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> b
 /// [`EvaluationError`] where design, objects or noise allow no estimate, or when cancelled: `go_on` is asked at every step
 /// and told how many are done.
 pub(super) fn repeated(
-    design: &Design,
+    (design, before): (&Design, Option<&Arc<Design>>),
     scene: &Scene,
     (recipe, start): (&LiveRecipe, Option<&CausalStart>),
     go_on: &(dyn Fn(usize) -> bool + Sync),
@@ -422,9 +456,12 @@ pub(super) fn repeated(
         model
     };
     let estimate = subject.score(&model, &test, *recipe, start.cloned().map(Arc::new))?;
-    let mut beads = Beads::new(subject.channel.as_ref(), design.seed);
+    let mut beads = subject.beads(before);
     let stop = || !go_on(recipe.steps);
     beads.repeat((recipe.lower, recipe.upper), &stop);
+    if let Some(samples) = recipe.edit {
+        beads.compare(samples, &stop);
+    }
     let whole = if recipe.sensor.is_some() { subject.whole()? } else { None };
     let sensor = whole.zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
         let mut whole = Beads::new(Some(&channel), design.seed);
@@ -460,6 +497,8 @@ fn with_sensor(sensor: Option<SensorBounds>, estimate: LiveEstimate) -> LiveEsti
 /// An estimate with the bounds that are known so far.
 fn with_bounds(beads: &Beads<'_>, estimate: LiveEstimate) -> LiveEstimate {
     let ((lower, by_lower), (upper, by_upper)) = (beads.lower.clone().unzip(), beads.upper.clone().unzip());
-    let recipe = LiveRecipe { lower: by_lower, upper: by_upper, ..estimate.recipe };
-    LiveEstimate { recipe, lower, upper, ..estimate }
+    let (edit, by_edit) = beads.edit.unzip();
+    let before = edit.and_then(|_| beads.before.as_ref().map(|(before, _)| Arc::clone(before)));
+    let recipe = LiveRecipe { lower: by_lower, upper: by_upper, edit: by_edit, ..estimate.recipe };
+    LiveEstimate { recipe, lower, upper, before, edit, ..estimate }
 }

@@ -75,9 +75,20 @@ struct Shared {
     wake: Wake,
 }
 
+/// A design whose numbers are wanted.
+#[derive(Clone)]
+pub(super) struct Wanted {
+    /// Its revision.
+    pub revision: u64,
+    /// The design.
+    pub design: Arc<Design>,
+    /// What it was before the last edit.
+    pub before: Option<Arc<Design>>,
+}
+
 #[derive(Default)]
 struct Mailbox {
-    evaluate: Option<(u64, Arc<Design>)>,
+    evaluate: Option<Wanted>,
     jobs: VecDeque<(Job, Entry)>,
     closer: Option<CloserOrder>,
     quit: bool,
@@ -113,9 +124,9 @@ impl Worker {
     }
 
     /// Asks for the numbers of a design; takes the place of a request that still waits.
-    pub fn evaluate(&self, revision: u64, design: Arc<Design>) {
-        self.shared.estimator.supersede(revision);
-        lock(&self.shared.mailbox).evaluate = Some((revision, design));
+    pub(super) fn evaluate(&self, wanted: Wanted) {
+        self.shared.estimator.supersede(wanted.revision);
+        lock(&self.shared.mailbox).evaluate = Some(wanted);
         self.shared.arrived.notify_one();
     }
 
@@ -202,7 +213,7 @@ impl Drop for Worker {
 
 #[allow(clippy::large_enum_variant, reason = "one task at a time")]
 enum Task {
-    Evaluate(u64, Arc<Design>),
+    Evaluate(Wanted),
     Job(Job, Entry),
     Closer(CloserOrder),
 }
@@ -213,8 +224,8 @@ fn run(shared: &Shared) {
     let mut job_is_due = false;
     while let Some(task) = next_task(shared, &mut job_is_due) {
         let done = cores.run(|| match &task {
-            Task::Evaluate(revision, design) => {
-                evaluator.evaluate(*revision, design, shared);
+            Task::Evaluate(wanted) => {
+                evaluator.evaluate(wanted, shared);
                 None
             }
             Task::Job(job, entry) => {
@@ -235,7 +246,7 @@ fn run(shared: &Shared) {
             let mut results = lock(&shared.results);
             results.live.busy = None;
             match task {
-                Task::Evaluate(revision, _) => {
+                Task::Evaluate(Wanted { revision, .. }) => {
                     results.live.failure = Some((revision, text));
                     None
                 }
@@ -275,9 +286,9 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
                 return Some(Task::Job(job, entry));
             }
         }
-        if let Some((revision, design)) = mailbox.evaluate.take() {
+        if let Some(wanted) = mailbox.evaluate.take() {
             *job_is_due = true;
-            return Some(Task::Evaluate(revision, design));
+            return Some(Task::Evaluate(wanted));
         }
         if let Some(order) = mailbox.closer.take() {
             return Some(Task::Closer(order));

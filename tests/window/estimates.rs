@@ -52,6 +52,15 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     let ceiling = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
     assert!(lower.bits_per_pixel > 0.7 * ceiling && lower.bits_per_pixel < ceiling, "{lower:?} {ceiling}");
     window.get_by_label("Lower bound");
+    // Where there were nine lenslets two tell less; there was no edit before that one.
+    assert!(first.value.edit.is_none());
+    wait_for(&mut window, "what the edit has changed", |window| {
+        studio(window).bench().estimates().live.is_some_and(|live| live.value.edit.is_some())
+    });
+    let edit = studio(&window).bench().estimates().live.unwrap().value.edit.unwrap();
+    assert!(edit.is_clear() && edit.bits_per_pixel < -0.03, "{edit:?}");
+    let told = format!("{:+.4} [", edit.bits_per_pixel);
+    assert!(window.query_by_label("Last edit").is_some() && window.query_by_label_contains(&told).is_some(), "{told}");
     click(&mut window, "Arrows");
     menu(&mut window, &["View", "Keep estimating"]);
     assert!(!studio(&window).bench().is_live());

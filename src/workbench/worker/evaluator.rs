@@ -11,7 +11,7 @@ use super::super::design::Design;
 use super::super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use super::super::jobs::{Job, Outcome, measured_snapshot};
 use super::super::threads::lock;
-use super::{Live, Shared, Stamped};
+use super::{Live, Shared, Stamped, Wanted};
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};
@@ -33,14 +33,14 @@ pub(super) struct Evaluator {
 }
 
 impl Evaluator {
-    pub fn evaluate(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) {
+    pub fn evaluate(&mut self, wanted: &Wanted, shared: &Shared) {
         let start = std::time::Instant::now();
-        let outcome = self.steps(revision, design, shared);
+        let outcome = self.steps(wanted, shared);
         let is_stopped =
             shared.cancelled.load(Ordering::Relaxed) && outcome.as_ref().is_err_and(EvaluationError::is_cancelled);
         // An edit that waits would begin again what has just been stopped.
-        let same = |(_, newer): &mut (u64, Arc<Design>)| is_stopped && Scene::same_objects(design, newer);
-        let newest = lock(&shared.mailbox).evaluate.take_if(same).map_or(revision, |(newer, _)| newer);
+        let same = |newer: &mut Wanted| is_stopped && Scene::same_objects(&wanted.design, &newer.design);
+        let newest = lock(&shared.mailbox).evaluate.take_if(same).map_or(wanted.revision, |newer| newer.revision);
         let mut results = lock(&shared.results);
         match outcome {
             Ok(()) => results.live.seconds = start.elapsed().as_secs_f64(),
@@ -50,7 +50,8 @@ impl Evaluator {
         }
     }
 
-    fn steps(&mut self, revision: u64, design: &Arc<Design>, shared: &Shared) -> Result<(), EvaluationError> {
+    fn steps(&mut self, wanted: &Wanted, shared: &Shared) -> Result<(), EvaluationError> {
+        let (revision, design) = (wanted.revision, &wanted.design);
         let publish = |change: &dyn Fn(&mut Live)| {
             change(&mut lock(&shared.results).live);
             (shared.wake)();
@@ -106,7 +107,7 @@ impl Evaluator {
             live.information = Some(Stamped { revision, value: Arc::clone(&information) });
             live.failure = None;
         });
-        shared.estimator.refine(revision, Arc::clone(design), scene);
+        shared.estimator.refine(wanted.clone(), scene);
         Ok(())
     }
 
@@ -154,13 +155,14 @@ impl Evaluator {
             told(progress);
             // The mask may be edited while objects are read: the PSF follows at once.
             let waiting = lock(&shared.mailbox).evaluate.clone();
-            if let Some((newer, wanted)) = waiting.filter(|(newer, _)| *newer > newest.get()) {
-                if superseded(&wanted) {
+            if let Some(newer) = waiting.filter(|newer| newer.revision > newest.get()) {
+                if superseded(&newer.design) {
                     return ControlFlow::Break(());
                 }
-                newest.set(newer);
-                if let Ok(optics) = Optics::of(&wanted, 1) {
-                    lock(&shared.results).live.optics = Some(Stamped { revision: newer, value: Arc::new(optics) });
+                newest.set(newer.revision);
+                if let Ok(optics) = Optics::of(&newer.design, 1) {
+                    let (revision, value) = (newer.revision, Arc::new(optics));
+                    lock(&shared.results).live.optics = Some(Stamped { revision, value });
                 }
             }
             (shared.wake)();
