@@ -17,7 +17,9 @@ use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, R
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::workbench::study::{PublishedSet, Study, StudyDesign, StudyRecord, StudySettings};
-use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
+use crate::workbench::{
+    Design, EvaluationError, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths,
+};
 
 /// Arguments of `design`.
 #[derive(Args, Debug)]
@@ -175,6 +177,8 @@ const USUAL_LENSLETS: usize = 25;
 const MOST_STARTS: usize = 1000;
 /// Time for each estimate of a comparison, where none was asked for.
 const USUAL_SCORE: Duration = Duration::from_secs(15);
+/// Test patches of each: those of whole measurements take long.
+const USUAL_PATCHES: usize = 300;
 
 /// What is told at the end.
 #[derive(Debug, Serialize)]
@@ -357,14 +361,14 @@ impl Arguments {
         let settings = match self.score {
             Some(ScoreChoice(None)) => return Ok(None),
             Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
-            None if !self.against.is_empty() => score_settings(record, against, USUAL_SCORE)?,
+            None if !self.against.is_empty() => usual_score(record, against)?,
             None => {
                 // One with others that is there goes on where it was stopped.
                 let there = KeptRun::in_folder(&self.out)?.compared(&record.result);
                 match there.filter(|study| study.settings.designs.len() > 2) {
                     Some(there) if there.program_version != NUMBERS_VERSION => return Ok(Some(there)),
                     Some(there) => there.settings,
-                    None => score_settings(record, usual_layouts(record, &all), USUAL_SCORE)?,
+                    None => usual_score(record, usual_layouts(record, &all))?,
                 }
             }
         };
@@ -372,6 +376,11 @@ impl Arguments {
         run_with_bar(&mut study)?;
         Ok(Some(study.record().clone()))
     }
+}
+
+/// The comparison with these layouts where nobody says how long it is to take.
+fn usual_score(record: &IdealRecord, against: &[usize]) -> Result<StudySettings, EvaluationError> {
+    Ok(StudySettings { patches_test: USUAL_PATCHES, ..score_settings(record, against, USUAL_SCORE)? })
 }
 
 /// Those of the heuristic layouts that a result is compared with where nobody says: on a grid of another size they make other

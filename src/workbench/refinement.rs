@@ -53,7 +53,7 @@ const FOLLOWED_LAST: Duration = Duration::from_secs(8);
 const LOWER_SAMPLES_WHOLE: usize = 256;
 const FOLLOWED_WHOLE: Duration = Duration::from_secs(10);
 /// Samples of the comparison with the design before the last edit soon after it, and once the estimate has settled.
-const EDIT_SAMPLES: usize = 64;
+const EDIT_SAMPLES: usize = 128;
 const EDIT_SAMPLES_LAST: usize = 512;
 /// Time for the bound from above soon after an edit, and by how many bits per pixel that bound has to have lowered the smallest one
 /// before the edit to be worth it: the density model has fewer steps then.
@@ -273,6 +273,10 @@ impl Refiner {
                         if beads.lower.is_none() && progress.elapsed >= FIRST_LOWER {
                             self.take_first_bounds(&mut beads, &estimate, publish, stop);
                         }
+                        // Steps before the score that is to be there soon are worth more.
+                        if patches == SCORED && beads.edit.is_none() && beads.compare(EDIT_SAMPLES, stop) {
+                            publish(with_bounds(&beads, estimate.clone()));
+                        }
                         if progress.elapsed >= FIRST_PULLED {
                             estimate = with_pulls(&mut pulls, (&subject, &beads), estimate, PULLED, stop);
                             publish(estimate.clone());
@@ -326,9 +330,6 @@ impl Refiner {
     ) {
         beads.decode(LOWER_SAMPLES, stop);
         publish(with_bounds(beads, estimate.clone()));
-        if beads.compare(EDIT_SAMPLES, stop) {
-            publish(with_bounds(beads, estimate.clone()));
-        }
         if self.lowered > WORTH_FOLLOWING {
             beads.follow_from_above(FOLLOWED_SOON, stop);
             publish(with_bounds(beads, estimate.clone()));
