@@ -228,7 +228,8 @@ mod tests {
         let is_revised = |live: &LiveEstimate| live.recipe.revised.is_some_and(|by| live.recipe.steps > by.after);
         let cold = first(&mut refiner, (&one, None), &scene, is_revised);
         let before = Arc::new(one.clone());
-        let warm = first(&mut refiner, (&two, Some(&before)), &scene, |live| live.upper.is_some());
+        let has_all = |live: &LiveEstimate| live.upper.is_some() && live.edit.is_some();
+        let warm = first(&mut refiner, (&two, Some(&before)), &scene, has_all);
         // Two lenslets tell more than one, by about as much as their bounds differ.
         let gain = warm.edit.unwrap();
         let [first_lower, then] = [&cold, &warm].map(|live| live.lower.as_ref().unwrap().bits_per_pixel);
