@@ -203,9 +203,9 @@ impl Arguments {
         let settings = self.settings(&design)?;
         check_count("--starts", self.starts, 1..=MOST_STARTS)?;
         if matches!(self.score, Some(ScoreChoice(None))) && !self.against.is_empty() {
-            return Err(
-                anyhow::anyhow!("--against names what a result is compared with, and --score none leaves that out; leave out one of them").into()
-            );
+            let sentence =
+                "--against names what a result is compared with, which --score none leaves out; give one of them";
+            return Err(anyhow::anyhow!(sentence).into());
         }
         check_folder(&self.out)?;
         let named = [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::file)];

@@ -199,7 +199,8 @@ impl Refiner {
         self.pace = Some((pace, (super::evaluation::LIVE_PATCH, super::evaluation::LIVE_PATCH)));
     }
 
-    /// Refines the live estimate of a design until it settles, and compares it with what it was before the last edit. `publish` gets every number; `stop` is asked at every step.
+    /// Refines the live estimate of a design until it settles, and compares it with what it was before the last edit. `publish` gets
+    /// every number; `stop` is asked at every step.
     ///
     /// Every design is scored on the same held-out objects at the same places, so that differences between edits are not
     /// drowned in those of the scenes.
