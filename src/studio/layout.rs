@@ -122,7 +122,7 @@ pub fn default_layout() -> Tree<Pane> {
         let below = tiles.insert_tab_tile(vec![scene, optimize, estimates, compare, map, mtf, history]);
         let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
         linear.children = vec![information, below];
-        linear.shares.set_share(information, 1.15);
+        linear.shares.set_share(information, 1.3);
         linear.shares.set_share(below, 1.0);
         tiles.insert_container(Container::Linear(linear))
     };

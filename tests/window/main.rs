@@ -418,7 +418,7 @@ fn the_window_looks_as_it_did() {
         window.mask(window.get_by_role_and_label(Role::Image, "Measurement").rect().expand(2.0));
         window.mask(Rect::from_min_max(pos2(1060.0, 770.0), pos2(1272.0, 792.0)));
         window.mask(Rect::from_min_max(pos2(812.0, 465.0), pos2(872.0, 766.0)));
-        window.mask(Rect::from_min_max(pos2(880.0, 58.0), pos2(1272.0, 424.0)));
+        window.mask(Rect::from_min_max(pos2(880.0, 58.0), pos2(1272.0, 446.0)));
         window.snapshot(name);
         results.extend(window.take_snapshot_results());
     }
