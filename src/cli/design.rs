@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::time::Duration;
 
 use anyhow::{Context, bail};
 use clap::Args;
@@ -10,16 +9,16 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
-use super::design_runs::{Ranking, check_effects, check_place, climb, in_words, outputs, rank, write};
+use super::design_runs::{
+    Ranking, check_effects, check_place, climb, in_words, outputs, rank, usual_layouts, usual_score, write,
+};
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
-use crate::workbench::study::{PublishedSet, Study, StudyDesign, StudyRecord, StudySettings};
-use crate::workbench::{
-    Design, EvaluationError, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths,
-};
+use crate::workbench::study::{PublishedSet, Study, StudyRecord, StudySettings};
+use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
 /// Arguments of `design`.
 #[derive(Args, Debug)]
@@ -175,10 +174,6 @@ impl FromStr for FreeChoice {
 const USUAL_LENSLETS: usize = 25;
 /// Most runs of an order.
 const MOST_STARTS: usize = 1000;
-/// Time for each estimate of a comparison, where none was asked for.
-const USUAL_SCORE: Duration = Duration::from_secs(15);
-/// Test patches of each: those of whole measurements take long.
-const USUAL_PATCHES: usize = 300;
 
 /// What is told at the end.
 #[derive(Debug, Serialize)]
@@ -376,18 +371,6 @@ impl Arguments {
         run_with_bar(&mut study)?;
         Ok(Some(study.record().clone()))
     }
-}
-
-/// The comparison with these layouts where nobody says how long it is to take.
-fn usual_score(record: &IdealRecord, against: &[usize]) -> Result<StudySettings, EvaluationError> {
-    Ok(StudySettings { patches_test: USUAL_PATCHES, ..score_settings(record, against, USUAL_SCORE)? })
-}
-
-/// Those of the heuristic layouts that a result is compared with where nobody says: on a grid of another size they make other
-/// measurements.
-fn usual_layouts<'a>(record: &IdealRecord, all: &'a [usize]) -> &'a [usize] {
-    let grid = StudyDesign::heuristic(1).encoder.grid();
-    if record.start.encoder.grid() == grid { all } else { &[] }
 }
 
 /// Folder of the comparison in that of the run.

@@ -12,9 +12,10 @@ use super::output::{self, Meter};
 use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::formats::check_writable;
 use crate::information::InformationError;
+use crate::workbench::study::{StudyDesign, StudySettings};
 use crate::workbench::{
     DESIGN_FILES, Design, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
-    curve_of, design_outputs, run_ideal, score_in_patches, score_whole, spoken, write_design,
+    curve_of, design_outputs, run_ideal, score_in_patches, score_settings, score_whole, spoken, write_design,
 };
 
 /// A run in its folder, from where it was stopped there, or from the mask that it had at a step before.
@@ -162,6 +163,23 @@ pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<P
     record.save(&path)?;
     files.extend([curve, path]);
     Ok(files)
+}
+
+/// Time for each estimate of a comparison, where none was asked for.
+const USUAL_SCORE: Duration = Duration::from_secs(15);
+/// Test patches of each: those of whole measurements take long.
+const USUAL_PATCHES: usize = 300;
+
+/// The comparison with these layouts where nobody says how long it is to take.
+pub(super) fn usual_score(record: &IdealRecord, against: &[usize]) -> Result<StudySettings, EvaluationError> {
+    Ok(StudySettings { patches_test: USUAL_PATCHES, ..score_settings(record, against, USUAL_SCORE)? })
+}
+
+/// Those of the heuristic layouts that a result is compared with where nobody says: on a grid of another size they make other
+/// measurements.
+pub(super) fn usual_layouts<'a>(record: &IdealRecord, all: &'a [usize]) -> &'a [usize] {
+    let grid = StudyDesign::heuristic(1).encoder.grid();
+    if record.start.encoder.grid() == grid { all } else { &[] }
 }
 
 /// What several starts have come to.

@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::design::Design;
+use super::refinement::LiveEstimate;
 use crate::design::derived_seed;
 use crate::information::{
     BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PairedDifference,
@@ -80,6 +81,18 @@ pub(super) struct Beads<'a> {
 impl<'a> Beads<'a> {
     pub fn new(channel: Option<&'a BeadChannel>, seed: u64) -> Self {
         Self { channel, seed, lower: None, upper: None, before: None, edit: None }
+    }
+
+    /// Takes over what an estimate of the same design knows; where that was compared with another design before the last edit, it is
+    /// compared anew, on so many samples.
+    pub fn take_over(&mut self, estimate: &LiveEstimate, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
+        self.lower = estimate.lower.clone().zip(estimate.recipe.lower);
+        self.upper = estimate.upper.clone().zip(estimate.recipe.upper);
+        if estimate.before.as_ref() == self.before.as_ref().map(|(before, _)| before) {
+            self.edit = estimate.edit.zip(estimate.recipe.edit);
+        } else {
+            self.compare(samples, stop);
+        }
     }
 
     /// What the decoder tells of so many samples of the same beads, through the mask and through that before the last edit. Whether

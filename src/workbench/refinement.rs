@@ -221,8 +221,9 @@ impl Refiner {
         let mut beads = subject.beads(before);
         let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
         let is_this = |awaiting: &Awaiting| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
-        if let Some(awaiting) = self.awaits_bounds.take().filter(is_this) {
-            let awaiting = taken_up(awaiting, &mut beads, before, stop);
+        if let Some(mut awaiting) = self.awaits_bounds.take().filter(is_this) {
+            beads.take_over(&awaiting.estimate, EDIT_SAMPLES_LAST, stop);
+            awaiting.estimate = with_bounds(&beads, awaiting.estimate);
             // An edit may interrupt again.
             publish(awaiting.estimate.clone());
             return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop);
@@ -382,26 +383,6 @@ impl Refiner {
         publish(LiveEstimate { bounding: false, ..awaiting.estimate });
         Ok(())
     }
-}
-
-/// A settled estimate, whose bounds become those that are known, and which is compared with the design before the last edit where that
-/// is another one by now.
-fn taken_up(
-    mut awaiting: Awaiting,
-    beads: &mut Beads<'_>,
-    before: Option<&Arc<Design>>,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Awaiting {
-    let estimate = &awaiting.estimate;
-    beads.lower = estimate.lower.clone().zip(estimate.recipe.lower);
-    beads.upper = estimate.upper.clone().zip(estimate.recipe.upper);
-    if estimate.before.as_ref() == before {
-        beads.edit = estimate.edit.zip(estimate.recipe.edit);
-    } else {
-        beads.compare(EDIT_SAMPLES_LAST, stop);
-    }
-    awaiting.estimate = with_bounds(beads, awaiting.estimate);
-    awaiting
 }
 
 /// Steps for which a time suffices, at a pace in seconds. They are planned ahead, so that the fit does not depend on the clock.
