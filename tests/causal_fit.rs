@@ -5,8 +5,8 @@ mod study_stream;
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    Beginning, CausalFit, CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch, PatchStream,
-    causal_estimate, causal_model,
+    Beginning, CausalFit, CausalModel, CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch,
+    PatchStream, causal_estimate, causal_model,
 };
 use lenslet_studio::studies::{GaussianField, KnownTruth, TwoRates};
 use ndarray::Axis;
@@ -22,25 +22,35 @@ impl PatchStream for Few {
     }
 }
 
+/// A fit of so many steps from drawn weights.
+fn request<'a>(
+    study: &KnownTruth,
+    stream: &'a dyn PatchStream,
+    test: &'a PatchBatch,
+    steps: usize,
+) -> CausalRequest<'a> {
+    CausalRequest {
+        stream,
+        test,
+        validation: None,
+        keeper: None,
+        moments: None,
+        noise: study.noise(),
+        length: FitLength::Steps(steps),
+        beginning: Beginning::Drawn,
+        estimator: Estimator::Full,
+        seed: 4,
+    }
+}
+
 #[test]
 fn a_fit_whose_numbers_run_away_is_given_up() {
     let study = KnownTruth::TwoRates(TwoRates { side_px: 8, ..TwoRates::default() });
     let test = PatchBatch { noisy: study.draw(20, 1).unwrap().1, clean: None };
     let stream = StudyStream(&study);
-    let request = CausalRequest {
-        stream: &stream,
-        test: &test,
-        validation: None,
-        keeper: None,
-        moments: None,
-        noise: study.noise(),
-        length: FitLength::Steps(500),
-        beginning: Beginning::Drawn,
-        estimator: Estimator::Live,
-        seed: 1,
-    };
+    let request = request(&study, &stream, &test, 500);
     let mut model = causal_model(&request).unwrap();
-    let fit = CausalFit { rate: f64::from(f32::MAX), ..CausalFit::new(request.length, 1) };
+    let fit = CausalFit { rate: f64::from(f32::MAX), ..CausalFit::new(request.length, request.seed) };
     let result = fit.fit(&mut model, &stream, &mut |_| ControlFlow::Continue(()));
     assert!(matches!(result, Err(InformationError::Diverged { refused: 30 })), "{result:?}");
 }
@@ -51,18 +61,7 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     let batch = |count, seed| PatchBatch { noisy: study.draw(count, seed).unwrap().1, clean: None };
     let (few, validation, test) = (Few(batch(6, 1)), batch(64, 2), batch(200, 3));
     let estimate = |validation, keeper, stop_at| {
-        let request = CausalRequest {
-            stream: &few,
-            test: &test,
-            validation,
-            keeper,
-            moments: None,
-            noise: study.noise(),
-            length: FitLength::Steps(1000),
-            beginning: Beginning::Drawn,
-            estimator: Estimator::Full,
-            seed: 4,
-        };
+        let request = CausalRequest { validation, keeper, ..request(&study, &few, &test, 1000) };
         let mut first = None;
         let estimate = causal_estimate(&request, &mut |progress| {
             first.get_or_insert(progress.step);
@@ -72,7 +71,7 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     };
     let (guarded, _) = estimate(Some(&validation), None, usize::MAX).unwrap();
     let (blind, _) = estimate(None, None, usize::MAX).unwrap();
-    assert!(guarded.notes().iter().any(|note| note.contains("too well")), "{:?}", guarded.notes());
+    assert!(guarded.notes().iter().any(|note| note.contains("score best")), "{:?}", guarded.notes());
     assert!(guarded.bits_per_pixel() < blind.bits_per_pixel() - 0.05, "{guarded:?} {blind:?}");
     // A fit that is stopped and goes on has not forgotten what it knew before it learnt by heart.
     let kept = InMemory::default();
@@ -81,6 +80,32 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     assert_eq!(first, Some(897));
     assert_eq!(resumed.bits_per_pixel().to_bits(), guarded.bits_per_pixel().to_bits());
     assert_eq!(resumed.notes(), guarded.notes());
+}
+
+#[test]
+fn a_fit_that_is_broken_off_late_has_not_learnt_by_heart_either() {
+    let study = KnownTruth::GaussianField(GaussianField { side_px: 8, ..GaussianField::default() });
+    let batch = |count, seed| PatchBatch { noisy: study.draw(count, seed).unwrap().1, clean: None };
+    let (few, validation, test) = (Few(batch(6, 1)), batch(64, 2), batch(200, 3));
+    let bits = |model: &CausalModel| model.cross_entropy_map(test.noisy.view()).unwrap().mean().unwrap();
+    let broken_off = |validation| {
+        let request = request(&study, &few, &test, 1000);
+        let (mut model, mut late) = (causal_model(&request).unwrap(), f64::NAN);
+        let fit = CausalFit::new(request.length, request.seed);
+        let ended = fit.fit_watched(&mut model, (&few, validation), &mut |progress, snapshot| {
+            if progress.step < 900 {
+                return ControlFlow::Continue(None);
+            }
+            late = bits(&snapshot());
+            ControlFlow::Break(())
+        });
+        assert_eq!(ended.unwrap_err(), InformationError::Cancelled);
+        // What is seen of a fit is what it leaves behind.
+        assert_eq!(late, bits(&model));
+        late
+    };
+    let (guarded, blind) = (broken_off(Some(&validation)), broken_off(None));
+    assert!(guarded < blind - 0.05, "{guarded} {blind}");
 }
 
 /// Keeps the state of a fit in memory, whenever it may.

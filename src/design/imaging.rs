@@ -16,6 +16,9 @@ use crate::sensor::{Convolution, Convolver, Noise, Patches, SensorError};
 /// Patches that are cut from one measurement while a model is fitted: drawing objects costs more than cutting.
 const PATCHES_PER_OBJECT: usize = 4;
 
+/// Patches that validate a fit to few images.
+const VALIDATION_PATCHES: usize = 64;
+
 /// Least share of the light of a patch that makes a base image one of those that it shows.
 const LEAST_SHARE: f64 = 1e-3;
 
@@ -114,6 +117,22 @@ impl<'a> Imaging<'a> {
     /// Fresh patches of measurements of one part of the objects.
     pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream<'a> {
         MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
+    }
+
+    /// Fresh patches of training objects for a fit, and held-out ones that [validate](ObjectSet::fitting_parts) it where these are few.
+    ///
+    /// # Errors
+    /// As [`PatchStream::draw`].
+    pub fn fitting(
+        &self,
+        convolver: &Convolver,
+        patch: (usize, usize),
+        seed: u64,
+    ) -> Result<(MeasurementStream<'a>, Option<PatchBatch>), InformationError> {
+        let stream = |split| self.stream(convolver.clone(), split, patch);
+        let (fit, validation) = self.set.fitting_parts();
+        let validation = validation.map(|split| stream(split).draw_one_each(VALIDATION_PATCHES, seed)).transpose()?;
+        Ok((stream(fit), validation))
     }
 
     /// What gives the moments of patches of the objects of a split through any mask of `grid` (rows, cols). A model that is
@@ -232,7 +251,8 @@ impl MeasurementStream<'_> {
     /// # Errors
     /// As [`PatchStream::draw`].
     pub fn draw_one_each(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
-        self.batch(count, seed, |measurements| Patches::one_each(measurements, self.patch, seed))
+        let (rows, cols) = self.convolver.plan().measurement_shape();
+        self.cut((count, seed), Patches::one_each((count, rows, cols), self.patch, seed))
     }
 
     /// Which base images the patches of [`MeasurementStream::draw_one_each`] show through the mask's point spread function,
@@ -253,19 +273,25 @@ impl MeasurementStream<'_> {
         Ok(imaging.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
     }
 
-    /// Patches of the measurements of so many objects.
-    fn batch(
+    /// Patches at `places` of the measurements of so many objects of a seed. They are drawn part by part: few large pictures fit into
+    /// memory at a time.
+    fn cut(
         &self,
-        objects: usize,
-        seed: u64,
-        places: impl FnOnce((usize, usize, usize)) -> Result<Patches, SensorError>,
+        (objects, seed): (usize, u64),
+        places: Result<Patches, SensorError>,
     ) -> Result<PatchBatch, InformationError> {
-        let drawn = || -> Result<_, IdealError> {
-            let objects = self.set.objects(self.split, objects, seed)?;
-            let encoded = self.convolver.measure(objects.view(), self.bias)?;
-            Ok(places(encoded.dim())?.cut(encoded.view()))
+        let cut = || -> Result<_, IdealError> {
+            let places = places?;
+            let mut clean = Array3::zeros((places.corners().len(), self.patch.0, self.patch.1));
+            for first in (0..objects).step_by(self.set.batch()) {
+                let count = self.set.batch().min(objects - first);
+                let drawn = self.set.objects_from(self.split, first, count, seed)?;
+                let measured = self.convolver.measure(drawn.view(), self.bias)?;
+                places.cut_some(first, measured.view(), &mut clean);
+            }
+            Ok(clean)
         };
-        let clean = drawn().map_err(|error| InformationError::Stream { reason: error.to_string() })?;
+        let clean = cut().map_err(|error| InformationError::Stream { reason: error.to_string() })?;
         let noisy = self.noise.draw(clean.view(), derived_seed(seed, 1));
         Ok(PatchBatch { noisy, clean: Some(clean) })
     }
@@ -277,8 +303,8 @@ impl PatchStream for MeasurementStream<'_> {
             // Of whole measurements every object has one.
             return self.draw_one_each(count, seed);
         }
-        let objects = count.div_ceil(PATCHES_PER_OBJECT);
-        self.batch(objects, seed, |measurements| Patches::draw(measurements, self.patch, count, seed))
+        let ((rows, cols), objects) = (self.convolver.plan().measurement_shape(), count.div_ceil(PATCHES_PER_OBJECT));
+        self.cut((objects, seed), Patches::draw((objects, rows, cols), self.patch, count, seed))
     }
 }
 
@@ -288,21 +314,48 @@ mod tests {
     use crate::objects::{ObjectOptions, ObjectSource};
     use crate::optics::{heuristic_layout, render_psf};
 
-    #[test]
-    fn the_light_of_a_patch_is_that_of_the_pictures_it_shows() {
+    /// Mosaics of twelve pictures as large as a tile, of which number k is k + 1 everywhere.
+    fn twelve_pictures() -> ObjectSet {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("images.idx");
-        // Picture k is k + 1 everywhere, as large as a tile.
         let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 12, 0, 0, 0, 32, 0, 0, 0, 32];
         bytes.extend((1..=12).flat_map(|level| [level; 32 * 32]));
         std::fs::write(&path, bytes).unwrap();
-        let (field, psf) = ((100, 90), render_psf(&heuristic_layout(3), 1).unwrap());
-        let options = ObjectOptions { field, mean_photons: 6.5 };
-        let set = ObjectSet::open(&ObjectSource::Idx(path), &options).unwrap();
+        let options = ObjectOptions { field: (100, 90), mean_photons: 6.5 };
+        ObjectSet::open(&ObjectSource::Idx(path), &options).unwrap()
+    }
+
+    #[test]
+    fn few_images_are_not_fitted_to_alone() {
+        let set = twelve_pictures();
+        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let convolver = imaging.convolver(render_psf(&heuristic_layout(3), 1).unwrap().view()).unwrap();
+        let (stream, validation) = imaging.fitting(&convolver, (20, 26), 5).unwrap();
+        let validation = validation.unwrap();
+        let held_out = imaging.stream(convolver.clone(), Split::Validation, (20, 26));
+        assert_eq!(validation.noisy, held_out.draw_one_each(VALIDATION_PATCHES, 5).unwrap().noisy);
+        assert_eq!(stream.split, Split::Fit);
+        let shown = |split| {
+            let objects = set.pictures_from(split, 0, 60, 5).unwrap();
+            objects.iter().flatten().map(|placed| placed.picture).collect::<std::collections::BTreeSet<_>>()
+        };
+        let (fit, validation) = (shown(Split::Fit), shown(Split::Validation));
+        assert!(fit.is_disjoint(&validation) && validation.len() == 1);
+        assert_eq!(&fit | &validation, shown(Split::Train));
+        // There is no end of beads.
+        let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &ObjectOptions::default()).unwrap();
+        assert_eq!(set.fitting_parts(), (Split::Train, None));
+    }
+
+    #[test]
+    fn the_light_of_a_patch_is_that_of_the_pictures_it_shows() {
+        let (set, psf) = (twelve_pictures(), render_psf(&heuristic_layout(3), 1).unwrap());
         let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::All, (20, 26));
-        let clean = stream.draw_one_each(40, 5).unwrap().clean.unwrap();
-        let shared = stream.shared_pictures(&imaging, psf.view(), 40, 5).unwrap().unwrap();
+        // More than are drawn at a time.
+        let count = set.batch() + 40;
+        let clean = stream.draw_one_each(count, 5).unwrap().clean.unwrap();
+        let shared = stream.shared_pictures(&imaging, psf.view(), count, 5).unwrap().unwrap();
         assert_eq!(shared.pictures(), 12);
         for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
             let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();

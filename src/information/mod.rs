@@ -37,7 +37,7 @@ mod trial;
 
 /// Version of the numbers: that of the program, and how often the same settings have come to give other numbers. It stands in all
 /// records; numbers of different versions do not belong into one table, nor does a fit go on from that of another.
-pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+20");
+pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
@@ -46,7 +46,7 @@ pub use bracket::{BeadBounds, Bracket, NamedBound};
 pub use causal::{
     Beginning, CausalFit, CausalModel, CausalRefit, CausalRequest, CausalShape, CausalStart, FirstFitProgress,
     FirstScene, FirstWeights, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate, causal_model,
-    check_causal_patch, information_map, information_over, score, score_while,
+    check_causal_patch, information_map, information_map_unless, information_over, score, score_while,
 };
 pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
 pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};

@@ -1,7 +1,7 @@
 //! A set of objects, opened once and drawn from as often as needed.
 
 use std::fmt;
-use std::ops::{ControlFlow, Range};
+use std::ops::{ControlFlow, Range, RangeInclusive};
 use std::path::Path;
 
 use ndarray::{Array2, Array4, ArrayViewMut2};
@@ -41,6 +41,14 @@ impl Default for ObjectOptions {
         Self { field: (96, 96), mean_photons: 100.0 }
     }
 }
+
+/// Training images of which a part is spared to validate fits to the others: of fewer too little would be left, of more a density
+/// model comes to know none by heart in any usual time.
+const FEW: RangeInclusive<usize> = 5..=4000;
+
+/// Most objects that are drawn and measured at a time, enough to keep threads busy, and most bytes that they may take.
+const BATCH: usize = 500;
+const BATCH_BYTES: usize = 256 << 20;
 
 /// How far loading has come, in files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,6 +158,25 @@ impl ObjectSet {
             *parts = parts.of_training();
         }
         self
+    }
+
+    /// The part to fit models on and, where training images are so few that a long fit would learn them by heart, the part that
+    /// validates it.
+    pub fn fitting_parts(&self) -> (Split, Option<Split>) {
+        match &self.content {
+            Content::Mosaic(_, parts) | Content::Whole(_, parts)
+                if FEW.contains(&parts.members(Split::Train).len()) =>
+            {
+                (Split::Fit, Some(Split::Validation))
+            }
+            _ => (Split::Train, None),
+        }
+    }
+
+    /// Objects to draw and measure at a time.
+    pub fn batch(&self) -> usize {
+        let bytes = size_of::<f32>() * self.planes() * self.field.0 * self.field.1;
+        (BATCH_BYTES / bytes.max(1)).clamp(1, BATCH)
     }
 
     /// What the set was opened from.

@@ -16,7 +16,8 @@ const OBJECT_STREAMS: u64 = 0x6f62 << 48;
 /// A part of a set of objects.
 ///
 /// Base images are shuffled once and for all, 80 % are for training and 20 % for testing; no image is in both parts,
-/// whatever the seeds of the objects. Beads have no base images: the parts are different random streams.
+/// whatever the seeds of the objects. A tenth of the training part validates fits to the rest of it, where that is wanted. Beads have
+/// no base images: the parts are different random streams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
@@ -26,6 +27,10 @@ pub enum Split {
     Test,
     /// Objects from the whole set.
     All,
+    /// Objects of the training part but for those that validate.
+    Fit,
+    /// Objects of the training part that tell when a fit to the others knows those too well.
+    Validation,
 }
 
 impl fmt::Display for Split {
@@ -34,6 +39,8 @@ impl fmt::Display for Split {
             Self::Train => "train",
             Self::Test => "test",
             Self::All => "all",
+            Self::Fit => "fit",
+            Self::Validation => "validation",
         })
     }
 }
@@ -45,6 +52,8 @@ impl Split {
             Self::Train => 1,
             Self::Test => 2,
             Self::All => 3,
+            Self::Fit => 4,
+            Self::Validation => 5,
         };
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         generator.set_stream(OBJECT_STREAMS | part << 44 | index);
@@ -75,12 +84,19 @@ impl Parts {
         Self { train: order.len() - test, order }
     }
 
+    /// Training images that do not validate.
+    fn fitted(&self) -> usize {
+        self.train - self.train.div_ceil(10).min(self.train.saturating_sub(1))
+    }
+
     /// Indices of the base images of a part.
     pub(super) fn members(&self, split: Split) -> &[u32] {
         match split {
             Split::Train => &self.order[..self.train],
             Split::Test => &self.order[self.train..],
             Split::All => &self.order,
+            Split::Fit => &self.order[..self.fitted()],
+            Split::Validation => &self.order[self.fitted()..self.train],
         }
     }
 }
@@ -103,6 +119,12 @@ mod tests {
             let inner = parts.of_training();
             assert_eq!((inner.members(Split::Train).len(), inner.members(Split::Test).len()), (train, test));
             assert_eq!(inner.members(Split::All), parts.members(Split::Train), "none of the test images");
+        }
+        for (images, fit, validation) in [(0, 0, 0), (2, 1, 0), (3, 1, 1), (9, 6, 1), (1000, 720, 80)] {
+            let parts = Parts::new(images);
+            assert_eq!((parts.members(Split::Fit).len(), parts.members(Split::Validation).len()), (fit, validation));
+            let both = [parts.members(Split::Fit), parts.members(Split::Validation)].concat();
+            assert_eq!(both, parts.members(Split::Train));
         }
         let parts = Parts::new(1000);
         assert!(!parts.members(Split::Test).is_sorted(), "the images are not shuffled");

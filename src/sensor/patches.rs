@@ -69,10 +69,22 @@ impl Patches {
     /// Where the stack is smaller than the one the places were drawn for.
     pub fn cut(&self, stack: ArrayView3<'_, f32>) -> Array3<f32> {
         let mut patches = Array3::zeros((self.corners.len(), self.shape.0, self.shape.1));
-        for (mut patch, &(image, row, col)) in patches.axis_iter_mut(Axis(0)).zip(&self.corners) {
-            patch.assign(&stack.slice(s![image, row..row + self.shape.0, col..col + self.shape.1]));
-        }
+        self.cut_some(0, stack, &mut patches);
         patches
+    }
+
+    /// Cuts those whose images are in `stack`, which begins with image `first`, into `patches` of shape (count, rows, cols), where the
+    /// others stay as they are.
+    ///
+    /// # Panics
+    /// Where the images are smaller than those the places were drawn for, or the patches fewer.
+    pub fn cut_some(&self, first: usize, stack: ArrayView3<'_, f32>, patches: &mut Array3<f32>) {
+        let images = first..first + stack.len_of(Axis(0));
+        for (mut patch, &(image, row, col)) in patches.axis_iter_mut(Axis(0)).zip(&self.corners) {
+            if images.contains(&image) {
+                patch.assign(&stack.slice(s![image - first, row..row + self.shape.0, col..col + self.shape.1]));
+            }
+        }
     }
 
     /// The transpose of [`Patches::cut`]: adds patches of shape (count, rows, cols) to `stack` at their places.
@@ -111,6 +123,11 @@ mod tests {
         let patches = Patches::draw(stack.dim(), (3, 3), 20, 5).unwrap();
         let cut = patches.cut(stack.view());
         assert_eq!(patches.cut(stack.mapv(|value| value + 1.0).view()), &cut + 1.0);
+        let mut in_parts = Array3::zeros(cut.dim());
+        for (image, stack) in stack.axis_chunks_iter(Axis(0), 1).enumerate() {
+            patches.cut_some(image, stack, &mut in_parts);
+        }
+        assert_eq!(in_parts, cut);
         let first = cut.index_axis(Axis(0), 0);
         assert_eq!(first[(2, 1)] - first[(0, 0)], 21.0, "rows and columns keep their order");
         assert!(Patches::draw((2, 9, 9), (10, 3), 1, 0).is_err());

@@ -183,7 +183,7 @@ impl LiveRecord {
 #[cfg(test)]
 mod tests {
     use std::cell::RefCell;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
     use super::super::closer::{CloserKey, CloserOrder};
     use super::super::evaluation::{Optics, SceneOptics};
@@ -191,6 +191,7 @@ mod tests {
     use super::super::record::{Record, RecordError};
     use super::super::refinement::Refiner;
     use super::*;
+    use crate::objects::ObjectSource;
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
 
@@ -252,10 +253,36 @@ mod tests {
         let record = LiveRecord::new(&one, &scene, &cold);
         let first = LiveRecord { recipe: LiveRecipe { steps: 1, ..record.recipe }, ..record.clone() };
         assert!(first.repeat(&|_| false).is_err_and(|error| error.is_cancelled()));
-        let asked = AtomicBool::new(false);
-        let until_fitted = |step: usize| step < record.steps() || !asked.swap(true, Ordering::Relaxed);
-        assert!(record.repeat(&until_fitted).is_err_and(|error| error.is_cancelled()));
+        for more in [1, 1 + record.recipe.test_patches.div_ceil(32)] {
+            // While it is scored, and while its bounds are taken.
+            let asked = AtomicUsize::new(0);
+            let so_far = |step: usize| step < record.steps() || asked.fetch_add(1, Ordering::Relaxed) < more;
+            assert!(record.repeat(&so_far).is_err_and(|error| error.is_cancelled()));
+        }
         assert_ne!(LiveRecord::new(&one, &scene, &cold).file_name(), LiveRecord::new(&one, &scene, &warm).file_name());
+    }
+
+    #[test]
+    fn estimates_of_few_images_come_out_the_same_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("images.idx");
+        let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 20, 0, 0, 0, 32, 0, 0, 0, 32];
+        bytes.extend((0..20 * 32 * 32_u32).map(|i| if (i / 1024 + 3) * (i % 32) % 19 < 7 { 200 } else { 10 }));
+        std::fs::write(&path, bytes).unwrap();
+        let encoder = Encoder::Lenslets(heuristic_layout(2));
+        let design = Design { objects: ObjectSource::Idx(path), encoder, ..Design::default() };
+        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        assert!(scene.set.fitting_parts().1.is_some());
+        let mut refiner = Refiner::default();
+        refiner.set_pace(0.1);
+        let on_the_way = first(&mut refiner, (&design, None), &scene, |live| live.recipe.test_patches > 32);
+        refiner.set_pace(0.1);
+        let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
+        assert!(on_the_way.remaining.is_some() && settled.start.is_some());
+        for live in [&on_the_way, &settled] {
+            let repeated = LiveRecord::new(&design, &scene, live).repeat(&|_| true).unwrap();
+            assert!(repeated.same, "{repeated:#?}");
+        }
     }
 
     #[test]

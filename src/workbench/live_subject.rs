@@ -12,7 +12,8 @@ use super::refinement::{LiveEstimate, LiveRecipe};
 use crate::design::{Imaging, MeasurementStream, derived_seed};
 use crate::information::{
     BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
-    NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map, paired_interval,
+    NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map_unless,
+    paired_interval,
 };
 use crate::network::Averaging;
 use crate::objects::Split;
@@ -24,9 +25,8 @@ const WARM_RATE: (f64, f64) = (0.35, 1400.0);
 /// The weights of such a fit are averaged over more of its steps: seconds after an edit, while rates are still high, the estimate
 /// is then nearer to where it will settle.
 const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
-/// Held-out patches of the scores before the last one at the most, and of that.
-pub(super) const SCORED: usize = 192;
-pub(super) const SCORED_LAST: usize = 384;
+/// Held-out patches of the scores from the one soon after an edit on, and the most of those before.
+pub(super) const SCORED: usize = 384;
 /// Bits per pixel by which a loose bound is above another.
 const LOOSE: f64 = 0.02;
 /// Patches whose own maps are kept.
@@ -120,25 +120,23 @@ impl<'a> Subject<'a> {
     /// So many held-out patches, each of an object of its own. Fewer are the first of more, so that one score differs from the
     /// next by little.
     pub fn test(&self, count: usize) -> Result<PatchBatch, InformationError> {
-        let stream = self.stream(Split::Test);
-        let (first, more) = self.parts(count);
-        let some = stream.draw_one_each(first.0, first.1)?;
-        if more.0 == 0 { Ok(some) } else { joined(&some, &stream.draw_one_each(more.0, more.1)?) }
+        self.stream(Split::Test).draw_one_each(count, self.test_seed())
     }
 
-    /// Numbers and seeds of the two parts of so many held-out patches.
-    fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
-        let first = count.min(SCORED);
-        ((first, derived_seed(self.design.seed, 2)), (count - first, derived_seed(self.design.seed, 5)))
+    fn test_seed(&self) -> u64 {
+        derived_seed(self.design.seed, 2)
     }
 
     /// The base images that so many held-out patches show.
     fn shared(&self, count: usize) -> Result<SharedPictures, InformationError> {
-        let stream = self.stream(Split::Test);
-        let (first, more) = self.parts(count);
-        let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.imaging, self.psf.view(), count, seed);
-        let some = of(first)?.unwrap_or_default();
-        Ok(if more.0 == 0 { some } else { some.and(of(more)?.unwrap_or_default()) })
+        let shared =
+            self.stream(Split::Test).shared_pictures(self.imaging, self.psf.view(), count, self.test_seed())?;
+        Ok(shared.unwrap_or_default())
+    }
+
+    /// Fresh patches to fit to, and those that validate a fit to few images.
+    pub fn fitting(&self) -> Result<(MeasurementStream<'_>, Option<PatchBatch>), InformationError> {
+        self.imaging.fitting(&self.convolver, self.patch, derived_seed(self.design.seed, 5))
     }
 
     /// The model before its fit.
@@ -153,7 +151,7 @@ impl<'a> Subject<'a> {
             test,
             validation: None,
             keeper: None,
-            moments: Some(&moments(self.design, self.imaging, (Split::Train, self.patch))?),
+            moments: Some(&moments(self.design, self.imaging, (self.imaging.set.fitting_parts().0, self.patch))?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
             beginning: start.map_or(Beginning::Shipped, Beginning::Similar),
@@ -172,15 +170,15 @@ impl<'a> Subject<'a> {
         if warm { CausalFit { rate: share * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
     }
 
-    /// What held-out patches tell of a model; the recipe of the estimate is that of its fit.
+    /// What held-out patches tell of a model; the recipe of the estimate is that of its fit. `stop` is asked every few patches.
     pub fn score(
         &self,
-        model: &CausalModel,
-        test: &PatchBatch,
+        (model, test): (&CausalModel, &PatchBatch),
         recipe: LiveRecipe,
         start: Option<Arc<CausalStart>>,
+        stop: &dyn Fn() -> bool,
     ) -> Result<LiveEstimate, InformationError> {
-        let maps = information_map(model, &self.entropy, test)?;
+        let maps = information_map_unless(model, &self.entropy, test, stop)?;
         let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
         let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
@@ -218,25 +216,13 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Both batches, one after the other.
-fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, InformationError> {
-    let both = |a: &Array3<f32>, b: &Array3<f32>| {
-        ndarray::concatenate(Axis(0), &[a.view(), b.view()])
-            .map_err(|error| InformationError::Stream { reason: error.to_string() })
-    };
-    let clean = match (&one.clean, &other.clean) {
-        (Some(one), Some(other)) => Some(both(one, other)?),
-        _ => None,
-    };
-    Ok(PatchBatch { noisy: both(&one.noisy, &other.noisy)?, clean })
-}
-
 #[cfg(test)]
 mod tests {
     use std::ops::ControlFlow;
 
     use super::super::simulation::imaging;
     use super::*;
+    use crate::information::information_map;
     use crate::optics::{Encoder, heuristic_layout};
 
     /// The difference of an edit must not drown in the noise of both numbers: the same scenes are measured with the same random

@@ -11,14 +11,13 @@ use serde::{Deserialize, Serialize};
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::live_bounds::{Beads, Draws, SensorBounds};
-use super::live_subject::{SCORED, SCORED_LAST, Subject};
+use super::live_subject::{SCORED, Subject};
 use super::pulls::{Pull, Pulls};
 use super::simulation::imaging;
 use crate::information::{
     CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PairedDifference, PatchBatch,
     PatchStream,
 };
-use crate::objects::Split;
 
 /// Time for the steps of a fit from the beginning.
 const COLD: Duration = Duration::from_mins(1);
@@ -161,7 +160,7 @@ impl LiveRecipe {
     pub(super) fn is_sound(&self) -> bool {
         let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
         (1..=self.all()).contains(&self.steps)
-            && (1..=SCORED_LAST).contains(&self.test_patches)
+            && (1..=SCORED).contains(&self.test_patches)
             && (self.planned.max(self.all()) as f64) <= PLANNED.1
             && self.revised.is_none_or(|revision| (1..self.planned).contains(&revision.after))
             && sound(self.lower)
@@ -233,7 +232,7 @@ impl Refiner {
         let start = self.last.as_ref().filter(|last| serves(last)).map(|(_, start)| Arc::clone(start));
         self.lowered = start.as_ref().map_or(0.0, |_| self.lowered);
         let test = subject.test(SCORED)?;
-        let train = subject.stream(Split::Train);
+        let (train, validation) = subject.fitting()?;
         let mut model = subject.model(&train, &test, start.as_deref())?;
         let time = if start.is_some() { WARM } else { COLD };
         let known = self.pace.filter(|(_, of)| *of == model.patch());
@@ -241,8 +240,8 @@ impl Refiner {
         let mut recipe = LiveRecipe::of(planned(time, pace));
         let fit = subject.fit(recipe.planned, start.is_some());
         let started = Instant::now();
-        let score = |model: &CausalModel, test: &PatchBatch, recipe: LiveRecipe, remaining: Option<Duration>| {
-            let estimate = subject.score(model, test, recipe, start.clone())?;
+        let score = |of: (&CausalModel, &PatchBatch), recipe, remaining: Option<Duration>, stop: &dyn Fn() -> bool| {
+            let estimate = subject.score(of, recipe, start.clone(), stop)?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
         let mut scores = SCORES.into_iter().map(|(after, patches)| (started + after, patches));
@@ -250,7 +249,7 @@ impl Refiner {
         let mut next_followed = FIRST_FOLLOWED;
         // Time beside the steps.
         let (mut aside, mut failure) = (Duration::ZERO, None);
-        let fitted = fit.fit_watched(&mut model, &train, &mut |progress, snapshot| {
+        let fitted = fit.fit_watched(&mut model, (&train, validation.as_ref()), &mut |progress, snapshot| {
             if stop() {
                 return ControlFlow::Break(());
             }
@@ -259,14 +258,14 @@ impl Refiner {
             let before = Instant::now();
             recipe.steps = progress.step;
             let mut revision = None;
-            // The last step has the last score, which is on more patches.
+            // The last step has the last score.
             if before >= due && progress.step < recipe.all() {
                 if known.is_none() && recipe.revised.is_none() && patches == SCORED {
                     recipe.revised = Some(Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed)));
                     revision = recipe.revised.map(|revision| revision.planned);
                 }
                 let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
-                let estimate = score(&snapshot(), &test.first(patches), recipe, Some(remaining));
+                let estimate = score((&snapshot(), &test.first(patches)), recipe, Some(remaining), stop);
                 let scoring = before.elapsed().mul_f64(SCORED as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
@@ -291,7 +290,7 @@ impl Refiner {
                         }
                     }
                     Err(error) => {
-                        failure = Some(error);
+                        failure = (error != InformationError::Cancelled).then_some(error);
                         return ControlFlow::Break(());
                     }
                 }
@@ -314,7 +313,8 @@ impl Refiner {
         let went_well = matches!(fitted, Ok(_) | Err(InformationError::Cancelled));
         self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         recipe.steps = fitted?;
-        let mut estimate = score(&model, &subject.test(SCORED_LAST)?, recipe, None)?;
+        // A fit that has come to its end is not lost any more.
+        let mut estimate = score((&model, &test), recipe, None, &|| false)?;
         estimate.bounding = beads.channel.is_some();
         estimate.pulls = pulls.told();
         publish(with_bounds(&beads, estimate.clone()));
@@ -417,30 +417,30 @@ pub(super) fn repeated(
     let imaging = imaging(&bounding, &scene.set)?;
     let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
     let test = subject.test(recipe.test_patches)?;
-    let train = subject.stream(Split::Train);
+    let (train, validation) = subject.fitting()?;
     let mut model = subject.model(&train, &test, start)?;
     let settled = recipe.steps >= recipe.all();
     let mut scored = None;
-    let fitted =
-        subject.fit(recipe.planned, start.is_some()).fit_watched(&mut model, &train, &mut |progress, snapshot| {
-            if !go_on(progress.step) {
-                return ControlFlow::Break(());
-            }
-            if progress.step == recipe.steps && !settled {
-                scored = Some(snapshot());
-                return ControlFlow::Break(());
-            }
-            ControlFlow::Continue(recipe.revised.filter(|by| by.after == progress.step).map(|by| by.planned))
-        });
+    let fit = subject.fit(recipe.planned, start.is_some());
+    let fitted = fit.fit_watched(&mut model, (&train, validation.as_ref()), &mut |progress, snapshot| {
+        if !go_on(progress.step) {
+            return ControlFlow::Break(());
+        }
+        if progress.step == recipe.steps && !settled {
+            scored = Some(snapshot());
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(recipe.revised.filter(|by| by.after == progress.step).map(|by| by.planned))
+    });
     let model = if let Some(scored) = scored {
         scored
     } else {
         fitted?;
         model
     };
-    let estimate = subject.score(&model, &test, *recipe, start.cloned().map(Arc::new))?;
-    let mut beads = subject.beads(before);
     let stop = || !go_on(recipe.steps);
+    let estimate = subject.score((&model, &test), *recipe, start.cloned().map(Arc::new), &stop)?;
+    let mut beads = subject.beads(before);
     beads.repeat((recipe.lower, recipe.upper), &stop);
     if let Some(samples) = recipe.edit {
         beads.compare(samples, &stop);

@@ -23,12 +23,14 @@ pub(super) struct Best<'a> {
     patches: Option<&'a PatchBatch>,
     looks: f64,
     pub found: Option<Found>,
+    /// Whether the last look found worse ones.
+    is_behind: bool,
 }
 
 impl<'a> Best<'a> {
     /// For a fit of which the share `done` is over, and what was found until then.
     pub fn new(patches: Option<&'a PatchBatch>, done: f64, found: Option<Found>) -> Self {
-        Self { patches, looks: (LOOKS * done).floor(), found }
+        Self { patches, looks: (LOOKS * done).floor(), found, is_behind: false }
     }
 
     /// Scores the model that `snapshot` makes where it is time for it.
@@ -41,10 +43,20 @@ impl<'a> Best<'a> {
         self.looks = looks;
         let model = snapshot();
         let bits = validation_bits(&model, patches)?;
-        if bits.is_finite() && self.found.as_ref().is_none_or(|found| bits < found.bits) {
+        let is_best = bits.is_finite() && self.found.as_ref().is_none_or(|found| bits < found.bits);
+        if is_best {
             self.found = Some(Found { bits, step, weights: model.weights });
         }
+        self.is_behind = !is_best;
         Ok(())
+    }
+
+    /// The best weights where the last look found worse ones, or those at hand: for a fit that is seen, or ends, between two looks.
+    pub fn or(&self, at_hand: impl FnOnce() -> Vec<f32>) -> Vec<f32> {
+        match &self.found {
+            Some(found) if self.is_behind => found.weights.clone(),
+            _ => at_hand(),
+        }
     }
 
     /// Puts the best weights in place of those at the end, where they score better; returns their step.

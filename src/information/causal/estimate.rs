@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use ndarray::{Array3, Axis, Zip, s};
+use ndarray::{Array3, Axis, Zip};
 
 use super::conditioning::Moments;
 use super::first::FirstWeights;
@@ -95,7 +95,8 @@ pub fn causal_estimate(
     };
     let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches{from}", fit.batch)];
     if let Some(step) = best {
-        notes.push(format!("the weights of step {step} are kept: later ones know the training patches too well"));
+        notes
+            .push(format!("the weights of step {step} are kept: they score best on the patches that validate the fit"));
     }
     if let Some(bits) = model.conditioning.levels.looseness() {
         notes.push(format!(
@@ -157,11 +158,8 @@ pub fn score_while(
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = test.noisy.len_of(Axis(0));
     let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
-    for first in (0..total).step_by(SCORED_AT_ONCE) {
-        let part = s![first..total.min(first + SCORED_AT_ONCE), .., ..];
-        let noisy = test.noisy.slice(part).to_owned();
-        let clean = test.clean.as_ref().map(|clean| clean.slice(part).to_owned());
-        let (bits, entropies) = score(model, entropy, &PatchBatch { noisy, clean })?;
+    for part in test.in_parts(SCORED_AT_ONCE) {
+        let (bits, entropies) = score(model, entropy, &part)?;
         information.extend(bits);
         entropy_y_given_x.extend(entropies);
         if watch(information.len()).is_break() {
@@ -208,6 +206,26 @@ pub fn information_map(
         });
     } else {
         Zip::from(&mut map).and(&test.noisy).par_for_each(|bits, &y| *bits -= entropy.bits(f64::from(y.max(0.0))));
+    }
+    Ok(map)
+}
+
+/// The same, part by part: before each `stop` is asked whether to break off.
+///
+/// # Errors
+/// As [`score_while`].
+pub fn information_map_unless(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+    stop: &dyn Fn() -> bool,
+) -> Result<Array3<f64>, InformationError> {
+    let mut map = Array3::zeros(test.noisy.dim());
+    for (mut map, part) in map.axis_chunks_iter_mut(Axis(0), SCORED_AT_ONCE).zip(test.in_parts(SCORED_AT_ONCE)) {
+        if stop() {
+            return Err(InformationError::Cancelled);
+        }
+        map.assign(&information_map(model, entropy, &part)?);
     }
     Ok(map)
 }

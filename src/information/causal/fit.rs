@@ -39,12 +39,12 @@ pub enum FitLength {
     Time(Duration),
 }
 
-/// Hears of every step, gets what makes the model as it would be if the fit ended there, and answers whether to go on; where it
+/// Hears of every step, gets what makes the model as it would be if the fit ended there, as far as the last look at validation patches tells, and answers whether to go on; where it
 /// is to be of another number of steps than was planned, of how many. What is left of the fit is spread over them then.
 pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<(), Option<usize>>;
 
 /// What a fit of limited patches, or one that takes long, is aided by.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(super) struct FitAids<'a> {
     /// Keeps its state as often as it asks for; a fit whose state is there goes on from it.
     pub keeper: Option<&'a dyn FitKeeper>,
@@ -97,20 +97,21 @@ impl CausalFit {
         stream: &dyn PatchStream,
         on_progress: OnProgress<'_>,
     ) -> Result<usize, InformationError> {
-        self.fit_watched(model, stream, &mut |progress, _| on_progress(progress).map_continue(|()| None))
+        self.fit_watched(model, (stream, None), &mut |progress, _| on_progress(progress).map_continue(|()| None))
     }
 
-    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]).
+    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]). The weights are kept that scored best
+    /// on patches which validate the fit, where there are some.
     ///
     /// # Errors
-    /// As [`CausalFit::fit`].
+    /// As [`CausalFit::fit`]; where the validation patches do not fit the model.
     pub fn fit_watched(
         &self,
         model: &mut CausalModel,
-        stream: &dyn PatchStream,
+        (stream, validation): (&dyn PatchStream, Option<&PatchBatch>),
         on_step: OnStep<'_>,
     ) -> Result<usize, InformationError> {
-        Ok(self.fit_aided(model, stream, FitAids::default(), on_step)?.steps)
+        Ok(self.fit_aided(model, stream, FitAids { validation, keeper: None }, on_step)?.steps)
     }
 
     /// As [`CausalFit::fit_watched`], with aids. Of a fixed number of steps the outcome is the same bit for bit, whether
@@ -151,14 +152,15 @@ impl CausalFit {
                     return Ok(Fitted { steps, best: best.put_into(model)?, before });
                 }
                 mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
-                let snapshot = || CausalModel { weights: mover.averaged(model), ..model.clone() };
+                let averaged = || CausalModel { weights: mover.averaged(model), ..model.clone() };
                 let elapsed = time.elapsed();
-                best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &snapshot)?;
+                best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &averaged)?;
+                let snapshot = || CausalModel { weights: best.or(|| mover.averaged(model)), ..model.clone() };
                 match on_step(&plan.progress(&mover.course, elapsed), &snapshot) {
                     ControlFlow::Continue(None) => {}
                     ControlFlow::Continue(Some(all)) => plan.revise(mover.course.steps, all),
                     ControlFlow::Break(()) => {
-                        model.weights = mover.averaged(model);
+                        model.weights = best.or(|| mover.averaged(model));
                         return Err(InformationError::Cancelled);
                     }
                 }

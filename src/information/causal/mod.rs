@@ -23,7 +23,9 @@ mod start;
 mod stream;
 
 pub use conditioning::Moments;
-pub use estimate::{CausalRequest, causal_estimate, causal_model, information_map, score, score_while};
+pub use estimate::{
+    CausalRequest, causal_estimate, causal_model, information_map, information_map_unless, score, score_while,
+};
 pub use first::{FirstFitProgress, FirstScene, FirstWeights, OnFirstFit};
 pub use fit::{CausalFit, FitLength};
 pub use model::{CausalModel, check_causal_patch};

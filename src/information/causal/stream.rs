@@ -1,5 +1,7 @@
 //! Where fresh patches come from.
 
+use std::ops::Range;
+
 use ndarray::{Array3, Axis};
 
 use crate::information::InformationError;
@@ -17,11 +19,18 @@ impl PatchBatch {
     /// The first `count` of them, or all where there are fewer.
     #[must_use]
     pub fn first(&self, count: usize) -> Self {
-        let first = |patches: &Array3<f32>| {
-            let count = count.min(patches.len_of(Axis(0)));
-            patches.slice_axis(Axis(0), (..count).into()).to_owned()
-        };
-        Self { noisy: first(&self.noisy), clean: self.clean.as_ref().map(first) }
+        self.part(0..count.min(self.noisy.len_of(Axis(0))))
+    }
+
+    /// All of them, so many at a time.
+    pub(super) fn in_parts(&self, count: usize) -> impl Iterator<Item = Self> {
+        let all = self.noisy.len_of(Axis(0));
+        (0..all).step_by(count).map(move |first| self.part(first..all.min(first + count)))
+    }
+
+    fn part(&self, range: Range<usize>) -> Self {
+        let part = |patches: &Array3<f32>| patches.slice_axis(Axis(0), range.clone().into()).to_owned();
+        Self { noisy: part(&self.noisy), clean: self.clean.as_ref().map(part) }
     }
 }
 
