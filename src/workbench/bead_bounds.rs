@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::ops::ControlFlow;
 
 use super::design::Design;
-use super::estimation::{DensityModel, EstimateRequest};
+use super::estimate_request::{DensityModel, EstimateRequest};
 use super::evaluation::EvaluationError;
 use super::kept_estimate::KeptEstimate;
 use super::live_bounds::{ABOVE, BELOW};

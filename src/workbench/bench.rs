@@ -8,7 +8,7 @@ use super::closer::CloserOrder;
 use super::command::{Command, CommandError};
 use super::design::Design;
 use super::estimate_files::{EstimateOrder, FinishedEstimate};
-use super::estimation::EstimateRequest;
+use super::estimate_request::EstimateRequest;
 use super::estimator::Estimates;
 use super::history::{History, Version};
 use super::ideal::Designer;

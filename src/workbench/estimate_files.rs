@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 
 use super::design::Design;
-use super::estimation::EstimateRequest;
+use super::estimate_request::EstimateRequest;
 use super::measured::MeasuredOrder;
 use super::progress::FitPoint;
 use super::worker::Live;

@@ -1,26 +1,24 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
 use std::cell::RefCell;
-use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
-
-use serde::{Deserialize, Serialize};
 
 use super::bead_bounds::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
 };
 use super::design::Design;
+use super::estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
 use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_estimate::{self, KeptEstimate};
+use super::kept_estimate::KeptEstimate;
 use super::patch_source::{PatchSource, seen_psf};
-use super::progress::{EstimateProgress, Watch, tell};
+use super::progress::{EstimateProgress, Watch, in_trial, tell};
 use super::simulation::{imaging, notices_of, open_set_with};
 use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::information::{
-    Beginning, CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
+    CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
-    Trial, TrialSettings, causal_estimate, check_causal_patch, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
+    Trial, TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
@@ -31,149 +29,6 @@ const PHASES: &str = "patches of this size see some parts of the tiles more ofte
 /// Told where bounds from above leave out the read noise.
 const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts are whole: upper bounds are those of shot noise \
                                alone, which it can only lower";
-
-/// Which density model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DensityModel {
-    /// Stationary Gaussian, fitted to patches.
-    Stationary,
-    /// Gaussian of full covariance, fitted to patches.
-    Full,
-    /// Gaussian of the covariance that objects and PSF have; patches serve the noise entropy alone.
-    Analytic,
-    /// The published autoregressive network, fitted to patches.
-    PixelCnn {
-        /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
-        budget: Option<Duration>,
-        /// What computes the network.
-        engine: EngineChoice,
-    },
-    /// The causal density model over clean levels, fitted to fresh patches for this long; of beads, whose prior is known, the
-    /// smallest of it, the ceiling and posterior sampling, which gets three sixteenths of the time.
-    Causal {
-        /// [`Estimator::Live`] or [`Estimator::Full`].
-        estimator: Estimator,
-        /// Time of each trial, or steps of its fit.
-        length: FitLength,
-    },
-    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound, the ceiling and posterior
-    /// sampling above, a decoder and posterior sampling below. One trial, whatever is asked for.
-    Bracket {
-        /// Time for the fits of density model and decoder and for following the posterior together, or steps of each fit.
-        length: FitLength,
-    },
-}
-
-impl DensityModel {
-    /// The model of an estimator, fitted for `budget`. Without one a PixelCNN is fitted for as long as its protocol says,
-    /// the others for their [usual](Estimator::usual_budget) time; estimators that are not fitted for a time ignore it.
-    pub fn new(estimator: Estimator, budget: Option<Duration>, engine: EngineChoice) -> Self {
-        let length = FitLength::Time(budget.or(estimator.usual_budget()).unwrap_or_default());
-        match estimator {
-            Estimator::GaussianStationary => Self::Stationary,
-            Estimator::GaussianFull => Self::Full,
-            Estimator::GaussianAnalytic => Self::Analytic,
-            Estimator::PixelCnn => Self::PixelCnn { budget, engine },
-            Estimator::Live | Estimator::Full => Self::Causal { estimator, length },
-            Estimator::Bracket => Self::Bracket { length },
-        }
-    }
-
-    /// The same with fits of so many steps, which give the same bits whenever they are repeated on one machine; models that
-    /// are not fitted for a time stay as they are.
-    #[must_use]
-    pub fn of_steps(self, steps: usize) -> Self {
-        let length = FitLength::Steps(steps);
-        match self {
-            Self::Causal { estimator, .. } => Self::Causal { estimator, length },
-            Self::Bracket { .. } => Self::Bracket { length },
-            other => other,
-        }
-    }
-
-    /// Length of its fits, where that was asked for.
-    pub fn length(&self) -> Option<FitLength> {
-        match self {
-            Self::Stationary | Self::Full | Self::Analytic => None,
-            Self::PixelCnn { budget, .. } => budget.map(FitLength::Time),
-            Self::Causal { length, .. } | Self::Bracket { length } => Some(*length),
-        }
-    }
-
-    /// Refuses a patch, rows and columns in pixels, that is too large for it, where thousands would be drawn of any size.
-    pub(super) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
-        match self {
-            Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
-            Self::Stationary | Self::Full | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
-        }
-    }
-
-    /// The name that its estimates go by.
-    pub fn estimator(&self) -> Estimator {
-        match self {
-            Self::Stationary => Estimator::GaussianStationary,
-            Self::Full => Estimator::GaussianFull,
-            Self::Analytic => Estimator::GaussianAnalytic,
-            Self::PixelCnn { .. } => Estimator::PixelCnn,
-            Self::Causal { estimator, .. } => *estimator,
-            Self::Bracket { .. } => Estimator::Bracket,
-        }
-    }
-}
-
-/// What is to be estimated, and how carefully.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct EstimateRequest {
-    /// The density model.
-    pub model: DensityModel,
-    /// The protocol.
-    pub protocol: Protocol,
-    /// Rows and columns of a patch in pixels; `None` takes whole measurements.
-    pub patch: Option<(usize, usize)>,
-    /// Patches to fit.
-    pub patches_train: usize,
-    /// Held-out patches to score.
-    pub patches_test: usize,
-    /// Whether fits of live, full and bracket begin with nothing, instead of the weights that come with the program.
-    pub fresh: bool,
-    /// Repetitions; trial t uses seed + t.
-    pub trials: usize,
-    /// A file for what the estimate has come to, so that the same request goes on where it was stopped; beside it lies the state of
-    /// the fit that goes on. Both stay until [`EstimateRequest::end_kept`].
-    pub keep: Option<PathBuf>,
-    /// Files of the weights of a `PixelCNN`.
-    pub weights: WeightsFiles,
-}
-
-/// Files of the weights of a `PixelCNN`, safetensors.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct WeightsFiles {
-    /// Weights that are scored as they are: nothing is fitted.
-    pub from: Option<PathBuf>,
-    /// Where the weights of the smallest trial go.
-    pub to: Option<PathBuf>,
-}
-
-impl EstimateRequest {
-    /// Removes what was kept, once the result is where it is to stay.
-    pub fn end_kept(&self) {
-        if let Some(path) = &self.keep {
-            kept_estimate::end(path);
-        }
-    }
-
-    /// All that decides the parts of an estimate; how many trials are taken decides none of them.
-    pub(super) fn determined_by(&self) -> impl std::fmt::Debug {
-        let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
-        format!("{model:?} {protocol:?} {patch:?} {patches_train} {patches_test} {fresh} {weights:?}")
-    }
-
-    /// What a causal density model begins with.
-    pub(super) fn beginning(&self) -> Beginning<'static> {
-        if self.fresh { Beginning::Drawn } else { Beginning::Shipped }
-    }
-}
 
 /// Estimates the information of a design's measurements.
 ///
@@ -234,7 +89,7 @@ pub(super) fn estimate_on_patches(
         (DensityModel::Bracket { .. }, Some(_)) => DENSITY_BETWEEN,
         _ => 1.0,
     };
-    let repetitions = if matches!(request.model, DensityModel::Bracket { .. }) { 1 } else { request.trials.max(1) };
+    let repetitions = request.repetitions();
     if matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch) && request.patches_train < 2 {
         // The Gaussian of the bracket is fitted; better told before the density model is.
         let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
@@ -242,11 +97,15 @@ pub(super) fn estimate_on_patches(
     }
     let mut kept = KeptEstimate::open(request.keep.as_deref(), &(design, set.fingerprint(), request.determined_by()))?;
     let mut trials = Vec::with_capacity(repetitions);
+    let mut seconds = 0.0;
     for index in 0..repetitions {
         let seed = design.seed.wrapping_add(index as u64);
         let smallest = kept.smallest();
-        trials
-            .push(kept.trial(index, |keeper| trial(&source, request, density_share, (seed, keeper, smallest), watch))?);
+        trials.push(kept.trial(index, |keeper| {
+            in_trial((index, repetitions), &mut seconds, watch, |watch| {
+                trial(&source, request, density_share, (seed, keeper, smallest), watch)
+            })
+        })?);
     }
     let mut notes = notices_of(design, &set)?;
     if analytic_alone && !set.is_stationary(patch) {
@@ -439,14 +298,14 @@ fn causal(
     (seed, keeper): (u64, Option<&dyn FitKeeper>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
-    let (train, test) = source.splits();
-    let stream = source.stream(train);
+    let (train, (_, test)) = (source.imaging.set.fitting_parts().0, source.splits());
+    let (stream, validation) = source.imaging.fitting(source.convolver, source.patch, derived_seed(seed, 4))?;
     let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {
         stream: &stream,
         test: &PatchBatch { noisy, clean: Some(clean) },
-        validation: None,
+        validation: validation.as_ref(),
         keeper,
         moments: Some(&moments(design, source.imaging, (train, patch))?),
         noise: design.noise,

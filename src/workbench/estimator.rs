@@ -10,14 +10,14 @@ use std::time::{Duration, Instant};
 
 use super::activity::{Activities, ActivityKind, Entry};
 use super::estimate_files::{EstimateFolder, EstimateOrder, FinishedEstimate};
-use super::estimation::{DensityModel, EstimateRequest, estimate};
+use super::estimate_request::{DensityModel, EstimateRequest};
+use super::estimation::estimate;
 use super::evaluation::Scene;
 use super::progress::{EstimateProgress, FitPoint, thin_out};
 use super::refinement::{LiveEstimate, Refiner};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
 use super::worker::{Stamped, Wanted};
 use crate::formats::{FormatError, create_folder};
-use crate::information::FitLength;
 
 /// Orders that may wait.
 const MOST_ORDERS: usize = 50;
@@ -366,11 +366,8 @@ impl Shared {
                     thin_out(&mut running.curve);
                     running.progress = progress.clone();
                 }
-                let left = match order.request.model.length() {
-                    Some(FitLength::Time(time)) => Some(time.saturating_sub(began.elapsed())),
-                    _ => None,
-                };
-                entry.tell(&progress.step, Some(progress.done as f64 / progress.total.max(1) as f64), left);
+                let share = progress.done as f64 / progress.total.max(1) as f64;
+                entry.tell(&progress.step, Some(share), order.request.time_left(began.elapsed(), share));
                 (self.wake)();
             }
             ControlFlow::Continue(())

@@ -12,11 +12,11 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::calibration::Calibration;
+use super::estimate_request::{DensityModel, EstimateRequest};
 use super::estimation::network_trial;
-use super::estimation::{DensityModel, EstimateRequest};
 use super::kept_estimate::KeptEstimate;
 use super::patch_source::LARGEST_PATCHES_BYTES;
-use super::progress::{Watch, tell};
+use super::progress::{Watch, in_trial, tell};
 use crate::design::derived_seed;
 use crate::formats::{FormatError, picture_files, read_stack};
 use crate::information::{
@@ -313,13 +313,15 @@ impl MeasuredImages {
         let fingerprint = self.fingerprint();
         let what = (&fingerprint, noise, seed, request.determined_by());
         let mut kept = KeptEstimate::open(request.keep.as_deref(), &what)?;
-        let mut trials = Vec::new();
-        for index in 0..request.trials.max(1) {
+        let (mut trials, repetitions, mut seconds) = (Vec::new(), request.repetitions(), 0.0);
+        for index in 0..repetitions {
             let seeds = (test_seed, seed.wrapping_add(index as u64));
             let smallest = kept.smallest();
-            trials.push(
-                kept.trial(index, |keeper| self.trial(request, noise, patch, parts, (seeds, keeper, smallest), watch))?,
-            );
+            trials.push(kept.trial(index, |keeper| {
+                in_trial((index, repetitions), &mut seconds, watch, |watch| {
+                    self.trial(request, noise, patch, parts, (seeds, keeper, smallest), watch)
+                })
+            })?);
         }
         notes.push(format!(
             "test patches were cut from {test_images} images and training patches from {} others",

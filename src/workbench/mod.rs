@@ -10,6 +10,7 @@ mod colormap;
 mod command;
 mod design;
 mod estimate_files;
+mod estimate_request;
 mod estimation;
 mod estimator;
 mod evaluation;
@@ -48,7 +49,8 @@ pub use colormap::Colormap;
 pub use command::{Command, CommandError, LensletChange};
 pub use design::{Design, DesignError, DesignFileError};
 pub use estimate_files::{EstimateOrder, FinishedEstimate};
-pub use estimation::{DensityModel, EstimateRequest, WeightsFiles, estimate, tells_of_unwritten_weights};
+pub use estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
+pub use estimation::{estimate, tells_of_unwritten_weights};
 pub use estimator::{Estimates, RunningEstimate};
 pub use evaluation::{
     EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,

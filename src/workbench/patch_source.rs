@@ -8,14 +8,10 @@ use ndarray::{Array3, ArrayView3, Axis};
 use super::design::Design;
 use super::evaluation::EvaluationError;
 use super::progress::{Watch, tell};
-use crate::design::{Imaging, MeasurementStream, derived_seed};
+use crate::design::{Imaging, derived_seed};
 use crate::information::{InformationError, Protocol, SharedPictures, Trial};
 use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolver, Noise, Patches};
-
-/// Most objects that are drawn and measured at a time, enough to keep threads busy, and most bytes that they may take.
-const BATCH: usize = 500;
-const BATCH_BYTES: usize = 256 << 20;
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
 pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
@@ -68,22 +64,9 @@ impl<'a> PatchSource<'a> {
         }
     }
 
-    /// Fresh patches of one part of the set.
-    pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
-        self.imaging.stream(self.convolver.clone(), split, self.patch)
-    }
-
-    /// Objects that are drawn at a time.
-    fn batch(&self) -> usize {
-        let set = self.imaging.set;
-        let (rows, cols) = set.field();
-        let object_bytes = size_of::<f32>() * set.planes() * rows * cols;
-        (BATCH_BYTES / object_bytes.max(1)).clamp(1, BATCH)
-    }
-
     /// How the objects of a batch are drawn.
     fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
-        let first = index * self.batch();
+        let first = index * self.imaging.set.batch();
         let place_seed = derived_seed(seed, first as u64);
         // Whole pictures come in one order, so that none comes again before all have come.
         match self.imaging.set.whole_pictures(split) {
@@ -126,9 +109,10 @@ impl<'a> PatchSource<'a> {
     ) -> Result<SharedPictures, EvaluationError> {
         let (rows, cols) = self.convolver.plan().measurement_shape();
         let mut shared = SharedPictures::default();
-        for (index, first) in (0..patches).step_by(self.batch()).enumerate() {
+        for (index, first) in (0..patches).step_by(self.imaging.set.batch()).enumerate() {
             let Batch { first: object, object_seed, place_seed } = self.part(split, index, seed);
-            let places = Patches::one_each((self.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
+            let places =
+                Patches::one_each((self.imaging.set.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
             let part = self.imaging.shared_pictures(psf, self.patch, (split, object, object_seed), &places);
             shared = shared.and(part.unwrap_or_default());
         }
@@ -155,8 +139,8 @@ impl<'a> PatchSource<'a> {
             return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
         }
         let mut clean = Array3::zeros((count, rows, cols));
-        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.batch()).enumerate() {
-            tell(watch, step, index * self.batch(), count)?;
+        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.imaging.set.batch()).enumerate() {
+            tell(watch, step, index * self.imaging.set.batch(), count)?;
             let batch = self.part(split, index, seed);
             let objects = self.imaging.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
@@ -213,7 +197,7 @@ mod tests {
             let convolver = imaging.convolver(psf.view()).unwrap();
             let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
             let source = PatchSource::new(design, &imaging, &convolver, (patch, protocol));
-            let count = 2 * BATCH + 7;
+            let count = 2 * set.batch() + 7;
             let (clean, _) =
                 source.draw(Split::Test, count, 3, "Test patches", &mut |_| ControlFlow::Continue(())).unwrap();
             let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();

@@ -20,12 +20,46 @@ pub struct EstimateProgress {
     pub fit: Option<FitPoint>,
 }
 
+impl EstimateProgress {
+    /// The same in trial `index`, counted from 0, of so many, which began after `began` seconds of the fits of those before.
+    fn of_trial(&self, (index, count): (usize, usize), began: f64) -> Self {
+        let Self { step, done, total, fit } = self.clone();
+        let fit = fit.map(|fit| FitPoint { seconds: began + fit.seconds, ..fit });
+        Self {
+            step: format!("Trial {} of {count}: {step}", index + 1),
+            done: index * total + done,
+            total: count * total,
+            fit,
+        }
+    }
+}
+
+/// Tells of what happens in one of several trials as of a part of them all; `seconds` are those of the fits so far.
+pub(super) fn in_trial<T>(
+    (index, count): (usize, usize),
+    seconds: &mut f64,
+    watch: Watch<'_>,
+    compute: impl FnOnce(Watch<'_>) -> T,
+) -> T {
+    if count < 2 {
+        return compute(watch);
+    }
+    let (began, mut now) = (*seconds, *seconds);
+    let done = compute(&mut |progress| {
+        let progress = progress.of_trial((index, count), began);
+        now = progress.fit.map_or(now, |fit| fit.seconds);
+        watch(&progress)
+    });
+    *seconds = now;
+    done
+}
+
 /// A point of the curve of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitPoint {
     /// What is fitted.
     pub model: FittedModel,
-    /// Seconds since the fit began.
+    /// Seconds of the fits since the estimate began or went on, those of trials before among them.
     pub seconds: f64,
     /// Bits per pixel: the cross-entropy of a density model, which falls, or what a decoder saves, which rises.
     pub bits: f64,
@@ -142,6 +176,39 @@ mod tests {
         let told = EstimateProgress::from(&found(10, Some(Duration::from_millis(8_200))));
         let step = "Following the posterior, 0.250 bits per pixel, 9 s left";
         assert_eq!((told.step.as_str(), told.done, told.total), (step, 3, 12));
+    }
+
+    #[test]
+    fn trials_are_parts_of_one_whole_and_their_curves_follow_each_other() {
+        let mut told: Vec<EstimateProgress> = Vec::new();
+        let mut watch = |progress: &EstimateProgress| {
+            told.push(progress.clone());
+            ControlFlow::Continue(())
+        };
+        let mut seconds = 0.0;
+        for index in 0..2 {
+            in_trial((index, 2), &mut seconds, &mut watch, |watch| {
+                for elapsed in [1.0, 4.0] {
+                    let fit = Some(FitPoint { model: FittedModel::Density, seconds: elapsed, bits: 5.0 });
+                    let (step, done) = ("Fitting".to_owned(), elapsed as usize);
+                    let _ = watch(&EstimateProgress { step, done, total: 4, fit });
+                }
+                tell(watch, "Scoring test patches", 3, 4).unwrap();
+            });
+        }
+        let seconds: Vec<f64> = told.iter().filter_map(|told| Some(told.fit?.seconds)).collect();
+        assert_eq!(seconds, [1.0, 4.0, 5.0, 8.0]);
+        let shares: Vec<(usize, usize)> = told.iter().map(|told| (told.done, told.total)).collect();
+        assert_eq!(shares, [(1, 8), (4, 8), (3, 8), (5, 8), (8, 8), (7, 8)]);
+        assert_eq!(told[4].step, "Trial 2 of 2: Fitting");
+        // A single one is told as it is.
+        let mut alone = None;
+        let mut watch = |progress: &EstimateProgress| {
+            alone = Some(progress.step.clone());
+            ControlFlow::Continue(())
+        };
+        in_trial((0, 1), &mut 0.0, &mut watch, |watch| tell(watch, "Fitting", 0, 1)).unwrap();
+        assert_eq!(alone.as_deref(), Some("Fitting"));
     }
 
     #[test]

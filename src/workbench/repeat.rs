@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::calibration::Calibration;
 use super::design::Design;
-use super::estimation::{DensityModel, EstimateRequest};
+use super::estimate_request::{DensityModel, EstimateRequest};
 use super::ideal::ends_of;
 use super::measured::MeasuredOrder;
 use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};

@@ -1,0 +1,200 @@
+//! What an estimate is asked for: which density model, how long its fits, how many patches.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::kept_estimate;
+use crate::information::{
+    Beginning, EngineChoice, Estimator, FitLength, InformationError, Protocol, check_causal_patch,
+};
+
+/// Which density model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DensityModel {
+    /// Stationary Gaussian, fitted to patches.
+    Stationary,
+    /// Gaussian of full covariance, fitted to patches.
+    Full,
+    /// Gaussian of the covariance that objects and PSF have; patches serve the noise entropy alone.
+    Analytic,
+    /// The published autoregressive network, fitted to patches.
+    PixelCnn {
+        /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
+        budget: Option<Duration>,
+        /// What computes the network.
+        engine: EngineChoice,
+    },
+    /// The causal density model over clean levels, fitted to fresh patches for this long; of beads, whose prior is known, the
+    /// smallest of it, the ceiling and posterior sampling, which gets three sixteenths of the time.
+    Causal {
+        /// [`Estimator::Live`] or [`Estimator::Full`].
+        estimator: Estimator,
+        /// Time of each trial, or steps of its fit.
+        length: FitLength,
+    },
+    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound, the ceiling and posterior
+    /// sampling above, a decoder and posterior sampling below. One trial, whatever is asked for.
+    Bracket {
+        /// Time for the fits of density model and decoder and for following the posterior together, or steps of each fit.
+        length: FitLength,
+    },
+}
+
+impl DensityModel {
+    /// The model of an estimator, fitted for `budget`. Without one a PixelCNN is fitted for as long as its protocol says,
+    /// the others for their [usual](Estimator::usual_budget) time; estimators that are not fitted for a time ignore it.
+    pub fn new(estimator: Estimator, budget: Option<Duration>, engine: EngineChoice) -> Self {
+        let length = FitLength::Time(budget.or(estimator.usual_budget()).unwrap_or_default());
+        match estimator {
+            Estimator::GaussianStationary => Self::Stationary,
+            Estimator::GaussianFull => Self::Full,
+            Estimator::GaussianAnalytic => Self::Analytic,
+            Estimator::PixelCnn => Self::PixelCnn { budget, engine },
+            Estimator::Live | Estimator::Full => Self::Causal { estimator, length },
+            Estimator::Bracket => Self::Bracket { length },
+        }
+    }
+
+    /// The same with fits of so many steps, which give the same bits whenever they are repeated on one machine; models that
+    /// are not fitted for a time stay as they are.
+    #[must_use]
+    pub fn of_steps(self, steps: usize) -> Self {
+        let length = FitLength::Steps(steps);
+        match self {
+            Self::Causal { estimator, .. } => Self::Causal { estimator, length },
+            Self::Bracket { .. } => Self::Bracket { length },
+            other => other,
+        }
+    }
+
+    /// Length of its fits, where that was asked for.
+    pub fn length(&self) -> Option<FitLength> {
+        match self {
+            Self::Stationary | Self::Full | Self::Analytic => None,
+            Self::PixelCnn { budget, .. } => budget.map(FitLength::Time),
+            Self::Causal { length, .. } | Self::Bracket { length } => Some(*length),
+        }
+    }
+
+    /// Refuses a patch, rows and columns in pixels, that is too large for it, where thousands would be drawn of any size.
+    pub(super) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
+        match self {
+            Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
+            Self::Stationary | Self::Full | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
+        }
+    }
+
+    /// The name that its estimates go by.
+    pub fn estimator(&self) -> Estimator {
+        match self {
+            Self::Stationary => Estimator::GaussianStationary,
+            Self::Full => Estimator::GaussianFull,
+            Self::Analytic => Estimator::GaussianAnalytic,
+            Self::PixelCnn { .. } => Estimator::PixelCnn,
+            Self::Causal { estimator, .. } => *estimator,
+            Self::Bracket { .. } => Estimator::Bracket,
+        }
+    }
+}
+
+/// What is to be estimated, and how carefully.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EstimateRequest {
+    /// The density model.
+    pub model: DensityModel,
+    /// The protocol.
+    pub protocol: Protocol,
+    /// Rows and columns of a patch in pixels; `None` takes whole measurements.
+    pub patch: Option<(usize, usize)>,
+    /// Patches to fit.
+    pub patches_train: usize,
+    /// Held-out patches to score.
+    pub patches_test: usize,
+    /// Whether fits of live, full and bracket begin with nothing, instead of the weights that come with the program.
+    pub fresh: bool,
+    /// Repetitions; trial t uses seed + t.
+    pub trials: usize,
+    /// A file for what the estimate has come to, so that the same request goes on where it was stopped; beside it lies the state of
+    /// the fit that goes on. Both stay until [`EstimateRequest::end_kept`].
+    pub keep: Option<PathBuf>,
+    /// Files of the weights of a `PixelCNN`.
+    pub weights: WeightsFiles,
+}
+
+/// Files of the weights of a `PixelCNN`, safetensors.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WeightsFiles {
+    /// Weights that are scored as they are: nothing is fitted.
+    pub from: Option<PathBuf>,
+    /// Where the weights of the smallest trial go.
+    pub to: Option<PathBuf>,
+}
+
+impl EstimateRequest {
+    /// Removes what was kept, once the result is where it is to stay.
+    pub fn end_kept(&self) {
+        if let Some(path) = &self.keep {
+            kept_estimate::end(path);
+        }
+    }
+
+    /// How often it is repeated; what a bracket takes its bounds from is not.
+    pub(super) fn repetitions(&self) -> usize {
+        if matches!(self.model, DensityModel::Bracket { .. }) { 1 } else { self.trials.max(1) }
+    }
+
+    /// Time for what is left of its fits at the most, where a time was asked for, after so much time and a share of all trials: of
+    /// several some may have been there before.
+    pub(super) fn time_left(&self, elapsed: Duration, share: f64) -> Option<Duration> {
+        let FitLength::Time(time) = self.model.length()? else { return None };
+        let repetitions = self.repetitions() as u32;
+        let all = time.saturating_mul(repetitions);
+        let by_clock = all.saturating_sub(elapsed);
+        Some(if repetitions > 1 { by_clock.min(all.mul_f64((1.0 - share).max(0.0))) } else { by_clock })
+    }
+
+    /// All that decides the parts of an estimate; how many trials are taken decides none of them.
+    pub(super) fn determined_by(&self) -> impl std::fmt::Debug {
+        let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
+        format!("{model:?} {protocol:?} {patch:?} {patches_train} {patches_test} {fresh} {weights:?}")
+    }
+
+    /// What a causal density model begins with.
+    pub(super) fn beginning(&self) -> Beginning<'static> {
+        if self.fresh { Beginning::Drawn } else { Beginning::Shipped }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_that_is_left_is_that_of_all_trials() {
+        let minutes = |minutes: u64| Duration::from_mins(minutes);
+        let request = |estimator, trials| EstimateRequest {
+            model: DensityModel::new(estimator, Some(minutes(10)), EngineChoice::default()),
+            protocol: Protocol::Default,
+            patch: None,
+            patches_train: 0,
+            patches_test: 1,
+            fresh: false,
+            trials,
+            keep: None,
+            weights: WeightsFiles::default(),
+        };
+        let left = |estimator, trials, elapsed, share| {
+            request(estimator, trials).time_left(minutes(elapsed), share).map(|left| left.as_secs_f64() / 60.0)
+        };
+        assert_eq!(left(Estimator::Full, 1, 4, 0.9), Some(6.0));
+        assert_eq!(left(Estimator::Full, 5, 10, 0.2), Some(40.0));
+        // Four trials were there before.
+        assert!((left(Estimator::Full, 5, 1, 0.82).unwrap() - 9.0).abs() < 1e-6);
+        // A bracket has one, of several parts.
+        assert_eq!(left(Estimator::Bracket, 5, 4, 0.9), Some(6.0));
+        assert_eq!(left(Estimator::GaussianFull, 5, 4, 0.9), None);
+    }
+}
