@@ -25,8 +25,9 @@ const WARM_RATE: (f64, f64) = (0.35, 1400.0);
 /// The weights of such a fit are averaged over more of its steps: seconds after an edit, while rates are still high, the estimate
 /// is then nearer to where it will settle.
 const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
-/// Held-out patches of the scores from the one soon after an edit on, and the most of those before.
-pub(super) const SCORED: usize = 384;
+/// Held-out patches of the scores before the last one at the most, and of that.
+pub(super) const SCORED: usize = 192;
+pub(super) const SCORED_LAST: usize = 384;
 /// Bits per pixel by which a loose bound is above another.
 const LOOSE: f64 = 0.02;
 /// Patches whose own maps are kept.
@@ -120,23 +121,30 @@ impl<'a> Subject<'a> {
     /// So many held-out patches, each of an object of its own. Fewer are the first of more, so that one score differs from the
     /// next by little.
     pub fn test(&self, count: usize) -> Result<PatchBatch, InformationError> {
-        self.stream(Split::Test).draw_one_each(count, self.test_seed())
+        let stream = self.stream(Split::Test);
+        let (first, more) = self.parts(count);
+        let some = stream.draw_one_each(first.0, first.1)?;
+        if more.0 == 0 { Ok(some) } else { joined(&some, &stream.draw_one_each(more.0, more.1)?) }
     }
 
-    fn test_seed(&self) -> u64 {
-        derived_seed(self.design.seed, 2)
+    /// Numbers and seeds of the two parts of so many held-out patches.
+    fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
+        let first = count.min(SCORED);
+        ((first, derived_seed(self.design.seed, 2)), (count - first, derived_seed(self.design.seed, 5)))
     }
 
     /// The base images that so many held-out patches show.
     fn shared(&self, count: usize) -> Result<SharedPictures, InformationError> {
-        let shared =
-            self.stream(Split::Test).shared_pictures(self.imaging, self.psf.view(), count, self.test_seed())?;
-        Ok(shared.unwrap_or_default())
+        let stream = self.stream(Split::Test);
+        let (first, more) = self.parts(count);
+        let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.imaging, self.psf.view(), count, seed);
+        let some = of(first)?.unwrap_or_default();
+        Ok(if more.0 == 0 { some } else { some.and(of(more)?.unwrap_or_default()) })
     }
 
     /// Fresh patches to fit to, and those that validate a fit to few images.
     pub fn fitting(&self) -> Result<(MeasurementStream<'_>, Option<PatchBatch>), InformationError> {
-        self.imaging.fitting(&self.convolver, self.patch, derived_seed(self.design.seed, 5))
+        self.imaging.fitting(&self.convolver, self.patch, derived_seed(self.design.seed, 6))
     }
 
     /// The model before its fit.
@@ -214,6 +222,19 @@ impl<'a> Subject<'a> {
             patches: test.noisy.slice(shown).to_owned(),
         })
     }
+}
+
+/// Both batches, one after the other.
+fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, InformationError> {
+    let both = |a: &Array3<f32>, b: &Array3<f32>| {
+        ndarray::concatenate(Axis(0), &[a.view(), b.view()])
+            .map_err(|error| InformationError::Stream { reason: error.to_string() })
+    };
+    let clean = match (&one.clean, &other.clean) {
+        (Some(one), Some(other)) => Some(both(one, other)?),
+        _ => None,
+    };
+    Ok(PatchBatch { noisy: both(&one.noisy, &other.noisy)?, clean })
 }
 
 #[cfg(test)]

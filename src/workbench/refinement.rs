@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::live_bounds::{Beads, Draws, SensorBounds};
-use super::live_subject::{SCORED, Subject};
+use super::live_subject::{SCORED, SCORED_LAST, Subject};
 use super::pulls::{Pull, Pulls};
 use super::simulation::imaging;
 use crate::information::{
@@ -160,7 +160,7 @@ impl LiveRecipe {
     pub(super) fn is_sound(&self) -> bool {
         let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
         (1..=self.all()).contains(&self.steps)
-            && (1..=SCORED).contains(&self.test_patches)
+            && (1..=SCORED_LAST).contains(&self.test_patches)
             && (self.planned.max(self.all()) as f64) <= PLANNED.1
             && self.revised.is_none_or(|revision| (1..self.planned).contains(&revision.after))
             && sound(self.lower)
@@ -258,7 +258,7 @@ impl Refiner {
             let before = Instant::now();
             recipe.steps = progress.step;
             let mut revision = None;
-            // The last step has the last score.
+            // The last step has the last score, which is on more patches.
             if before >= due && progress.step < recipe.all() {
                 if known.is_none() && recipe.revised.is_none() && patches == SCORED {
                     recipe.revised = Some(Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed)));
@@ -314,7 +314,7 @@ impl Refiner {
         self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         recipe.steps = fitted?;
         // A fit that has come to its end is not lost any more.
-        let mut estimate = score((&model, &test), recipe, None, &|| false)?;
+        let mut estimate = score((&model, &subject.test(SCORED_LAST)?), recipe, None, &|| false)?;
         estimate.bounding = beads.channel.is_some();
         estimate.pulls = pulls.told();
         publish(with_bounds(&beads, estimate.clone()));
