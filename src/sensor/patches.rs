@@ -68,6 +68,8 @@ impl Patches {
     /// # Panics
     /// Where the stack is smaller than the one the places were drawn for.
     pub fn cut(&self, stack: ArrayView3<'_, f32>) -> Array3<f32> {
+        let images = stack.len_of(Axis(0));
+        assert!(self.corners.iter().all(|corner| corner.0 < images), "patches of more than {images} images");
         let mut patches = Array3::zeros((self.corners.len(), self.shape.0, self.shape.1));
         self.cut_some(0, stack, &mut patches);
         patches
@@ -115,6 +117,14 @@ mod tests {
         let chi_square: f64 = counts.iter().map(|count| (count - expected).powi(2) / expected).sum();
         let freedom = counts.len() as f64 - 1.0;
         assert!((chi_square - freedom).abs() < 4.5 * (2.0 * freedom).sqrt(), "{chi_square}");
+    }
+
+    #[test]
+    #[should_panic(expected = "more than 1 images")]
+    fn no_patch_of_a_missing_image_is_taken_for_dark() {
+        let stack = Array3::zeros((2, 9, 9));
+        let places = Patches::one_each(stack.dim(), (3, 3), 5).unwrap();
+        places.cut(stack.slice(s![..1, .., ..]));
     }
 
     #[test]
