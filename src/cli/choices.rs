@@ -1,5 +1,6 @@
 //! Encoders as they are named on the command line.
 
+use std::ffi::OsStr;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -7,11 +8,16 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 use clap::ValueEnum;
+use clap::builder::{OsStringValueParser, TypedValueParser};
 
 use super::output;
+use crate::formats::{ImageFile, split_kind};
 use crate::information::Estimator;
-use crate::optics::{Diffuser, Encoder, depth_layout, fit_lenslets, heuristic_layout, import_psf, random_layout};
-use crate::workbench::{Design, EvaluationError};
+use crate::objects::ObjectSource;
+use crate::optics::{
+    Diffuser, Encoder, PsfImage, depth_layout, fit_lenslets, heuristic_layout, import_psf, psf_file, random_layout,
+};
+use crate::workbench::{Design, EvaluationError, MeasuredSource};
 
 /// An encoder named by `--lenslets`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -34,12 +40,30 @@ pub enum EncoderChoice {
 
 impl EncoderChoice {
     /// The file that it is read from.
-    pub fn file(&self) -> Option<&Path> {
+    pub fn file(&self) -> Option<PathBuf> {
         match self {
-            Self::Psf(path, _) | Self::Fit(path, _) | Self::Design(path) => Some(path),
+            Self::Psf(path, _) | Self::Fit(path, _) => {
+                Some(ImageFile::find(path).map_or_else(|_| path.clone(), |file| file.path))
+            }
+            Self::Design(path) => Some(path.clone()),
             Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
         }
     }
+}
+
+/// Reads an encoder from an argument, which need not be UTF-8, as paths need not be.
+pub fn encoder_argument() -> impl TypedValueParser<Value = EncoderChoice> {
+    OsStringValueParser::new().try_map(|text| EncoderChoice::from_os(&text))
+}
+
+/// Reads objects from an argument.
+pub fn objects_argument() -> impl TypedValueParser<Value = ObjectSource> {
+    OsStringValueParser::new().try_map(|text| ObjectSource::from_os(&text))
+}
+
+/// Reads measurements from an argument.
+pub fn measurements_argument() -> impl TypedValueParser<Value = MeasuredSource> {
+    OsStringValueParser::new().try_map(|text| MeasuredSource::from_os(&text))
 }
 
 const CHOICES: &str = "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), fit:FILE, or \
@@ -49,35 +73,32 @@ impl FromStr for EncoderChoice {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("lenslets {text:?}: expected {CHOICES}");
-        let (kind, rest) = text.split_once(':').ok_or_else(wrong)?;
+        Self::from_os(OsStr::new(text))
+    }
+}
+
+impl EncoderChoice {
+    /// The encoder of a text that need not be UTF-8.
+    fn from_os(text: &OsStr) -> Result<Self, String> {
+        let named = text.display();
+        let wrong = || format!("lenslets \"{named}\": expected {CHOICES}");
+        let (kind, path) = split_kind(text).ok_or_else(wrong)?;
+        let (rest, is_named) = (path.to_string_lossy(), !path.as_os_str().is_empty());
+        let picture = || psf_file(&path).map_err(|error| error.to_string());
         let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
             Ok(count) if range.contains(&count) => Ok(count),
-            _ => Err(format!("lenslets {text:?}: expected {} to {} after {kind}:", range.start(), range.end())),
+            _ => Err(format!("lenslets \"{named}\": expected {} to {} after {kind}:", range.start(), range.end())),
         };
         match kind {
             "heuristic" => count(1..=9).map(Self::Heuristic),
             "random" => count(1..=crate::optics::LensletArray::MAX_LENSLETS).map(Self::Random),
             "depth" => count(1..=5).map(Self::Depth),
             "diffuser" => count(1..=Diffuser::GRID).map(Self::Diffuser),
-            "psf" if !rest.is_empty() => picture(text, rest).map(|(path, side)| Self::Psf(path, side)),
-            "fit" if !rest.is_empty() => picture(text, rest).map(|(path, side)| Self::Fit(path, side)),
-            "design" if !rest.is_empty() => Ok(Self::Design(rest.into())),
+            "psf" if is_named => picture().map(|(path, side)| Self::Psf(path, side)),
+            "fit" if is_named => picture().map(|(path, side)| Self::Fit(path, side)),
+            "design" if is_named => Ok(Self::Design(path)),
             _ => Err(wrong()),
         }
-    }
-}
-
-/// The file of a picture, and the pixels a side that it is resampled to: `FILE` or `FILE@32`.
-fn picture(text: &str, named: &str) -> Result<(PathBuf, Option<usize>), String> {
-    match named.rsplit_once('@') {
-        // An @ may be part of a path, too.
-        Some((path, side)) if !path.is_empty() && side.bytes().all(|byte| byte.is_ascii_digit()) => {
-            let side = side.parse().ok().filter(|side| (1..=1024).contains(side));
-            let wrong = || format!("lenslets {text:?}: expected a number of pixels from 1 to 1024 after @");
-            Ok((path.into(), Some(side.ok_or_else(wrong)?)))
-        }
-        _ => Ok((named.into(), None)),
     }
 }
 
@@ -89,15 +110,22 @@ impl EncoderChoice {
             Self::Random(count) => Encoder::Lenslets(random_layout(*count, seed)),
             Self::Depth(count) => Encoder::Lenslets(depth_layout(*count)),
             Self::Diffuser(aperture_px) => Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed }),
-            Self::Psf(path, side) => Encoder::Image(import_psf(path, *side)?),
+            Self::Psf(path, side) => Encoder::Image(import_told(path, *side)?),
             Self::Fit(path, side) => {
-                let fitted = fit_lenslets(&Encoder::Image(import_psf(path, *side)?))?;
+                let fitted = fit_lenslets(&Encoder::Image(import_told(path, *side)?))?;
                 output::tell(format_args!("{}: {}", path.display(), fitted.in_words()));
                 Encoder::Lenslets(fitted.array)
             }
             Self::Design(path) => Design::open(path)?.encoder,
         })
     }
+}
+
+/// Reads a PSF and says what was understood of its file.
+fn import_told(path: &Path, side: Option<usize>) -> anyhow::Result<PsfImage> {
+    let (image, understood) = import_psf(path, side)?;
+    output::tell(format_args!("{}: {understood}", image.origin));
+    Ok(image)
 }
 
 /// The patch of an estimate: `32`, `16x24` (rows x cols), or `sensor` for the whole measurement.

@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder};
+use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder, encoder_argument};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
 use super::design_runs::{
     Ranking, check_effects, check_place, climb, in_words, outputs, rank, usual_layouts, usual_score, write,
@@ -28,7 +28,7 @@ pub struct Arguments {
 
     /// The mask to start from: random:COUNT, heuristic:1 to 9, depth:1 to 5, fit:FILE, or design:FILE [default: random:25, or the
     /// mask of DESIGN].
-    #[arg(long, value_name = "MASK")]
+    #[arg(long, value_name = "MASK", value_parser = encoder_argument())]
     start: Option<EncoderChoice>,
 
     #[command(flatten)]
@@ -203,7 +203,7 @@ impl Arguments {
             return Err(anyhow::anyhow!(sentence).into());
         }
         check_folder(&self.out)?;
-        let named = [self.design.as_deref(), self.start.as_ref().and_then(EncoderChoice::file)];
+        let named = [self.design.clone(), self.start.as_ref().and_then(EncoderChoice::file)];
         let inputs = files_of(named, &design.objects);
         check_inputs_stay(&inputs, &outputs(&self.out, self.starts), ("--out", None))?;
         // What a run leaves is read from other folders as well.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::choices::EncoderChoice;
+use super::choices::{EncoderChoice, encoder_argument, objects_argument};
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
 use crate::workbench::{DESIGN_FILE, Design};
@@ -23,7 +23,7 @@ pub struct DesignArgs {
 
     /// The mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (psf:FILE@32 resamples),
     /// fit:FILE for lenslets that are fitted to a PSF picture, or design:FILE.
-    #[arg(long, value_name = "MASK")]
+    #[arg(long, value_name = "MASK", value_parser = encoder_argument())]
     lenslets: Option<EncoderChoice>,
 
     /// Seed of random masks, objects, noise and patches.
@@ -36,7 +36,7 @@ pub struct DesignArgs {
 pub struct SceneArgs {
     /// The objects: beads:DENSITY, beads-max:DENSITY, volume:PLANES:DENSITY, idx:FILE, cifar:FILE, images:FOLDER, or
     /// stack:FILE.
-    #[arg(long, value_name = "OBJECTS")]
+    #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Option<ObjectSource>,
 
     /// Mean of the objects, photons per pixel.
@@ -60,7 +60,7 @@ impl DesignArgs {
 
     /// The files that `design` is made from.
     pub fn files(&self, design: &Design) -> Vec<PathBuf> {
-        files_of([self.design.as_deref(), self.lenslets.as_ref().and_then(EncoderChoice::file)], &design.objects)
+        files_of([self.design.clone(), self.lenslets.as_ref().and_then(EncoderChoice::file)], &design.objects)
     }
 
     /// The design, with the scene replaced by what `scene` gives.
@@ -82,8 +82,8 @@ impl DesignArgs {
 }
 
 /// The files that are read: those that are `named`, but for standard input, and those of the objects.
-pub fn files_of(named: [Option<&Path>; 2], objects: &ObjectSource) -> Vec<PathBuf> {
-    let named = named.into_iter().flatten().filter(|input| *input != Path::new("-")).map(Path::to_owned);
+pub fn files_of(named: [Option<PathBuf>; 2], objects: &ObjectSource) -> Vec<PathBuf> {
+    let named = named.into_iter().flatten().filter(|input| input != Path::new("-"));
     named.chain(objects.files()).collect()
 }
 

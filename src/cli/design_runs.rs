@@ -12,6 +12,7 @@ use super::output::{self, Meter};
 use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::formats::check_writable;
 use crate::information::InformationError;
+use crate::objects::Progress;
 use crate::workbench::study::{StudyDesign, StudySettings};
 use crate::workbench::{
     DESIGN_FILES, Design, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
@@ -39,7 +40,10 @@ pub(super) fn climb(
         meter.show(progress.state.step, settings.steps, &message(progress, settings));
         ControlFlow::Continue(())
     };
-    let reading = |_| ControlFlow::Continue(());
+    let reading = |progress: Progress| {
+        progress.understood.iter().for_each(|understood| meter.tell(understood));
+        ControlFlow::Continue(())
+    };
     let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
     let record =
         run_ideal(design, settings, from.as_deref().map(|state| GoOn { state, rewind_to }), &reading, keep, &mut watch)

@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::choices::{
     BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches, is_same_file,
+    measurements_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::output::Meter;
@@ -100,7 +101,7 @@ pub struct Arguments {
 struct MeasuredArgs {
     /// Images of a camera: a file (NPY, NPZ, TIFF, PNG) or a folder of them, in place of a design.
     #[arg(
-        long, value_name = "PATH",
+        long, value_name = "PATH", value_parser = measurements_argument(),
         conflicts_with_all = ["design", "lenslets", "objects", "mean_photons", "bias"]
     )]
     measurements: Option<MeasuredSource>,
@@ -177,6 +178,9 @@ impl Arguments {
         };
         let meter = Meter::new();
         let mut watch = |progress: &EstimateProgress| {
+            if let Some(understood) = &progress.understood {
+                meter.tell(understood);
+            }
             meter.show(progress.done, progress.total, &progress.step);
             ControlFlow::Continue(())
         };

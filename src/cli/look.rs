@@ -9,6 +9,7 @@ use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
 use crate::information::{NamedBound, NoiseEntropy, Protocol};
+use crate::objects::Progress;
 use crate::workbench::{
     Design, EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once, notices_of,
 };
@@ -112,16 +113,22 @@ impl Bounds {
     }
 }
 
+/// Says what was understood of the files of the objects.
+fn reading(progress: Progress) -> ControlFlow<()> {
+    progress.understood.iter().for_each(output::tell);
+    ControlFlow::Continue(())
+}
+
 impl Look {
     /// Opens the objects of a design and computes its numbers.
     pub fn at(design: &Design) -> anyhow::Result<Self> {
-        let scene = Scene::open(design, &|_| ControlFlow::Continue(()))?;
+        let scene = Scene::open(design, &reading)?;
         Self::of(design, &scene).map_err(|error| about_objects(design, error))
     }
 
     /// The same with the lower bound that can be had in a moment.
     pub fn bounded(design: &Design) -> anyhow::Result<Self> {
-        let scene = Scene::open(design, &|_| ControlFlow::Continue(()))?;
+        let scene = Scene::open(design, &reading)?;
         let mut look = Self::of(design, &scene).map_err(|error| about_objects(design, error))?;
         if let Some(bounds) = &mut look.information {
             // The others are told where this one cannot be had.

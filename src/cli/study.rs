@@ -5,7 +5,9 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::choices::{BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_fresh, check_patches};
+use super::choices::{
+    BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_fresh, check_patches, objects_argument,
+};
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::{Failure, output};
@@ -83,7 +85,7 @@ struct Grid {
     common: Common,
 
     /// The objects, in place of the beads: any source that estimate takes; repeat it for several.
-    #[arg(long, value_name = "OBJECTS")]
+    #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Vec<ObjectSource>,
 
     /// The published image set that --objects stand for, in the same order: once for each, or for each that is read from files.
@@ -262,6 +264,7 @@ impl Common {
         settings.check()?;
         check_folder(&self.out)?;
         let mut study = Study::open(settings, &self.out)?;
+        study.record().notices.iter().for_each(output::tell);
         run_with_bar(&mut study)?;
         self.print(&study)
     }

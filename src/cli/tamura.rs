@@ -7,13 +7,14 @@ use ndarray::Axis;
 use serde::Serialize;
 
 use super::{Failure, output};
-use crate::formats::read_picture_or_array;
+use crate::formats::{ImageSummary, read_stack};
+use crate::plural::counted;
 use crate::sparsity::{TamuraSummary, tamura_of_stack};
 
 /// Arguments of `tamura`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// NPY, NPZ, TIFF or picture files; stacks count picture by picture.
+    /// NPY, NPZ, TIFF or image files; stacks count image by image.
     #[arg(required = true)]
     files: Vec<PathBuf>,
 
@@ -48,20 +49,23 @@ impl Arguments {
     pub fn run(self) -> Result<(), Failure> {
         let mut values = Vec::new();
         for path in &self.files {
-            let stack = read_picture_or_array(path)?;
+            let stack = read_stack(path)?;
+            output::tell(format_args!("{}: {}", path.display(), ImageSummary::of(&stack)));
+            let stack = stack.into_array();
             for (page, picture) in stack.axis_iter(Axis(0)).enumerate() {
                 if let Some(((row, col), value)) = picture.indexed_iter().find(|(_, value)| !value.is_finite()) {
                     return Err(anyhow::anyhow!(
-                        "{}: expected finite values, found {value} in picture {page} at row {row}, column {col}; \
-                         repair or leave out that picture",
-                        path.display()
+                        "{}: expected finite values, found {value} in image {} at row {row}, column {col}; \
+                         repair or leave out that image",
+                        path.display(),
+                        page + 1
                     )
                     .into());
                 }
             }
             if stack.is_empty() {
                 return Err(anyhow::anyhow!(
-                    "{}: expected pictures with pixels, found no picture or none with pixels; choose another file",
+                    "{}: expected images with pixels, found none; choose another file",
                     path.display()
                 )
                 .into());
@@ -73,6 +77,6 @@ impl Arguments {
             return output::print_json(&summary);
         }
         let Summary { mean, sd, count } = summary;
-        output::print(&format!("Tamura coefficient {mean:.6} (sd {sd:.6}) over {count} pictures"))
+        output::print(&format!("Tamura coefficient {mean:.6} (sd {sd:.6}) over {}", counted(count, "image")))
     }
 }

@@ -4,8 +4,9 @@ use std::io::Read;
 use std::path::Path;
 
 use super::bytes::open;
+use super::kind::named_for_what_it_is;
 use super::samples::luma;
-use super::{FormatError, PixelStack, Samples};
+use super::{Channel, FormatError, ImageFile, PixelStack, Samples, stack};
 
 /// Rows and columns of a CIFAR image, px.
 const SIDE: usize = 32;
@@ -19,11 +20,20 @@ const ADVICE: &str = "use the binary version of CIFAR-10 (data_batch_1.bin and t
 /// # Errors
 /// [`FormatError`] if the file is missing or is not a whole number of records of 3073 bytes with labels of 0 to 9.
 pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
+    let found = ImageFile::find(path)?;
+    let path = &found.path;
     let (mut file, length) = open(path)?;
     if length == 0 || length % RECORD_BYTES as u64 != 0 {
-        let expected = format!("records of {RECORD_BYTES} bytes");
-        return Err(FormatError::malformed(path, expected, format!("{length} bytes"), ADVICE));
+        let expected = format!("a CIFAR-10 binary batch (records of {RECORD_BYTES} bytes)");
+        return Err(named_for_what_it_is(path, &expected));
     }
+    let plane = match found.meaning.channel {
+        None | Some(Channel::Luma) => None,
+        Some(Channel::Red | Channel::Number(1)) => Some(0),
+        Some(Channel::Green | Channel::Number(2)) => Some(1),
+        Some(Channel::Blue | Channel::Number(3)) => Some(2),
+        Some(_) => return Err(found.cannot_mean("channel", "red, green and blue")),
+    };
     let pages = (length / RECORD_BYTES as u64) as usize;
     let mut grey = Vec::new();
     let failed = |error| FormatError::from_read(path, error);
@@ -33,13 +43,22 @@ pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
         file.read_exact(&mut record).map_err(failed)?;
         let [label, planes @ ..] = &record;
         if *label > 9 {
-            let found = format!("{label} in record {page}");
-            return Err(FormatError::malformed(path, "labels of 0 to 9", found, ADVICE));
+            let wrong = format!("label {label} in record {}", page + 1);
+            return Err(FormatError::malformed(path, "labels of 0 to 9", wrong, ADVICE));
         }
         let value = |pixel: usize, plane: usize| f32::from(planes[plane * PLANE + pixel]);
-        grey.extend((0..PLANE).map(|pixel| luma([0, 1, 2].map(|plane| value(pixel, plane)))));
+        match plane {
+            Some(plane) => grey.extend((0..PLANE).map(|pixel| value(pixel, plane))),
+            None => grey.extend((0..PLANE).map(|pixel| luma([0, 1, 2].map(|plane| value(pixel, plane))))),
+        }
     }
-    Ok(PixelStack::new(pages, SIDE, SIDE, Samples::F32(grey)))
+    let mut stack = PixelStack::new(pages, SIDE, SIDE, Samples::F32(grey));
+    stack.understood.numbers = Some("8 bits".into());
+    stack.note(match plane {
+        Some(plane) => format!("channel {} of 3", plane + 1),
+        None => "luma of red, green and blue (?channel=green takes one)".to_owned(),
+    });
+    stack::restrict(&found, stack)
 }
 
 #[cfg(test)]
@@ -64,8 +83,11 @@ mod tests {
     #[test]
     fn a_part_of_a_record_and_a_foreign_label_are_refused() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        for (bytes, expected) in [(vec![0; RECORD_BYTES + 1], "3074 bytes"), (vec![10; RECORD_BYTES], "10 in record 0")]
-        {
+        for (bytes, expected) in [
+            (vec![0; RECORD_BYTES + 1], "the size and labels of CIFAR-100"),
+            (vec![0; RECORD_BYTES + 2], "nothing but zeros"),
+            (vec![10; RECORD_BYTES], "label 10 in record 1"),
+        ] {
             std::fs::write(file.path(), bytes).unwrap();
             assert!(read_cifar(file.path()).unwrap_err().to_string().contains(expected));
         }

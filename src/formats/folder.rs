@@ -1,26 +1,54 @@
-//! The picture files of a folder.
+//! The image files of a folder.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::FormatError;
+use super::{FormatError, ImageFile};
 
-/// Endings of files that hold pictures.
+/// Endings of files that hold images.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "npy", "npz"];
 
-/// Files of a folder that hold pictures by their names, in the order of their names.
+/// The image files that a path names: those of a folder by their names, in the order of these, or the file itself.
+///
+/// Hidden files are left out: names that begin with a dot, among them `._*` that macOS leaves on other disks. What the
+/// path tells of the meaning holds for all of them.
 ///
 /// # Errors
-/// [`FormatError`] if the folder cannot be read.
-pub fn picture_files(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
-    let failed = |error| FormatError::from_read(folder, error);
+/// [`FormatError`] if there is no such file or folder, or the folder cannot be read.
+pub fn image_files(named: &Path) -> Result<Vec<ImageFile>, FormatError> {
+    let place = ImageFile::find(named)?;
+    if !place.path.is_dir() {
+        return Ok(vec![place]);
+    }
+    let failed = |error| FormatError::from_read(&place.path, error);
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
+    for entry in std::fs::read_dir(&place.path).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
+        let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        if ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str())) && path.is_file() {
+        if !is_hidden && ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str())) && path.is_file() {
             files.push(path);
         }
     }
     files.sort();
-    Ok(files)
+    Ok(files.into_iter().map(|path| ImageFile { path, meaning: place.meaning.clone() }).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hidden_files_are_left_out_and_the_meaning_holds_for_all() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["b.PNG", "a.tif", "._a.tif", ".b.png", "Thumbs.db", ".DS_Store", "notes.txt"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        std::fs::create_dir(folder.path().join("c.png")).unwrap();
+        let named = format!("{}?frame=2", folder.path().display());
+        let files = image_files(Path::new(&named)).unwrap();
+        let names: Vec<_> = files.iter().map(|file| file.path.file_name().unwrap().to_str().unwrap()).collect();
+        assert_eq!(names, ["a.tif", "b.PNG"]);
+        assert!(files.iter().all(|file| file.meaning.frame == Some(2)));
+        assert_eq!(image_files(&files[0].path).unwrap()[0].path, files[0].path);
+    }
 }

@@ -6,10 +6,13 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, magic, open, read_values};
+use super::kind::named_for_what_it_is;
 use super::npy_header::element_count;
-use super::{FormatError, PixelStack, Samples};
+use super::{FormatError, ImageFile, PixelStack, Samples, stack};
 
 const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
+/// What is expected, for messages.
+const IMAGES: &str = "IDX images (3 axes)";
 
 /// Reads IDX images of shape (pages, rows, cols), plain or gzipped; unsigned bytes keep their width.
 ///
@@ -17,6 +20,18 @@ const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
 /// [`FormatError`] if the file is missing, damaged, or holds anything but three axes (labels, say), or if its length
 /// is not the one its header gives.
 pub fn read_idx(path: &Path) -> Result<PixelStack, FormatError> {
+    let file = ImageFile::find(path)?;
+    stack::restrict(&file, read_images(&file.path)?)
+}
+
+/// Whether a gzip file begins like images.
+pub(super) fn is_packed_images(path: &Path) -> bool {
+    let mut start = [0; 4];
+    let read = open(path).map(|(file, _)| MultiGzDecoder::new(BufReader::new(file)).read_exact(&mut start));
+    matches!((read, start), (Ok(Ok(())), [0, 0, _, 3]))
+}
+
+pub(super) fn read_images(path: &Path) -> Result<PixelStack, FormatError> {
     let is_packed = magic::<2>(path)? == [0x1f, 0x8b];
     let (file, length) = open(path)?;
     if is_packed {
@@ -30,14 +45,17 @@ pub fn read_idx(path: &Path) -> Result<PixelStack, FormatError> {
 fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) -> Result<PixelStack, FormatError> {
     let malformed = |expected: &str, found: String| FormatError::malformed(path, expected, found, ADVICE);
     let mut start = [0; 16];
-    reader.read_exact(&mut start).map_err(|error| FormatError::from_read(path, error))?;
+    let mut read = |part: &mut [u8]| match reader.read_exact(part) {
+        // What is damaged may not be a gzip file, and what ends here no IDX file.
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Err(named_for_what_it_is(path, IMAGES)),
+        other => other.map_err(|error| FormatError::from_read(path, error)),
+    };
+    read(&mut start[..4])?;
     let [zero, also_zero, kind, axes] = [start[0], start[1], start[2], start[3]];
-    if (zero, also_zero) != (0, 0) {
-        return Err(malformed("an IDX file", format!("the first bytes {:02x?}", &start[..4])));
+    if (zero, also_zero, axes) != (0, 0, 3) {
+        return Err(named_for_what_it_is(path, IMAGES));
     }
-    if axes != 3 {
-        return Err(malformed("IDX images (3 axes)", format!("{axes} axes")));
-    }
+    read(&mut start[4..])?;
     let axis = |index: usize| u32::from_be_bytes([0, 1, 2, 3].map(|byte| start[4 * index + byte])) as usize;
     let (pages, rows, cols) = (axis(1), axis(2), axis(3));
     let width = match kind {
@@ -145,8 +163,9 @@ mod tests {
             (gzip(&header(8, u32::MAX, 2000, 2000)), "too few bytes"),
             (header(8, u32::MAX, u32::MAX, u32::MAX), "fit into memory"),
             (header(8, 0, u32::MAX, u32::MAX), "fit into memory"),
-            ([&[0, 0, 8, 1][..], &[0; 12]].concat(), "1 axes"),
-            (b"P5 28 28 255 and more".to_vec(), "an IDX file"),
+            ([&[0, 0, 8, 1][..], &[0; 12]].concat(), "found IDX labels (1 axis)"),
+            (b"P5 28 28 255 and more".to_vec(), "found a PNM picture"),
+            (gzip(&gzip(&header(8, 1, 1, 1))), "gzipped twice"),
         ] {
             let error = read_idx(saved(&bytes).path()).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");

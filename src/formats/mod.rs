@@ -9,7 +9,9 @@ mod cifar;
 mod error;
 mod folder;
 mod idx;
+mod image_file;
 mod jpeg;
+mod kind;
 mod npy;
 mod npy_header;
 mod npz;
@@ -17,21 +19,27 @@ mod picture;
 mod samples;
 mod stack;
 mod tables;
+mod tiff_directory;
 mod tiff_pages;
+mod tiff_write;
+mod understood;
 mod write;
 
 pub use bytes::read_bytes;
 pub use cifar::read_cifar;
 pub use error::FormatError;
-pub use folder::picture_files;
+pub use folder::image_files;
 pub use idx::read_idx;
+pub use image_file::{Channel, FrameAxis, ImageFile, Meaning, path_text, split_end, split_kind};
 pub use npy::{ArrayWriter, read_array, write_array};
 pub use npz::{read_npz, read_npz_f64};
 pub use picture::{complete_png_rgb, complete_png8, complete_png16, read_grey, write_png_rgb, write_png8, write_png16};
 pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
 pub use stack::{read_picture_or_array, read_stack};
 pub use tables::{complete_csv, complete_json, read_json, write_csv, write_csv_text, write_json};
-pub use tiff_pages::{PageWriter, read_pages, write_tiff};
+pub use tiff_pages::read_pages;
+pub use tiff_write::{PageWriter, write_tiff};
+pub use understood::{ImageSummary, Understood};
 pub use write::{
     CompleteFile, NameLock, TEMPORARY_PREFIX, check_writable, complete_file, create_folder, lock_folder, lock_name,
     read_if_there, remove_if_there, write_safely,

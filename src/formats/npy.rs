@@ -8,10 +8,11 @@ use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
 
 use super::bytes::{open, read_values};
 use super::npy_header::{Element, Mismatch, NpyHeader, element_count, header_of_f32};
+use super::stack::RawArray;
 use super::write::{CompleteFile, SafeFile};
-use super::{FormatError, Samples};
+use super::{FormatError, Samples, Understood};
 
-const ADVICE: &str = "write the array again with numpy.save";
+pub(super) const ADVICE: &str = "write the array again with numpy.save";
 
 /// Reads an array file (NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C or
 /// Fortran order) as `f32`. NaN and infinities are passed on.
@@ -26,20 +27,21 @@ pub fn read_array(path: &Path) -> Result<ArrayD<f32>, FormatError> {
     arrange(path, &header, values)
 }
 
-/// Reads an array file in the number type of the file, row-major, with its shape.
-pub(super) fn read_samples(path: &Path) -> Result<(Vec<usize>, Samples), FormatError> {
+/// Reads an array file in the number type of the file.
+pub(super) fn read_raw(path: &Path) -> Result<RawArray, FormatError> {
     let (file, length) = open(path)?;
     let mut reader = BufReader::new(file);
     let header = header(path, &mut reader, length)?;
-    samples(path, header, &mut reader, true)
+    raw(path, header, &mut reader, true)
 }
 
-pub(super) fn samples(
+/// Reads the elements behind a header.
+pub(super) fn raw(
     path: &Path,
     header: NpyHeader,
     reader: &mut dyn Read,
     length_is_certain: bool,
-) -> Result<(Vec<usize>, Samples), FormatError> {
+) -> Result<RawArray, FormatError> {
     let samples = match header.element {
         Element::U8 => {
             let values = read_values(reader, header.count, 1, length_is_certain, |bytes| bytes[0]);
@@ -54,13 +56,14 @@ pub(super) fn samples(
             Samples::F32(row_major(path, &header, values)?)
         }
     };
-    Ok((header.shape, samples))
+    let numbers = header.element.for_people().map(Into::into);
+    Ok(RawArray { shape: header.shape, samples, understood: Understood { numbers, ..Understood::default() } })
 }
 
 /// Reads a header at the start of `available` bytes.
 pub(super) fn header(path: &Path, reader: &mut dyn Read, available: u64) -> Result<NpyHeader, FormatError> {
     NpyHeader::read(reader, available)
-        .map_err(|(expected, found): Mismatch| FormatError::malformed(path, expected, found, ADVICE))
+        .map_err(|Mismatch { expected, found, advice }| FormatError::malformed(path, expected, found, advice))
 }
 
 /// Reads the elements behind a header.
@@ -230,11 +233,39 @@ mod tests {
     }
 
     #[test]
+    fn half_floats_are_read_and_other_types_say_what_to_do() {
+        // 1, -2, the largest, the smallest, infinity, NaN.
+        let bits = [0x3c00_u16, 0xc000, 0x7bff, 0x0001, 0x7c00, 0x7e00];
+        for (descr, data) in
+            [("<f2", bits.map(u16::to_le_bytes).concat()), (">f2", bits.map(u16::to_be_bytes).concat())]
+        {
+            let array = read_array(file(descr, "False", "(6,)", &data, 1).path()).unwrap();
+            let values = array.as_slice().unwrap();
+            assert_eq!(values[..5], [1.0, -2.0, 65504.0, 2.0_f32.powi(-24), f32::INFINITY]);
+            assert!(values[5].is_nan());
+        }
+        for (descr, found, advice) in [
+            ("<c8", "complex numbers", "np.abs(a)**2"),
+            (">c16", "complex numbers", "np.abs(a)**2"),
+            ("<f16", "long doubles", "a.astype('float32')"),
+            ("<f12", "long doubles", "a.astype('float32')"),
+            ("|O", "Python objects", "np.stack"),
+            ("<U7", "text", "numbers"),
+            ("|S3", "text", "numbers"),
+            ("<M8[ns]", "dates", "numbers"),
+            ("|V2", "bytes without a type", "a.astype('float32')"),
+        ] {
+            let error = read_array(file(descr, "False", "(1,)", &[0; 32], 1).path()).unwrap_err().to_string();
+            assert!(error.contains(found) && error.contains(advice), "{error}");
+        }
+    }
+
+    #[test]
     fn counts_keep_their_type_and_fortran_order_is_undone() {
-        let (shape, samples) = read_samples(file("|u1", "True", "(2, 3)", &[1, 2, 3, 4, 5, 6], 1).path()).unwrap();
-        assert_eq!((shape, samples), (vec![2, 3], Samples::U8(vec![1, 3, 5, 2, 4, 6])));
-        let (_, samples) = read_samples(file(">u2", "False", "(2,)", &[1, 0, 0, 2], 2).path()).unwrap();
-        assert_eq!(samples, Samples::U16(vec![256, 2]));
+        let array = read_raw(file("|u1", "True", "(2, 3)", &[1, 2, 3, 4, 5, 6], 1).path()).unwrap();
+        assert_eq!((array.shape, array.samples), (vec![2, 3], Samples::U8(vec![1, 3, 5, 2, 4, 6])));
+        let array = read_raw(file(">u2", "False", "(2,)", &[1, 0, 0, 2], 2).path()).unwrap();
+        assert_eq!(array.samples, Samples::U16(vec![256, 2]));
     }
 
     #[test]

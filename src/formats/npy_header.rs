@@ -23,6 +23,7 @@ pub(super) enum Element {
     I32,
     U64,
     I64,
+    F16,
     F32,
     F64,
 }
@@ -32,7 +33,7 @@ impl Element {
     pub(super) fn width(self) -> usize {
         match self {
             Self::Bool | Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
+            Self::U16 | Self::I16 | Self::F16 => 2,
             Self::U32 | Self::I32 | Self::F32 => 4,
             Self::U64 | Self::I64 | Self::F64 => 8,
         }
@@ -49,10 +50,27 @@ impl Element {
             "i4" => Self::I32,
             "u8" => Self::U64,
             "i8" => Self::I64,
+            "f2" => Self::F16,
             "f4" => Self::F32,
             "f8" => Self::F64,
             _ => return None,
         })
+    }
+
+    /// The type for people, where it is none of [`super::Samples`].
+    pub(super) fn for_people(self) -> Option<&'static str> {
+        match self {
+            Self::U8 | Self::U16 | Self::F32 => None,
+            Self::Bool => Some("true or false"),
+            Self::I8 => Some("8 bits with sign"),
+            Self::I16 => Some("16 bits with sign"),
+            Self::U32 => Some("32 bits"),
+            Self::I32 => Some("32 bits with sign"),
+            Self::U64 => Some("64 bits"),
+            Self::I64 => Some("64 bits with sign"),
+            Self::F16 => Some("16-bit floats"),
+            Self::F64 => Some("64-bit floats"),
+        }
     }
 
     /// The value of the little-endian bytes of one element (eight bytes, the unused ones zero).
@@ -68,10 +86,38 @@ impl Element {
             Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
             Self::U64 => u64::from_le_bytes(bytes) as f64,
             Self::I64 => i64::from_le_bytes(bytes) as f64,
+            Self::F16 => half(u16::from_le_bytes([a, b])),
             Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
             Self::F64 => f64::from_le_bytes(bytes),
         }
     }
+}
+
+/// The value of a 16-bit float (IEEE 754 binary16).
+fn half(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff) / 1024.0);
+    let size = match exponent {
+        0 => fraction * 2.0_f64.powi(-14),
+        0x1f if fraction == 0.0 => f64::INFINITY,
+        0x1f => f64::NAN,
+        _ => (1.0 + fraction) * 2.0_f64.powi(exponent - 15),
+    };
+    if bits >> 15 == 0 { size } else { -size }
+}
+
+/// What is in an array whose number type (`descr` without its byte order) is not read, and what to do.
+fn unread_type(descr: &str) -> (String, &'static str) {
+    const NUMBERS: &str = "save an array of numbers";
+    let (what, advice) = match descr.as_bytes().first() {
+        Some(b'c') => ("complex numbers", "save the light instead, numpy.save(FILE, np.abs(a)**2)"),
+        Some(b'f') => ("long doubles", "save it as numpy.save(FILE, a.astype('float32'))"),
+        Some(b'O') => ("Python objects", "save one array of numbers, numpy.save(FILE, np.stack(list(a)))"),
+        Some(b'U' | b'S' | b'a') => ("text", NUMBERS),
+        Some(b'M' | b'm') => ("dates or times", NUMBERS),
+        Some(b'V') => ("bytes without a type", "save it as numpy.save(FILE, a.astype('float32'))"),
+        _ => ("an unknown number type", super::npy::ADVICE),
+    };
+    (format!("{what} ({descr:?})"), advice)
 }
 
 /// What the header says about the array behind it.
@@ -107,11 +153,19 @@ pub(super) fn header_of_f32(shape: &[usize]) -> io::Result<Vec<u8>> {
     Ok([MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat())
 }
 
-/// What was expected and what was found instead.
-pub(super) type Mismatch = (String, String);
+/// A header that is not read.
+#[derive(Debug)]
+pub(super) struct Mismatch {
+    /// What was expected.
+    pub(super) expected: String,
+    /// What was found instead.
+    pub(super) found: String,
+    /// What to do.
+    pub(super) advice: &'static str,
+}
 
 fn mismatch(expected: impl Into<String>, found: impl Into<String>) -> Mismatch {
-    (expected.into(), found.into())
+    Mismatch { expected: expected.into(), found: found.into(), advice: super::npy::ADVICE }
 }
 
 impl NpyHeader {
@@ -159,6 +213,10 @@ impl NpyHeader {
             let key = text.string()?;
             text.take(b':')?;
             match key.as_str() {
+                "descr" if text.skip(b'[') => {
+                    let found = mismatch("an array of plain numbers", "a table of named fields");
+                    return Err(Mismatch { advice: "save one field, numpy.save(FILE, a[NAME])", ..found });
+                }
                 "descr" => descr = Some(text.string()?),
                 "fortran_order" => fortran_order = Some(text.boolean()?),
                 "shape" => shape = Some(text.shape()?),
@@ -173,8 +231,10 @@ impl NpyHeader {
         let descr = descr.ok_or_else(|| missing("descr"))?;
         let fortran_order = fortran_order.ok_or_else(|| missing("fortran_order"))?;
         let shape = shape.ok_or_else(|| missing("shape"))?;
-        let unknown =
-            || mismatch("8- to 64-bit integers, 32- or 64-bit floats or booleans", format!("number type {descr:?}"));
+        let unknown = || {
+            let (found, advice) = unread_type(descr.get(1..).unwrap_or_default());
+            Mismatch { advice, ..mismatch("integers, floats of 16 to 64 bits or booleans", found) }
+        };
         let big_endian = match descr.as_bytes().first() {
             Some(b'<' | b'|') => false,
             Some(b'=') => cfg!(target_endian = "big"),
@@ -309,15 +369,15 @@ mod tests {
         for (text, expected) in [
             (&b""[..], "'{'"),
             (b"{'descr': '<f4', 'fortran_order': False}", "the key shape"),
-            (b"{'descr': '<c8', 'fortran_order': False, 'shape': (1,)}", "floats or booleans"),
-            (b"{'descr': '', 'fortran_order': False, 'shape': (1,)}", "floats or booleans"),
-            (b"{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1,)}", "quoted text"),
+            (b"{'descr': '<c8', 'fortran_order': False, 'shape': (1,)}", "booleans"),
+            (b"{'descr': '', 'fortran_order': False, 'shape': (1,)}", "booleans"),
+            (b"{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1,)}", "plain numbers"),
             (b"{'descr': '<f4', 'fortran_order': False, 'shape': (-1,)}", "length of an axis"),
             (b"{'descr': '<f4', 'fortran_order': False, 'shape': (4294967296, 4294967296)}", "fits into memory"),
             (b"{'descr': '<f8', 'fortran_order': False, 'shape': (4611686018427387904,)}", "fits into memory"),
             (b"{'descr': '|u1', 'fortran_order': False, 'shape': (0, 4294967296, 4294967296)}", "fits into memory"),
         ] {
-            let (told, _) = NpyHeader::parse(text).unwrap_err();
+            let told = NpyHeader::parse(text).unwrap_err().expected;
             assert!(told.contains(expected), "{told}");
         }
     }

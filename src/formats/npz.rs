@@ -9,9 +9,11 @@ use zip::ZipArchive;
 use zip::read::ZipFile;
 use zip::result::ZipError;
 
+use super::FormatError;
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, open};
-use super::npy::{arrange, header, samples, values};
-use super::{FormatError, Samples};
+use super::npy::{arrange, header, raw, values};
+use super::npy_header::NpyHeader;
+use super::stack::RawArray;
 
 const ADVICE: &str = "write the archive again with numpy.savez";
 /// Most array names an error lists.
@@ -37,12 +39,90 @@ pub fn read_npz_f64(path: &Path, name: Option<&str>) -> Result<ArrayD<f64>, Form
     })
 }
 
-/// The only array of an archive, in the number type of the file, with its shape.
-pub(super) fn read_samples(path: &Path) -> Result<(Vec<usize>, Samples), FormatError> {
-    with_array(path, None, |entry, length| {
+/// An array of an archive in the number type of the file: that of the name, or the only one that can be an image.
+pub(super) fn read_raw(path: &Path, name: Option<&str>) -> Result<RawArray, FormatError> {
+    let image = match name {
+        Some(_) => None,
+        None => only_image(path)?,
+    };
+    let chosen = name.map(ToOwned::to_owned).or(image);
+    let mut array = with_array(path, chosen.as_deref(), |entry, length| {
         let header = header(path, entry, length)?;
-        samples(path, header, entry, false)
-    })
+        raw(path, header, entry, false)
+    })?;
+    array.understood.key = chosen;
+    Ok(array)
+}
+
+/// The name of the only array of an archive of several that can be an image: numbers with two or more axes that are
+/// longer than 1. None where the archive has a single array.
+fn only_image(path: &Path) -> Result<Option<String>, FormatError> {
+    let (file, _) = open(path)?;
+    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| damaged(path, &error))?;
+    let names = names(&archive);
+    if names.is_empty() {
+        return Err(no_arrays(path, &archive));
+    }
+    if names.len() == 1 {
+        return Ok(None);
+    }
+    let (mut images, mut shapes) = (Vec::new(), Vec::new());
+    for name in names {
+        let mut entry = archive.by_name(&format!("{name}.npy")).map_err(|error| damaged(path, &error))?;
+        let length = claimed_length(path, &entry)?;
+        match NpyHeader::read(&mut entry, length) {
+            Ok(header) => {
+                let axes: Vec<String> = header.shape.iter().map(ToString::to_string).collect();
+                shapes.push(match axes.as_slice() {
+                    [] => format!("{name} (a number)"),
+                    axes => format!("{name} ({})", axes.join(" x ")),
+                });
+                if header.shape.iter().filter(|&&axis| axis > 1).count() >= 2 {
+                    images.push(name);
+                }
+            }
+            Err(mismatch) => shapes.push(format!("{name} ({})", mismatch.found)),
+        }
+    }
+    let more = if shapes.len() > LISTED_NAMES { " and more" } else { "" };
+    let found = format!("{}{more}", shapes[..shapes.len().min(LISTED_NAMES)].join(", "));
+    match images.as_slice() {
+        [image] => Ok(Some(image.clone())),
+        [] => Err(FormatError::malformed(path, "an array that can be an image", found, ADVICE)),
+        [first, ..] => {
+            let advice = format!("tell which one: add ?key={first} to the path");
+            Err(FormatError::malformed(path, "exactly one array that can be an image", found, advice))
+        }
+    }
+}
+
+fn damaged(path: &Path, error: &ZipError) -> FormatError {
+    FormatError::malformed(path, "a zip archive of NumPy arrays", error.to_string(), ADVICE)
+}
+
+/// The error of an archive of other things.
+fn no_arrays(path: &Path, archive: &ZipArchive<BufReader<File>>) -> FormatError {
+    let entries: Vec<String> = archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
+    let ends = |ending: &str| entries.iter().any(|entry| entry.ends_with(ending));
+    let (found, advice) = if ends("data.pkl") {
+        ("a PyTorch file".to_owned(), "save the tensor, numpy.save(FILE, tensor.numpy())")
+    } else if ends("[Content_Types].xml") {
+        ("an office document".to_owned(), "choose another file")
+    } else {
+        match entries.first() {
+            None => ("an empty zip archive".to_owned(), ADVICE),
+            Some(first) => (format!("a zip archive of other files, such as {first}"), "unpack it first"),
+        }
+    };
+    FormatError::malformed(path, "a zip archive of NumPy arrays", found, advice)
+}
+
+/// The names of the arrays, sorted. Entries whose names are no text cannot be asked for.
+fn names(archive: &ZipArchive<BufReader<File>>) -> Vec<String> {
+    let mut names: Vec<String> =
+        archive.file_names().filter_map(|entry| Some(entry.ok()?.strip_suffix(".npy")?.to_owned())).collect();
+    names.sort_unstable();
+    names
 }
 
 /// Finds the entry, checks what it claims to unpack to, reads it and lets the archive check its sum.
@@ -52,11 +132,9 @@ fn with_array<T>(
     read: impl FnOnce(&mut dyn Read, u64) -> Result<T, FormatError>,
 ) -> Result<T, FormatError> {
     let (file, _) = open(path)?;
-    let damaged =
-        |error: ZipError| FormatError::malformed(path, "a zip archive of NumPy arrays", error.to_string(), ADVICE);
-    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(damaged)?;
+    let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| damaged(path, &error))?;
     let entry_name = choose(path, &archive, name)?;
-    let mut entry = archive.by_name(&entry_name).map_err(damaged)?;
+    let mut entry = archive.by_name(&entry_name).map_err(|error| damaged(path, &error))?;
     let length = claimed_length(path, &entry)?;
     let array = read(&mut entry, length)?;
     // The check sum is compared at the end of the entry, wherever the array ends.
@@ -76,10 +154,7 @@ fn claimed_length(path: &Path, entry: &ZipFile<'_, BufReader<File>>) -> Result<u
 }
 
 fn choose(path: &Path, archive: &ZipArchive<BufReader<File>>, name: Option<&str>) -> Result<String, FormatError> {
-    // Entries whose names are no text cannot be asked for.
-    let mut names: Vec<String> =
-        archive.file_names().filter_map(|entry| Some(entry.ok()?.strip_suffix(".npy")?.to_owned())).collect();
-    names.sort_unstable();
+    let names = names(archive);
     let wanted = match (name, names.as_slice()) {
         (Some(name), _) if names.iter().any(|known| known == name) => return Ok(format!("{name}.npy")),
         (None, [only]) => return Ok(format!("{only}.npy")),

@@ -11,7 +11,7 @@ use ndarray::{Array2, ArrayView2, ArrayView3};
 
 use super::bytes::{open, read_bytes};
 use super::jpeg::has_its_end;
-use super::{CompleteFile, FormatError, PixelStack, Samples, complete_file, read_stack};
+use super::{Channel, CompleteFile, FormatError, PixelStack, Samples, complete_file, read_stack};
 
 /// Longest side of a picture, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
@@ -40,7 +40,7 @@ pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
 }
 
 /// Reads a PNG, JPEG or BMP picture, which must not be larger than its file can hold.
-pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
+pub(super) fn read_page(path: &Path, channel: Option<Channel>) -> Result<PixelStack, FormatError> {
     let damaged = |error: ImageError| match error {
         ImageError::IoError(error) => FormatError::from_read(path, error),
         ImageError::Limits(_) => FormatError::malformed(
@@ -64,12 +64,14 @@ pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
     limits.max_image_height = Some(LONGEST_SIDE_PX);
     limits.max_alloc = Some(LARGEST_PICTURE_BYTES);
     reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(damaged)?;
+    let mut decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
     if decoder.total_bytes() > most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES) {
         let found = format!("{width} x {height} px in {length} bytes");
         return Err(FormatError::malformed(path, "a picture as large as its header says", found, ADVICE));
     }
+    // A camera that was held upright writes so beside the pixels.
+    let orientation = decoder.orientation().map_or(1, |orientation| u64::from(orientation.to_exif()));
     let image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     let channels = usize::from(image.color().channel_count());
     let samples = match image {
@@ -88,7 +90,10 @@ pub(super) fn read_page(path: &Path) -> Result<PixelStack, FormatError> {
             return Err(FormatError::malformed(path, "grey or RGB pixels of 8, 16 or 32 bits", found, ADVICE));
         }
     };
-    Ok(PixelStack::page(height as usize, width as usize, samples, channels))
+    let size = (1, height as usize, width as usize);
+    let stack = PixelStack::interleaved(size, samples, channels, channel)
+        .map_err(|found| FormatError::malformed(path, "the channel that ?channel= names", found, "choose another"))?;
+    Ok(stack.turned(orientation))
 }
 
 /// Writes an 8-bit grey PNG: `low` becomes 0, `high` 255, values beyond are clipped and NaN is 0.
@@ -200,7 +205,7 @@ mod tests {
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 128.0, 255.0], [0.0, 255.0, 0.0]]));
         write_png16(&path, picture.view(), 0.0, 1.0).unwrap();
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 32768.0, 65535.0], [0.0, 65535.0, 0.0]]));
-        assert_eq!(read_page(&path).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
+        assert_eq!(read_page(&path, None).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
     }
 
     #[test]

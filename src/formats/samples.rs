@@ -1,6 +1,8 @@
 //! Grey pixels in the number type of their file.
 
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, ArrayView, IxDyn};
+
+use super::{Channel, Understood};
 
 /// Rec. ITU-R BT.709 luma weights of red, green and blue.
 pub const GREY_WEIGHTS: [f64; 3] = [0.2126, 0.7152, 0.0722];
@@ -114,6 +116,42 @@ impl Samples {
         (0..self.len() / channels).map(move |pixel| [0, 1, 2].map(|channel| self.value(pixel * channels + channel)))
     }
 
+    /// The values of an array of this shape with its axes in another order, row-major.
+    ///
+    /// # Panics
+    /// If the shape does not hold all values or `order` is none of its axes.
+    pub(super) fn permuted(self, shape: &[usize], order: &[usize]) -> Samples {
+        fn permute<T: Copy>(values: &[T], shape: &[usize], order: &[usize]) -> Vec<T> {
+            let array = ArrayView::from_shape(IxDyn(shape), values).expect("every reader fills its shape");
+            array.permuted_axes(IxDyn(order)).iter().copied().collect()
+        }
+        match self {
+            Self::U8(values) => Self::U8(permute(&values, shape, order)),
+            Self::U16(values) => Self::U16(permute(&values, shape, order)),
+            Self::F32(values) => Self::F32(permute(&values, shape, order)),
+        }
+    }
+
+    /// Values `source(0)`, `source(1)` and so on, `count` of them.
+    ///
+    /// # Panics
+    /// If `source` is beyond the last value.
+    pub(super) fn gathered(&self, count: usize, source: impl Fn(usize) -> usize) -> Samples {
+        match self {
+            Self::U8(values) => Self::U8((0..count).map(|index| values[source(index)]).collect()),
+            Self::U16(values) => Self::U16((0..count).map(|index| values[source(index)]).collect()),
+            Self::F32(values) => Self::F32((0..count).map(|index| values[source(index)]).collect()),
+        }
+    }
+
+    /// Channel `index` of interleaved `channels`.
+    fn channel(self, index: usize, channels: usize) -> Samples {
+        if channels == 1 {
+            return self;
+        }
+        self.gathered(self.len() / channels, |pixel| pixel * channels + index)
+    }
+
     /// Whether any pixel of interleaved `channels` is not grey.
     fn has_colours(&self, channels: usize) -> bool {
         channels > 2 && self.colours(channels).any(|[red, green, blue]| red != green || green != blue)
@@ -128,12 +166,7 @@ impl Samples {
         if self.has_colours(channels) {
             return Self::F32(self.colours(channels).map(luma).collect());
         }
-        match (self, channels) {
-            (samples, 1) => samples,
-            (Self::U8(values), _) => Self::U8(values.into_iter().step_by(channels).collect()),
-            (Self::U16(values), _) => Self::U16(values.into_iter().step_by(channels).collect()),
-            (Self::F32(values), _) => Self::F32(values.into_iter().step_by(channels).collect()),
-        }
+        self.channel(0, channels)
     }
 }
 
@@ -157,18 +190,88 @@ pub struct PixelStack {
     pub white: Option<u16>,
     /// Whether the file has colours, of which `samples` is the luma.
     pub from_colour: bool,
+    /// What else the reader understood.
+    pub understood: Understood,
 }
 
 impl PixelStack {
     /// Grey pictures from their samples.
     pub fn new(pages: usize, rows: usize, cols: usize, samples: Samples) -> Self {
-        Self { pages, rows, cols, white: samples.white(), samples, from_colour: false }
+        let understood = Understood::default();
+        Self { pages, rows, cols, white: samples.white(), samples, from_colour: false, understood }
     }
 
-    /// One picture from samples of interleaved `channels`.
-    pub(super) fn page(rows: usize, cols: usize, samples: Samples, channels: usize) -> Self {
-        let (white, from_colour) = (samples.white(), samples.has_colours(channels));
-        Self { white, from_colour, ..Self::new(1, rows, cols, samples.grey(channels)) }
+    /// Pictures of shape (pages, rows, cols) from samples of interleaved `channels`: the chosen one, grey without its
+    /// opacity, or the luma of red, green and blue where they differ.
+    ///
+    /// The error is what was found where the choice is impossible or has to be made.
+    pub(super) fn interleaved(
+        (pages, rows, cols): (usize, usize, usize),
+        samples: Samples,
+        channels: usize,
+        choice: Option<Channel>,
+    ) -> Result<Self, String> {
+        let white = samples.white();
+        let chosen = match choice {
+            Some(choice) => chosen(choice, channels)?,
+            None if channels > 4 => return Err(format!("{channels} channels and no choice among them")),
+            None => None,
+        };
+        if let Some(index) = chosen {
+            let mut stack = Self { white, ..Self::new(pages, rows, cols, samples.channel(index, channels)) };
+            if channels > 1 {
+                stack.note(format!("channel {} of {channels}", index + 1));
+            }
+            return Ok(stack);
+        }
+        let from_colour = samples.has_colours(channels);
+        let mut stack = Self { white, from_colour, ..Self::new(pages, rows, cols, samples.grey(channels)) };
+        if from_colour {
+            stack.understood.numbers = white.map(|white| format!("{} bits", u16::BITS - white.leading_zeros()));
+            stack.note("luma of red, green and blue (?channel=green takes one)");
+        }
+        if matches!(channels, 2 | 4) {
+            stack.note("opacity left out");
+        }
+        Ok(stack)
+    }
+
+    /// Picture `page` alone.
+    pub(super) fn only(self, page: usize) -> Self {
+        let pixels = self.rows * self.cols;
+        let samples = self.samples.gathered(pixels, |pixel| page * pixels + pixel);
+        let mut stack = Self { samples, pages: 1, ..self };
+        stack.note(format!("image {} of {}", page + 1, self.pages));
+        stack.understood.axis = None;
+        stack
+    }
+
+    /// The pictures upright, as the orientation tag of EXIF and TIFF tells how they were recorded: 1 to 8, of which 1
+    /// changes nothing.
+    pub(super) fn turned(self, orientation: u64) -> Self {
+        let (rows, cols) = (self.rows, self.cols);
+        let (new_rows, new_cols) = if (5..=8).contains(&orientation) { (cols, rows) } else { (rows, cols) };
+        let source = |row: usize, col: usize| match orientation {
+            2 => (row, cols - 1 - col),
+            3 => (rows - 1 - row, cols - 1 - col),
+            4 => (rows - 1 - row, col),
+            5 => (col, row),
+            6 => (rows - 1 - col, row),
+            7 => (rows - 1 - col, cols - 1 - row),
+            _ => (col, cols - 1 - row),
+        };
+        if !(2..=8).contains(&orientation) {
+            return self;
+        }
+        let pixels = rows * cols;
+        let samples = self.samples.gathered(self.samples.len(), |index| {
+            let (page, pixel) = (index / pixels, index % pixels);
+            let (row, col) = source(pixel / new_cols, pixel % new_cols);
+            page * pixels + row * cols + col
+        });
+        let mut stack = Self { samples, rows: new_rows, cols: new_cols, ..self };
+        stack.note(format!("turned upright (orientation {orientation} of the file)"));
+        stack
     }
 
     /// Pictures as an array of shape (pages, rows, cols), in the counts of the file.
@@ -190,6 +293,24 @@ impl PixelStack {
     }
 }
 
+/// Index of a channel among `channels`; none for the luma of several.
+fn chosen(choice: Channel, channels: usize) -> Result<Option<usize>, String> {
+    let has_colours = matches!(channels, 3 | 4);
+    // Grey images have the same red, green and blue.
+    let colour = |index: usize| Some(if has_colours { index } else { 0 });
+    let found = || Err(format!("{channels} channel{}", if channels == 1 { "" } else { "s" }));
+    match choice {
+        Channel::Number(number) if number <= channels => Ok(Some(number - 1)),
+        Channel::Alpha if matches!(channels, 2 | 4) => Ok(Some(channels - 1)),
+        Channel::Number(_) | Channel::Alpha => found(),
+        _ if channels > 4 => found(),
+        Channel::Red => Ok(colour(0)),
+        Channel::Green => Ok(colour(1)),
+        Channel::Blue => Ok(colour(2)),
+        Channel::Luma => Ok(if has_colours { None } else { Some(0) }),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -201,6 +322,26 @@ mod tests {
         let alpha_ignored = Samples::U8(vec![10, 20, 30, 0, 10, 20, 30, 255]).grey(4).into_f32();
         assert_eq!(alpha_ignored[0].to_bits(), alpha_ignored[1].to_bits());
         assert_eq!(Samples::U16(vec![7, 0, 9, 65535]).grey(2), Samples::U16(vec![7, 9]));
+    }
+
+    #[test]
+    fn pictures_are_turned_as_their_orientation_says() {
+        // What viewers show of a picture whose rows are 0 1 2 and 3 4 5, by its orientation (TIFF 6.0, tag 274).
+        for (orientation, rows, cols, expected) in [
+            (1, 2, 3, [0, 1, 2, 3, 4, 5]),
+            (2, 2, 3, [2, 1, 0, 5, 4, 3]),
+            (3, 2, 3, [5, 4, 3, 2, 1, 0]),
+            (4, 2, 3, [3, 4, 5, 0, 1, 2]),
+            (5, 3, 2, [0, 3, 1, 4, 2, 5]),
+            (6, 3, 2, [3, 0, 4, 1, 5, 2]),
+            (7, 3, 2, [5, 2, 4, 1, 3, 0]),
+            (8, 3, 2, [2, 5, 1, 4, 0, 3]),
+            (9, 2, 3, [0, 1, 2, 3, 4, 5]),
+        ] {
+            let stack = PixelStack::new(2, 2, 3, Samples::U8([0, 1, 2, 3, 4, 5].repeat(2))).turned(orientation);
+            assert_eq!((stack.rows, stack.cols), (rows, cols), "{orientation}");
+            assert_eq!(stack.samples, Samples::U8(expected.repeat(2)), "{orientation}");
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::bytes::open;
+use super::kind::named_for_what_it_is;
 use super::{CompleteFile, FormatError, complete_file};
 
 /// Largest JSON file read, bytes.
@@ -98,8 +99,13 @@ pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, FormatError> {
     }
     let mut text = Vec::new();
     file.take(LARGEST_JSON_BYTES).read_to_end(&mut text).map_err(|error| FormatError::from_read(path, error))?;
+    // Editors put a mark of the byte order in front.
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    if !matches!(text.trim_ascii_start().first(), Some(b'{' | b'[' | b'"' | b'-' | b'0'..=b'9' | b't' | b'f' | b'n')) {
+        return Err(named_for_what_it_is(path, "JSON"));
+    }
     // The text of the error ends in line and column.
-    serde_json::from_slice(&text)
+    serde_json::from_slice(text)
         .map_err(|error| FormatError::malformed(path, "JSON of this kind", error.to_string(), "correct that place"))
 }
 

@@ -1,44 +1,41 @@
-//! TIFF files of one or many pages.
+//! The pages of TIFF files.
 
 use std::fs::File;
-use std::io::{self, BufReader};
-use std::path::{Path, PathBuf};
+use std::io::{BufReader, Seek, SeekFrom};
+use std::path::Path;
 
-use ndarray::{Array2, ArrayView3};
+use ndarray::Array2;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype::Gray32Float};
 use tiff::{ColorType, TiffError};
 
-use super::bytes::open;
+use super::bytes::{open, read_values};
 use super::picture::{LARGEST_PICTURE_BYTES, LONGEST_SIDE_PX, most_unpacked_bytes};
-use super::write::{CompleteFile, SafeFile};
-use super::{FormatError, PixelStack, Samples};
+use super::tiff_directory::{Directories, PageTags, StoredValues, photometric, unread_compression};
+use super::{Channel, FormatError, ImageFile, PixelStack, Samples};
+use crate::plural::{counted, one_or_many};
 
 const ADVICE: &str = "save it as uncompressed grey or RGB TIFF";
-/// From this many bytes on a file is written as BigTIFF; the offsets of a plain one end at 4 GiB.
-const BIG_TIFF_BYTES: usize = 0xF000_0000;
-/// Room for what describes one page.
-const DIRECTORY_BYTES: usize = 512;
 
-/// Reads every page of a TIFF file as grey values of shape (rows, cols), in the counts of the file: 8- to 64-bit
-/// integers, 16- to 64-bit floats; RGB becomes Rec. 709 luma, alpha is ignored.
+/// Reads every page of a TIFF file as grey values of shape (rows, cols), as they are stored: 1- to 64-bit integers, 16-
+/// to 64-bit floats; RGB becomes Rec. 709 luma, alpha is ignored.
 ///
 /// # Errors
 /// [`FormatError`] if the file is missing, damaged, of another colour model, or a page is larger than 32,768 px a side
 /// or 1 GiB.
 pub fn read_pages(path: &Path) -> Result<Vec<Array2<f32>>, FormatError> {
+    let file = ImageFile::find(path)?;
     let mut pages = Vec::new();
-    for_each_page(path, |page| {
-        pages.push(page.picture(0));
+    for_each_page(&file.path, file.meaning.channel, |stack| {
+        pages.extend((0..stack.pages).map(|page| stack.picture(page)));
         Ok(())
     })?;
     Ok(pages)
 }
 
 /// Reads a TIFF file whose pages are all of one shape, in the number type of the file.
-pub(super) fn read_equal_pages(path: &Path) -> Result<PixelStack, FormatError> {
+pub(super) fn read_equal_pages(path: &Path, channel: Option<Channel>) -> Result<PixelStack, FormatError> {
     let mut stack: Option<PixelStack> = None;
-    for_each_page(path, |page| {
+    for_each_page(path, channel, |page| {
         let Some(stack) = stack.as_mut() else {
             stack = Some(page);
             return Ok(());
@@ -48,82 +45,310 @@ pub(super) fn read_equal_pages(path: &Path) -> Result<PixelStack, FormatError> {
             let found = format!("page {} of {} x {} px", stack.pages + 1, page.rows, page.cols);
             return Err(FormatError::malformed(path, expected, found, "crop all pages to one shape"));
         }
-        stack.pages += 1;
+        stack.pages += page.pages;
         stack.from_colour |= page.from_colour;
         stack.white = stack.white.filter(|_| stack.white == page.white);
+        if stack.understood.numbers != page.understood.numbers {
+            stack.understood.numbers = Some("several number types".into());
+        }
+        page.understood.notes.into_iter().for_each(|note| stack.note(note));
         stack.samples.append(page.samples);
         Ok(())
     })?;
     stack.ok_or_else(|| FormatError::malformed(path, "at least one page", "none", ADVICE))
 }
 
-fn for_each_page(path: &Path, mut take: impl FnMut(PixelStack) -> Result<(), FormatError>) -> Result<(), FormatError> {
+/// Gives the pages in turn; a page that stands for several images gives them all.
+fn for_each_page(
+    path: &Path,
+    channel: Option<Channel>,
+    mut take: impl FnMut(PixelStack) -> Result<(), FormatError>,
+) -> Result<(), FormatError> {
     let damaged = |error: TiffError| match error {
         TiffError::IoError(error) => FormatError::from_read(path, error),
         error => FormatError::malformed(path, "an undamaged TIFF file", error.to_string(), ADVICE),
     };
     let (file, length) = open(path)?;
+    let directories = Directories::read(&mut BufReader::new(&file));
     // Several pages may share one strip; the sum over all pages is bounded too.
     let mut left = most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES.max(length.saturating_mul(64)));
     let mut limits = Limits::default();
     limits.decoding_buffer_size = LARGEST_PICTURE_BYTES.min(left) as usize;
     limits.intermediate_buffer_size = limits.decoding_buffer_size;
-    let mut decoder = Decoder::new(BufReader::new(file)).map_err(damaged)?.with_limits(limits);
-    loop {
-        let (width, height) = decoder.dimensions().map_err(damaged)?;
-        let colour = decoder.colortype().map_err(damaged)?;
-        let bytes = u64::from(width)
-            .saturating_mul(u64::from(height))
-            .saturating_mul(u64::from(colour.num_samples()) * u64::from(colour.bit_depth()).div_ceil(8));
-        if width.max(height) > LONGEST_SIDE_PX || bytes > left.min(LARGEST_PICTURE_BYTES) {
-            let expected = format!("at most {LONGEST_SIDE_PX} px a side and as many bytes as the file can hold");
-            let found = format!("a page of {width} x {height} px");
-            return Err(FormatError::malformed(path, expected, found, "crop or scale it first"));
-        }
-        left -= bytes;
-        let channels = match colour {
-            ColorType::Gray(bits) if bits >= 8 => 1,
-            ColorType::GrayA(bits) | ColorType::Multiband { bit_depth: bits, num_samples: 2 } if bits >= 8 => 2,
-            ColorType::RGB(bits) if bits >= 8 => 3,
-            ColorType::RGBA(bits) if bits >= 8 => 4,
-            _ => {
-                let found = format!("{colour:?}");
-                return Err(FormatError::malformed(path, "grey or RGB of at least 8 bits", found, ADVICE));
+    let reader = StoredValues::new(&file, &directories).map_err(|error| FormatError::from_read(path, error))?;
+    let tags_of = |index: usize| directories.pages.get(index).cloned().unwrap_or_default();
+    check_tags(path, &tags_of(0))?;
+    let mut decoder = Decoder::new(BufReader::new(reader)).map_err(damaged)?.with_limits(limits);
+    let reduced = directories.pages.iter().filter(|page| page.is_reduced).count();
+    let leaves_out = reduced < directories.pages.len();
+    for index in 0.. {
+        let tags = tags_of(index);
+        if !(tags.is_reduced && leaves_out) {
+            let (width, height) = decoder.dimensions().map_err(damaged)?;
+            let colour = decoder.colortype().map_err(damaged)?;
+            let bytes = u64::from(width)
+                .saturating_mul(u64::from(height))
+                .saturating_mul(u64::from(colour.num_samples()) * u64::from(colour.bit_depth()).div_ceil(8));
+            if width.max(height) > LONGEST_SIDE_PX || bytes > left.min(LARGEST_PICTURE_BYTES) {
+                let expected = format!("at most {LONGEST_SIDE_PX} px a side and as many bytes as the file can hold");
+                let found = format!("a page of {height} x {width} px");
+                return Err(FormatError::malformed(path, expected, found, "crop or scale it first"));
             }
-        };
-        let mut decoded = DecodingResult::U8(Vec::new());
-        let layout = decoder.read_image_to_buffer(&mut decoded).map_err(damaged)?;
-        let (rows, cols) = (height as usize, width as usize);
-        let samples = samples(decoded);
-        let samples = if layout.planes > 1 { interleave(&samples, rows * cols, channels) } else { samples };
-        if samples.len() != rows * cols * channels {
-            let found = format!("{} values for {rows} x {cols} px", samples.len());
-            return Err(FormatError::malformed(path, format!("{channels} values per pixel"), found, ADVICE));
+            left -= bytes;
+            let channels = channels_of(path, colour)?;
+            let mut decoded = DecodingResult::U8(Vec::new());
+            let layout = decoder.read_image_to_buffer(&mut decoded).map_err(damaged)?;
+            let page = Page { path, tags: &tags, rows: height as usize, cols: width as usize, channels, channel };
+            let (numbers, samples) = samples(decoded);
+            let samples = match colour.bit_depth() {
+                bits @ (1 | 2 | 4) => page.unpacked(&samples, bits),
+                _ if layout.planes > 1 => interleave(&samples, page.pixels(), channels),
+                _ => samples,
+            };
+            if samples.len() != page.pixels() * channels {
+                let found = format!("{} values for {height} x {width} px", samples.len());
+                return Err(FormatError::malformed(path, format!("{channels} values per pixel"), found, ADVICE));
+            }
+            let (others, note) = match directories.pages.len() {
+                1 if layout.planes <= 1 => page.others(&file, length, directories.big_endian)?,
+                pages => (None, page.missing(pages as u64)),
+            };
+            let mut stack = page.stack(samples, others)?;
+            stack.understood.numbers = match colour.bit_depth() {
+                bits @ (1 | 2 | 4) => Some(counted(usize::from(bits), "bit")),
+                _ => numbers.map(Into::into).or(stack.understood.numbers),
+            };
+            if let Some(note) = note {
+                stack.note(note);
+            }
+            if reduced > 0 && leaves_out {
+                stack.note(format!("{} left out", counted(reduced, "reduced page")));
+            }
+            take(stack)?;
         }
-        take(PixelStack::page(rows, cols, samples, channels))?;
         if !decoder.more_images() {
-            return Ok(());
+            break;
         }
+        check_tags(path, &tags_of(index + 1))?;
         decoder.next_image().map_err(damaged)?;
+    }
+    Ok(())
+}
+
+/// Names what is not read.
+fn check_tags(path: &Path, tags: &PageTags) -> Result<(), FormatError> {
+    let refuse =
+        |expected: &str, found: String, advice: &str| Err(FormatError::malformed(path, expected, found, advice));
+    if let Some(name) = unread_compression(tags.compression) {
+        let expected = "an uncompressed TIFF file or one packed by LZW, Deflate, PackBits or JPEG";
+        return refuse(expected, name, "save it without compression");
+    }
+    if matches!(tags.sample_format, 5 | 6) {
+        return refuse("real numbers", "complex numbers".into(), "save their squared magnitude, the light");
+    }
+    if !matches!(tags.bits, 0 | 1 | 2 | 4 | 8 | 16 | 32 | 64) {
+        let found = format!("{} bits packed across bytes", tags.bits);
+        return refuse("1, 2, 4, 8, 16, 32 or 64 bits", found, "save it with 16 bits");
+    }
+    let colours = match tags.photometric {
+        Some(4) => "a transparency mask",
+        Some(5) => "CMYK colours",
+        Some(6) => "YCbCr colours",
+        Some(8..=10) => "Lab colours",
+        _ => return Ok(()),
+    };
+    refuse("grey or RGB", colours.into(), "save it as grey or RGB TIFF")
+}
+
+/// Values per pixel.
+fn channels_of(path: &Path, colour: ColorType) -> Result<usize, FormatError> {
+    match colour {
+        ColorType::Gray(_) => Ok(1),
+        ColorType::GrayA(_) => Ok(2),
+        ColorType::RGB(bits) if bits >= 8 => Ok(3),
+        ColorType::RGBA(bits) if bits >= 8 => Ok(4),
+        ColorType::Multiband { bit_depth, num_samples } if bit_depth >= 8 => Ok(usize::from(num_samples)),
+        _ => {
+            let found = format!("{colour:?}");
+            Err(FormatError::malformed(path, "grey, or RGB of at least 8 bits", found, ADVICE))
+        }
     }
 }
 
-fn samples(decoded: DecodingResult) -> Samples {
+/// One page and how it is to be understood.
+struct Page<'a> {
+    path: &'a Path,
+    tags: &'a PageTags,
+    rows: usize,
+    cols: usize,
+    channels: usize,
+    channel: Option<Channel>,
+}
+
+impl Page<'_> {
+    fn pixels(&self) -> usize {
+        self.rows * self.cols
+    }
+
+    /// Values of 1, 2 or 4 bits, which begin a byte with every row, as one byte each.
+    fn unpacked(&self, packed: &Samples, bits: u8) -> Samples {
+        let Samples::U8(packed) = packed else { return Samples::U8(Vec::new()) };
+        let (bits, values) = (usize::from(bits), self.cols * self.channels);
+        let row_bytes = (values * bits).div_ceil(8).max(1);
+        let value = |row: &[u8], index: usize| {
+            let first = index * bits;
+            row.get(first / 8).map(|byte| byte >> (8 - bits - first % 8) & ((1 << bits) - 1))
+        };
+        let rows = packed.chunks(row_bytes);
+        Samples::U8(rows.flat_map(|row| (0..values).filter_map(move |index| value(row, index))).collect())
+    }
+
+    /// What the description counts beyond `found` images, in a note.
+    fn missing(&self, found: u64) -> Option<String> {
+        let described = self.tags.described_images(self.pixels() as u64)?;
+        (found > 1 || self.tags.is_imagej()).then_some(())?;
+        let missing = described.checked_sub(found).filter(|&missing| missing > 0)?;
+        Some(format!(
+            "its description counts {described} images; the other {missing} {} not found in the file",
+            one_or_many(missing as usize, "was", "were")
+        ))
+    }
+
+    /// The images that lie behind the only page without pages of their own, as ImageJ and tifffile write long stacks, and
+    /// a note where fewer are there than the description counts.
+    fn others(
+        &self,
+        mut file: &File,
+        length: u64,
+        big_endian: bool,
+    ) -> Result<(Option<Samples>, Option<String>), FormatError> {
+        let none = |found| Ok((None, self.missing(found)));
+        let Some(described) = self.tags.described_images(self.pixels() as u64).filter(|&count| count > 1) else {
+            return none(1);
+        };
+        let image_bytes = (self.pixels() * self.channels) as u64 * self.tags.bits / 8;
+        if self.tags.compression != 1 || image_bytes == 0 {
+            return none(1);
+        }
+        let there = (length.saturating_sub(self.tags.offset) / image_bytes).min(described);
+        if there < 2 {
+            return none(1);
+        }
+        let start = self.tags.offset + image_bytes;
+        let failed = |error| FormatError::from_read(self.path, error);
+        file.seek(SeekFrom::Start(start)).map_err(failed)?;
+        let values = (there - 1) as usize * self.pixels() * self.channels;
+        let mut reader = BufReader::new(file);
+        macro_rules! values {
+            ($type:ty, $variant:path, $convert:expr) => {{
+                let convert = |bytes: &[u8]| {
+                    let mut value = [0; size_of::<$type>()];
+                    value.copy_from_slice(bytes);
+                    let value = if big_endian { <$type>::from_be_bytes(value) } else { <$type>::from_le_bytes(value) };
+                    $convert(value)
+                };
+                read_values(&mut reader, values, size_of::<$type>(), true, convert).map($variant)
+            }};
+        }
+        let others = match (self.tags.bits, self.tags.sample_format) {
+            (8, 0 | 1) => values!(u8, Samples::U8, |value| value),
+            (16, 0 | 1) => values!(u16, Samples::U16, |value| value),
+            (8, 2) => values!(i8, Samples::F32, f32::from),
+            (16, 2) => values!(i16, Samples::F32, f32::from),
+            (32, 0 | 1) => values!(u32, Samples::F32, |value| value as f32),
+            (32, 2) => values!(i32, Samples::F32, |value| value as f32),
+            (32, 3) => values!(f32, Samples::F32, |value| value),
+            (64, 3) => values!(f64, Samples::F32, |value| value as f32),
+            _ => return none(1),
+        };
+        Ok((Some(others.map_err(failed)?), self.missing(there)))
+    }
+
+    /// The page, and what lies behind it, as images.
+    fn stack(&self, mut samples: Samples, others: Option<Samples>) -> Result<PixelStack, FormatError> {
+        if let Some(others) = others {
+            samples.append(others);
+        }
+        let pages = samples.len() / (self.pixels() * self.channels).max(1);
+        let size = (pages, self.rows, self.cols);
+        let palette = self.palette(&samples);
+        let (samples, channels) = match &palette {
+            Some(Ok(colours)) => (colours.clone(), 3),
+            _ => (samples, self.channels),
+        };
+        let mut stack = PixelStack::interleaved(size, samples, channels, self.channel).map_err(|found| {
+            let advice = match self.channel {
+                None => "tell which one: add ?channel=1 to the path",
+                Some(_) => "choose another channel",
+            };
+            FormatError::malformed(self.path, "one channel, or red, green and blue", found, advice)
+        })?;
+        match palette {
+            Some(Ok(_)) => stack.note("colours of its colour table (?channel=1 takes the stored numbers)"),
+            Some(Err(note)) => stack.note(note),
+            None => {}
+        }
+        match self.tags.photometric {
+            Some(photometric::WHITE_IS_ZERO) => stack.note("stored values, though they are marked white-is-zero"),
+            Some(photometric::FILTER_ARRAY) => stack.note("pixels of a colour filter array, as they are"),
+            _ => {}
+        }
+        if let Some(shift) = self.tags.imagej_shift() {
+            let values = stack.samples.into_f32().into_iter().map(|value| value + shift).collect();
+            (stack.samples, stack.white) = (Samples::F32(values), None);
+            stack.understood.numbers = Some("16 bits with sign".into());
+        }
+        self.tags.imagej_axes().into_iter().for_each(|axes| stack.note(axes));
+        Ok(stack.turned(self.tags.orientation))
+    }
+
+    /// Colours of pixels that are numbers of a colour table, or why they are left out; none without a table.
+    fn palette(&self, samples: &Samples) -> Option<Result<Samples, &'static str>> {
+        let is_palette = self.tags.photometric == Some(photometric::PALETTE) && self.channels == 1;
+        let entries = 1_usize << self.tags.bits.min(16);
+        let [red, green, blue] = [0, 1, 2].map(|table| self.tags.palette.get(table * entries..(table + 1) * entries));
+        let (true, Some(red), Some(green), Some(blue)) = (is_palette, red, green, blue) else { return None };
+        if self.channel == Some(Channel::Number(1)) {
+            return Some(Err("stored numbers, without its colour table"));
+        }
+        // A table of ImageJ colours measured values; photographs are saved with their colours in the table.
+        if self.tags.is_imagej() && self.channel.is_none() {
+            return Some(Err("stored values, without its colour table (LUT)"));
+        }
+        // Tables of 8 bits stand in the upper bytes, by the standard, or in the lower ones.
+        let all = || [red, green, blue].into_iter().flatten().copied();
+        let is_low = all().all(|value| value < 256);
+        let shift = if is_low { 0 } else { 8 };
+        let colours = (0..samples.len()).flat_map(|index| {
+            let entry = samples.value(index) as usize;
+            [red[entry], green[entry], blue[entry]]
+        });
+        let is_narrow = is_low || all().all(|value| value % 257 == 0 || value % 256 == 0);
+        Some(Ok(if is_narrow {
+            Samples::U8(colours.map(|value| (value >> shift) as u8).collect())
+        } else {
+            Samples::U16(colours.collect())
+        }))
+    }
+}
+
+/// Values, and their number type where it is none of [`Samples`].
+fn samples(decoded: DecodingResult) -> (Option<&'static str>, Samples) {
     fn narrow<T>(values: Vec<T>, convert: impl Fn(T) -> f32) -> Samples {
         Samples::F32(values.into_iter().map(convert).collect())
     }
     match decoded {
-        DecodingResult::U8(values) => Samples::U8(values),
-        DecodingResult::U16(values) => Samples::U16(values),
-        DecodingResult::F32(values) => Samples::F32(values),
-        DecodingResult::U32(values) => narrow(values, |value| value as f32),
-        DecodingResult::U64(values) => narrow(values, |value| value as f32),
-        DecodingResult::F16(values) => narrow(values, f32::from),
-        DecodingResult::F64(values) => narrow(values, |value| value as f32),
-        DecodingResult::I8(values) => narrow(values, f32::from),
-        DecodingResult::I16(values) => narrow(values, f32::from),
-        DecodingResult::I32(values) => narrow(values, |value| value as f32),
-        DecodingResult::I64(values) => narrow(values, |value| value as f32),
+        DecodingResult::U8(values) => (None, Samples::U8(values)),
+        DecodingResult::U16(values) => (None, Samples::U16(values)),
+        DecodingResult::F32(values) => (None, Samples::F32(values)),
+        DecodingResult::U32(values) => (Some("32 bits"), narrow(values, |value| value as f32)),
+        DecodingResult::U64(values) => (Some("64 bits"), narrow(values, |value| value as f32)),
+        DecodingResult::F16(values) => (Some("16-bit floats"), narrow(values, f32::from)),
+        DecodingResult::F64(values) => (Some("64-bit floats"), narrow(values, |value| value as f32)),
+        DecodingResult::I8(values) => (Some("8 bits with sign"), narrow(values, f32::from)),
+        DecodingResult::I16(values) => (Some("16 bits with sign"), narrow(values, f32::from)),
+        DecodingResult::I32(values) => (Some("32 bits with sign"), narrow(values, |value| value as f32)),
+        DecodingResult::I64(values) => (Some("64 bits with sign"), narrow(values, |value| value as f32)),
     }
 }
 
@@ -132,203 +357,8 @@ fn interleave(planes: &Samples, pixels: usize, channels: usize) -> Samples {
     if planes.len() != pixels * channels {
         return Samples::F32(Vec::new());
     }
-    Samples::F32(
-        (0..pixels * channels).map(|index| planes.value(index % channels * pixels + index / channels)).collect(),
-    )
-}
-
-/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF, as ImageJ and `tifffile` read it.
-///
-/// # Errors
-/// [`FormatError::NotWritten`] if it cannot be written or there is no pixel.
-pub fn write_tiff(path: &Path, pages: ArrayView3<f32>) -> Result<(), FormatError> {
-    let mut writer = PageWriter::create(path, pages.dim())?;
-    writer.append(pages)?;
-    writer.finish()
-}
-
-/// Writes a TIFF file part by part, for stacks that are larger than memory should hold.
-///
-/// The file appears under its name when [`PageWriter::finish`] is called, and not at all where it is not.
-pub struct PageWriter {
-    path: PathBuf,
-    file: SafeFile,
-    encoder: Encoder,
-    /// Pages that are still to come.
-    left: usize,
-    rows: usize,
-    cols: usize,
-}
-
-/// Pages are written in one piece each, so a buffer, which could not be asked whether it arrived, would bring nothing.
-enum Encoder {
-    Standard(TiffEncoder<File, TiffKindStandard>),
-    Big(TiffEncoder<File, TiffKindBig>),
-}
-
-impl PageWriter {
-    /// Starts a file of `pages` pages of `rows` x `cols` 32-bit floats.
-    ///
-    /// # Errors
-    /// [`FormatError::NotWritten`] if the folder is missing or not writable, `path` cannot be replaced, or there is no
-    /// pixel.
-    pub fn create(path: &Path, (pages, rows, cols): (usize, usize, usize)) -> Result<Self, FormatError> {
-        let bytes = pages.saturating_mul(rows).saturating_mul(cols).saturating_mul(size_of::<f32>());
-        let started = || {
-            if bytes == 0 {
-                return Err(io::Error::new(io::ErrorKind::InvalidInput, "pages without pixels"));
-            }
-            let file = SafeFile::create(path)?;
-            let writer = file.file().try_clone()?;
-            let directories = pages.saturating_mul(DIRECTORY_BYTES);
-            let encoder = if bytes.saturating_add(directories) < BIG_TIFF_BYTES {
-                Encoder::Standard(TiffEncoder::new(writer).map_err(system_error)?)
-            } else {
-                Encoder::Big(TiffEncoder::new_big(writer).map_err(system_error)?)
-            };
-            Ok(Self { path: path.to_path_buf(), file, encoder, left: pages, rows, cols })
-        };
-        started().map_err(|error| FormatError::from_write(path, error))
-    }
-
-    /// Adds pages, shape (pages, rows, cols).
-    ///
-    /// # Errors
-    /// [`FormatError::NotWritten`] if the disk is full, or the pages are of another shape or more than were announced.
-    pub fn append(&mut self, pages: ArrayView3<f32>) -> Result<(), FormatError> {
-        let (count, rows, cols) = pages.dim();
-        let written = match self.left.checked_sub(count) {
-            Some(left) if (rows, cols) == (self.rows, self.cols) => {
-                self.left = left;
-                match &mut self.encoder {
-                    Encoder::Standard(encoder) => write_pages(encoder, pages),
-                    Encoder::Big(encoder) => write_pages(encoder, pages),
-                }
-                .map_err(system_error)
-            }
-            _ => Err(io::Error::new(io::ErrorKind::InvalidInput, "pages that were not announced")),
-        };
-        written.map_err(|error| FormatError::from_write(&self.path, error))
-    }
-
-    /// Completes the file.
-    ///
-    /// # Errors
-    /// [`FormatError::NotWritten`] if pages are missing or the file cannot be put in place.
-    pub fn finish(self) -> Result<(), FormatError> {
-        self.complete()?.put_in_place()
-    }
-
-    /// Brings all pages to the disk, under no name yet.
-    ///
-    /// # Errors
-    /// [`FormatError::NotWritten`] if pages are missing or the disk is full.
-    pub fn complete(self) -> Result<CompleteFile, FormatError> {
-        let completed = match self.left {
-            0 => self.file.complete(),
-            left => Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{left} pages fewer than announced"))),
-        };
-        completed.map_err(|error| FormatError::from_write(&self.path, error))
-    }
-}
-
-fn system_error(error: TiffError) -> io::Error {
-    match error {
-        TiffError::IoError(error) => error,
-        error => io::Error::new(io::ErrorKind::InvalidInput, error),
-    }
-}
-
-fn write_pages<K: TiffKind>(encoder: &mut TiffEncoder<File, K>, pages: ArrayView3<f32>) -> Result<(), TiffError> {
-    for page in pages.outer_iter() {
-        let (Ok(width), Ok(height)) = (u32::try_from(page.ncols()), u32::try_from(page.nrows())) else {
-            return Err(TiffError::LimitsExceeded);
-        };
-        encoder.write_image::<Gray32Float>(width, height, &page.iter().copied().collect::<Vec<_>>())?;
-    }
-    Ok(())
+    planes.gathered(pixels * channels, |index| index % channels * pixels + index / channels)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use ndarray::Array3;
-    use tiff::encoder::colortype;
-
-    #[test]
-    fn alpha_beside_grey_is_ignored() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tif");
-        // One row of two pixels, grey and alpha in turn: width, height, bits, compression, photometric, strip offset, samples,
-        // rows per strip, strip bytes, extra samples.
-        let entries: [(u16, u32, u32); 10] = [
-            (256, 1, 2),
-            (257, 1, 1),
-            (258, 2, 8 | 8 << 16),
-            (259, 1, 1),
-            (262, 1, 1),
-            (273, 1, 8),
-            (277, 1, 2),
-            (278, 1, 1),
-            (279, 1, 4),
-            (338, 1, 2),
-        ];
-        let mut file = [b"II*\0".as_slice(), &12_u32.to_le_bytes(), &[10, 255, 200, 3]].concat();
-        file.extend((entries.len() as u16).to_le_bytes());
-        for (tag, count, value) in entries {
-            // Whole numbers of 16 bits.
-            file.extend([tag, 3].map(u16::to_le_bytes).concat());
-            file.extend([count, value].map(u32::to_le_bytes).concat());
-        }
-        file.extend([0; 4]);
-        std::fs::write(&path, file).unwrap();
-        assert_eq!(read_equal_pages(&path).unwrap().into_array(), ndarray::array![[[10.0, 200.0]]]);
-    }
-
-    #[test]
-    fn float_pages_read_back_bit_for_bit() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.tif");
-        let pages = Array3::from_shape_fn((3, 4, 5), |(n, r, c)| (n as f32 - 1.5) * (r as f32 + 0.1).powi(c as i32));
-        write_tiff(&path, pages.view()).unwrap();
-        let stack = read_equal_pages(&path).unwrap().into_array();
-        assert!(stack.dim() == (3, 4, 5) && stack.iter().zip(&pages).all(|(a, b)| a.to_bits() == b.to_bits()));
-        assert_eq!(read_pages(&path).unwrap()[2], pages.index_axis(ndarray::Axis(0), 2));
-        let whole = std::fs::read(&path).unwrap();
-        let mut writer = PageWriter::create(&path, (3, 4, 5)).unwrap();
-        writer.append(pages.slice(ndarray::s![..2, .., ..])).unwrap();
-        assert!(writer.append(pages.view()).is_err(), "one page is left");
-        assert!(writer.append(pages.slice(ndarray::s![2.., 1.., ..])).is_err(), "another shape");
-        writer.append(pages.slice(ndarray::s![2.., .., ..])).unwrap();
-        writer.finish().unwrap();
-        assert_eq!(std::fs::read(&path).unwrap(), whole, "parts make the same file");
-        let unfinished = PageWriter::create(&folder.path().join("b.tif"), (1, 4, 5)).unwrap();
-        assert!(unfinished.finish().unwrap_err().to_string().contains("1 pages fewer"));
-        assert!(write_tiff(&path, Array3::zeros((0, 4, 5)).view()).is_err());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-    }
-
-    #[test]
-    fn integers_doubles_and_colour_pages_of_different_shapes_are_read() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let mut encoder = TiffEncoder::new(file.reopen().unwrap()).unwrap();
-        encoder.write_image::<colortype::Gray8>(2, 1, &[3, 250]).unwrap();
-        encoder.write_image::<colortype::Gray16>(1, 2, &[3, 65_000]).unwrap();
-        encoder.write_image::<colortype::Gray32>(1, 1, &[70_000]).unwrap();
-        encoder.write_image::<colortype::GrayI16>(1, 1, &[-7]).unwrap();
-        encoder.write_image::<colortype::Gray64Float>(1, 1, &[0.25]).unwrap();
-        encoder.write_image::<colortype::RGB8>(1, 1, &[0, 100, 0]).unwrap();
-        let pages = read_pages(file.path()).unwrap();
-        let values: Vec<f32> = pages.iter().flatten().copied().collect();
-        assert_eq!(values, [3.0, 250.0, 3.0, 65_000.0, 70_000.0, -7.0, 0.25, 71.52]);
-        assert_eq!((pages[0].dim(), pages[1].dim()), ((1, 2), (2, 1)));
-        let error = read_equal_pages(file.path()).unwrap_err().to_string();
-        assert!(error.contains("page 2 of 2 x 1 px"), "{error}");
-    }
-
-    #[test]
-    fn colour_planes_become_pixels() {
-        let planes = Samples::U8(vec![1, 2, 10, 20, 100, 200]);
-        assert_eq!(interleave(&planes, 2, 3), Samples::F32(vec![1.0, 10.0, 100.0, 2.0, 20.0, 200.0]));
-    }
-}
+mod tests;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::formats::{FormatError, PixelStack, Samples};
+use crate::plural::{counted, one_or_many};
 
 /// Negative pixels down to this share of the largest one are the residue of a subtracted dark frame.
 const LARGEST_NEGATIVE_SHARE: f32 = 0.05;
@@ -13,17 +14,17 @@ const LARGEST_NEGATIVE_SHARE: f32 = 0.05;
 pub(super) fn clean(path: &Path, stack: &mut PixelStack) -> Result<Option<String>, FormatError> {
     let (pages, rows, cols) = (stack.pages, stack.rows, stack.cols);
     if stack.samples.is_empty() || pages > u32::MAX as usize {
-        let found = format!("{pages} pictures of {rows} x {cols} px");
-        return Err(FormatError::malformed(path, "pictures with pixels", found, "choose another file"));
+        let found = format!("{} of {rows} x {cols} px", counted(pages, "image"));
+        return Err(FormatError::malformed(path, "images with pixels", found, "choose another file"));
     }
     let Samples::F32(values) = &mut stack.samples else { return Ok(None) };
     let refused = |index: usize, value: f32, advice: &str| {
         let (page, row, col) = (index / (rows * cols), index / cols % rows, index % cols);
-        let found = format!("{value} in picture {page}, row {row}, column {col}");
+        let found = format!("{value} in image {}, row {row}, column {col}", page + 1);
         Err(FormatError::malformed(path, "finite pixels that are not negative", found, advice))
     };
     if let Some(index) = values.iter().position(|value| !value.is_finite()) {
-        return refused(index, values[index], "replace such pixels or leave the picture out");
+        return refused(index, values[index], "replace such pixels or leave the image out");
     }
     let largest = values.iter().copied().fold(0.0, f32::max);
     let least = -LARGEST_NEGATIVE_SHARE * largest;
@@ -36,8 +37,11 @@ pub(super) fn clean(path: &Path, stack: &mut PixelStack) -> Result<Option<String
         lowest = lowest.min(*value);
         *value = 0.0;
     }
-    Ok((changed > 0)
-        .then(|| format!("{}: {changed} slightly negative pixels (down to {lowest}) were set to 0", path.display())))
+    Ok((changed > 0).then(|| {
+        let pixels = counted(changed, "slightly negative pixel");
+        let were = one_or_many(changed, "was", "were");
+        format!("{}: {pixels} (down to {lowest}) {were} set to 0", path.display())
+    }))
 }
 
 #[cfg(test)]
@@ -53,7 +57,7 @@ mod tests {
         let path = Path::new("a.npy");
         for (bad, told) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (-0.2, "-0.2")] {
             let error = clean(path, &mut stack(&[1.0, 0.0, 2.0, 3.0, 0.0, 0.0, bad, -9.0])).unwrap_err().to_string();
-            assert!(error.contains(&format!("found {told} in picture 1, row 1, column 0")), "{error}");
+            assert!(error.contains(&format!("found {told} in image 2, row 1, column 0")), "{error}");
         }
         assert!(clean(path, &mut stack(&[])).is_err());
     }

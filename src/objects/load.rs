@@ -6,11 +6,12 @@ use image::imageops::{FilterType, resize};
 use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
-use crate::formats::{FormatError, PixelStack, Samples, picture_files, read_stack};
+use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, Samples, image_files};
+use crate::plural::{counted, one_or_many};
 
 use super::ObjectError;
 use super::clean::clean;
-use super::set::{Observer, Progress};
+use super::set::{Observer, Progress, Told};
 
 /// Files read at a time.
 const BATCH_FILES: usize = 8;
@@ -49,26 +50,35 @@ impl Item {
 pub(super) fn load(
     path: &Path,
     field: (usize, usize),
-    notices: &mut Vec<String>,
+    told: &mut Told,
     observer: Observer,
 ) -> Result<Loaded, ObjectError> {
-    let is_folder = path.is_dir();
-    let files = if is_folder { picture_files(path)? } else { vec![path.to_path_buf()] };
+    let files = image_files(path)?;
+    let is_folder = ImageFile::find(path)?.path.is_dir();
     let mut items = Vec::with_capacity(files.len());
     let (mut pages, mut has_fitted, mut cleaned) = (0_usize, false, Vec::new());
+    let (mut understood, mut changed): (Option<ImageSummary>, Vec<String>) = (None, Vec::new());
     let mut unreadable: Vec<FormatError> = Vec::new();
     for (batch_index, batch) in files.chunks(BATCH_FILES).enumerate() {
-        observer.tell(Progress { done: batch_index * BATCH_FILES, total: files.len() })?;
-        let read: Vec<Result<PixelStack, FormatError>> = batch.par_iter().map(|file| read_stack(file)).collect();
+        observer.tell(Progress::files(batch_index * BATCH_FILES, files.len()))?;
+        let read: Vec<Result<PixelStack, FormatError>> = batch.par_iter().map(ImageFile::read).collect();
         for (file, stack) in batch.iter().zip(read) {
             match stack {
                 Ok(mut stack) => {
-                    cleaned.extend(clean(file, &mut stack)?);
+                    let summary = ImageSummary::of(&stack);
+                    match &mut understood {
+                        None => understood = Some(summary),
+                        Some(understood) => understood.join(summary),
+                    }
+                    cleaned.extend(clean(&file.path, &mut stack)?);
                     pages = pages.saturating_add(stack.pages);
                     has_fitted |= !is_small(&stack, field);
                     // One that is fitted has all of them fitted.
                     if has_fitted && pages.saturating_mul(field.0 * field.1) > MOST_FITTED_PIXELS {
                         return Err(ObjectError::TooMany { count: pages, planes: 1, rows: field.0, cols: field.1 });
+                    }
+                    if !is_small(&stack, field) {
+                        changed.extend(change(&stack, field));
                     }
                     items.push(item(stack, field));
                 }
@@ -77,22 +87,30 @@ pub(super) fn load(
             }
         }
     }
-    observer.tell(Progress { done: files.len(), total: files.len() })?;
+    observer.tell(Progress::files(files.len(), files.len()))?;
     if items.is_empty() {
         let found = match unreadable.first() {
             None => "none".into(),
-            Some(first) => format!("{} unreadable ones, the first: {first}", unreadable.len()),
+            Some(first) => format!("{}, the first: {first}", counted(unreadable.len(), "unreadable one")),
         };
         let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ pictures";
         return Err(FormatError::malformed(path, expected, found, "choose a folder with pictures").into());
     }
+    told.understood = understood.map(|understood| format!("{}: {understood}", path.display()));
+    let notices = &mut told.notices;
+    notices.extend(changes(&changed, has_fitted, field));
     let more = cleaned.len().saturating_sub(NAMED_FILES);
     notices.extend(cleaned.into_iter().take(NAMED_FILES));
-    notices.extend((more > 0).then(|| format!("the same in {more} more files")));
+    notices.extend((more > 0).then(|| format!("the same in {}", counted(more, "more file"))));
     if !unreadable.is_empty() {
         let names: Vec<String> = unreadable.iter().take(NAMED_FILES).map(|error| name_of(error.path())).collect();
         let more = if unreadable.len() > NAMED_FILES { " and others" } else { "" };
-        notices.push(format!("{} unreadable files were left out: {}{more}", unreadable.len(), names.join(", ")));
+        notices.push(format!(
+            "{} {} left out: {}{more}",
+            counted(unreadable.len(), "unreadable file"),
+            one_or_many(unreadable.len(), "was", "were"),
+            names.join(", ")
+        ));
     }
     notices.extend(mixed_levels(&mut items));
     notices.extend(same_white(&mut items));
@@ -104,7 +122,10 @@ fn mixed_levels(items: &mut [Item]) -> Option<String> {
     let all = items.len();
     let floats = items.iter_mut().map(Item::stack).filter(|stack| stack.white.is_none()).count();
     (floats > 0 && floats < all).then(|| {
-        format!("{floats} of {all} files hold values without a range, and were taken as they are beside those of 8 or 16 bits")
+        format!(
+            "{floats} of {all} files {} values without a range, taken as they are beside those of 8 or 16 bits",
+            one_or_many(floats, "holds", "hold")
+        )
     })
 }
 
@@ -122,11 +143,38 @@ fn same_white(items: &mut [Item]) -> Option<String> {
         (stack.samples, stack.white) = (samples.times(f32::from(factor)), wide);
         scaled += 1;
     }
-    Some(format!("{scaled} 8-bit pictures were brought to the range of the 16-bit ones among them (times {factor})"))
+    Some(format!(
+        "{} {} brought to the range of the 16-bit ones among them (times {factor})",
+        counted(scaled, "8-bit file"),
+        one_or_many(scaled, "was", "were")
+    ))
 }
 
 fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// What is done to pictures that are larger than half the field, or small ones among such; none where they fit as they are.
+fn change(stack: &PixelStack, (rows, cols): (usize, usize)) -> Option<String> {
+    let (crop_rows, crop_cols) = crop(stack, (rows, cols));
+    let cropped = (crop_rows, crop_cols) != (stack.rows, stack.cols);
+    let scaled = (crop_rows, crop_cols) != (rows, cols);
+    let middle = format!("the middle {crop_rows} x {crop_cols} of {} x {} px", stack.rows, stack.cols);
+    match (cropped, scaled) {
+        (false, false) => None,
+        (true, false) => Some(middle),
+        (true, true) => Some(format!("{middle}, scaled to {rows} x {cols} px")),
+        (false, true) => Some(format!("scaled from {} x {} px to {rows} x {cols} px", stack.rows, stack.cols)),
+    }
+}
+
+/// The same of all files, in one sentence.
+fn changes(changed: &[String], has_fitted: bool, (rows, cols): (usize, usize)) -> Option<String> {
+    let (first, others) = changed.split_first().filter(|_| has_fitted)?;
+    if others.iter().all(|other| other == first) {
+        return Some(format!("objects are {first}"));
+    }
+    Some(format!("objects are the middles of images of several sizes, scaled to {rows} x {cols} px"))
 }
 
 fn is_small(stack: &PixelStack, field: (usize, usize)) -> bool {
@@ -156,15 +204,20 @@ fn combine(items: Vec<Item>, field: (usize, usize)) -> Loaded {
     Loaded::Whole(whole)
 }
 
+/// Rows and columns of the middle that has the aspect of the field.
+fn crop(stack: &PixelStack, (rows, cols): (usize, usize)) -> (usize, usize) {
+    let scale = (rows as f64 / stack.rows as f64).max(cols as f64 / stack.cols as f64);
+    let part = |length: usize, of: usize| ((length as f64 / scale).round() as usize).clamp(1, of);
+    (part(rows, stack.rows), part(cols, stack.cols))
+}
+
 /// Crops the middle of each picture to the aspect of the field and scales it there with a triangle filter, which
 /// averages over the area when it shrinks.
 fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
     if (stack.rows, stack.cols) == (rows, cols) {
         return stack;
     }
-    let scale = (rows as f64 / stack.rows as f64).max(cols as f64 / stack.cols as f64);
-    let part = |length: usize, of: usize| ((length as f64 / scale).round() as usize).clamp(1, of);
-    let (crop_rows, crop_cols) = (part(rows, stack.rows), part(cols, stack.cols));
+    let (crop_rows, crop_cols) = crop(&stack, (rows, cols));
     let (top, left) = ((stack.rows - crop_rows) / 2, (stack.cols - crop_cols) / 2);
     let mut values = Vec::with_capacity(stack.pages * rows * cols);
     for page in 0..stack.pages {
@@ -219,14 +272,14 @@ mod tests {
         let shallow = |side: usize| item(PixelStack::new(1, side, side, Samples::U8(vec![255; side * side])), (96, 96));
         let mut items = vec![shallow(20), deep(65_535), deep(300), shallow(60)];
         let told = same_white(&mut items).unwrap();
-        assert_eq!(told, "2 8-bit pictures were brought to the range of the 16-bit ones among them (times 257)");
+        assert_eq!(told, "2 8-bit files were brought to the range of the 16-bit ones among them (times 257)");
         let firsts: Vec<f32> = items.iter_mut().map(|item| item.stack().samples.value(0)).collect();
         assert_eq!(firsts, [65_535.0, 65_535.0, 300.0, 65_535.0]);
         assert_eq!(same_white(&mut [shallow(20), shallow(60)]), None);
         assert_eq!(same_white(&mut [deep(9), deep(5)]), None);
         let float = || item(picture(20, 20, |_, _| 0.5), (96, 96));
         let told = mixed_levels(&mut [shallow(20), float(), deep(9)]).unwrap();
-        assert!(told.starts_with("1 of 3 files hold values without a range"), "{told}");
+        assert!(told.starts_with("1 of 3 files holds values without a range"), "{told}");
         assert_eq!((mixed_levels(&mut [float(), float()]), mixed_levels(&mut [shallow(20), deep(9)])), (None, None));
     }
 

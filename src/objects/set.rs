@@ -8,7 +8,8 @@ use ndarray::{Array2, Array4, ArrayViewMut2};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::formats::{FormatError, PixelStack, read_cifar, read_idx, read_stack};
+use crate::formats::{FormatError, ImageSummary, PixelStack, read_cifar, read_idx, read_stack};
+use crate::plural::counted;
 
 use super::beads::{BeadScale, Beads};
 use super::clean::clean;
@@ -51,17 +52,34 @@ const BATCH: usize = 500;
 const BATCH_BYTES: usize = 256 << 20;
 
 /// How far loading has come, in files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Files read.
     pub done: usize,
     /// Files to read.
     pub total: usize,
+    /// What was understood of the files, once they were read.
+    pub understood: Option<String>,
+}
+
+impl Progress {
+    pub(super) fn files(done: usize, total: usize) -> Self {
+        Self { done, total, understood: None }
+    }
+}
+
+/// What the user is told of files.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Told {
+    /// What was understood of them.
+    pub(super) understood: Option<String>,
+    /// What was left out or changed.
+    pub(super) notices: Vec<String>,
 }
 
 impl fmt::Display for Progress {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "Reading objects, {} of {} files", self.done, self.total)
+        write!(formatter, "Reading objects, {} of {}", self.done, counted(self.total, "file"))
     }
 }
 
@@ -100,7 +118,7 @@ pub struct ObjectSet {
     content: Content,
     field: (usize, usize),
     mean: f64,
-    notices: Vec<String>,
+    told: Told,
     fingerprint: String,
 }
 
@@ -125,20 +143,20 @@ impl ObjectSet {
     ) -> Result<Self, ObjectError> {
         check(options)?;
         let observer = Observer(progress);
-        let mut notices = Vec::new();
+        let mut told = Told::default();
         let beads = |density, planes, scale| Beads::new(density, planes, options.field, scale).map(Content::Beads);
         let mean = options.mean_photons;
         let content = match source {
             ObjectSource::Beads { density } => beads(*density, 1, BeadScale::Mean(mean))?,
             ObjectSource::BeadsMax { density } => beads(*density, 1, BeadScale::PerBead)?,
             ObjectSource::Volume { planes, density } => beads(*density, *planes, BeadScale::Mean(mean))?,
-            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut notices, observer)?], mean)?,
-            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut notices, observer)?], mean)?,
-            ObjectSource::Images(path) => match load(path, options.field, &mut notices, observer)? {
+            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut told, observer)?], mean)?,
+            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut told, observer)?], mean)?,
+            ObjectSource::Images(path) => match load(path, options.field, &mut told, observer)? {
                 Loaded::Tiles(stacks) => mosaic(path, stacks, mean)?,
                 Loaded::Whole(stack) => whole(path, stack, mean)?,
             },
-            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut notices, observer)?, mean)?,
+            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut told, observer)?, mean)?,
         };
         let (field, mean) = match &content {
             Content::Beads(beads) => (beads.field(), beads.mean()),
@@ -146,7 +164,10 @@ impl ObjectSet {
             Content::Whole(pictures, _) => (pictures.field(), mean),
         };
         let fingerprint = fingerprint(source, &content, field, mean);
-        Ok(Self { source: source.clone(), content, field, mean, notices, fingerprint })
+        if let Some(understood) = &told.understood {
+            observer.tell(Progress { done: 1, total: 1, understood: Some(understood.clone()) })?;
+        }
+        Ok(Self { source: source.clone(), content, field, mean, told, fingerprint })
     }
 
     /// The training part as a set of its own, with the same light, of which a tenth of the base images is for testing: for what
@@ -229,7 +250,12 @@ impl ObjectSet {
 
     /// What the user should know about the files: those left out, pixels changed.
     pub fn notices(&self) -> &[String] {
-        &self.notices
+        &self.told.notices
+    }
+
+    /// What was understood of the files: how many images of which shape, number type and range. None of beads.
+    pub fn understood(&self) -> Option<&str> {
+        self.told.understood.as_deref()
     }
 
     /// BLAKE3 sum, in hexadecimal, of the pixels and everything else that decides what objects are drawn, for run
@@ -249,13 +275,15 @@ impl ObjectSet {
                     planes => format!("{planes} planes of "),
                 };
                 let probability = beads.prior().probability;
-                format!("{planes}{} beads at random pixels (density {probability:.4}), {end}", beads.beads_per_plane())
+                let count = counted(beads.beads_per_plane(), "bead");
+                format!("{planes}{count} at random pixels (density {probability:.4}), {end}")
             }
             Content::Mosaic(mosaic, _) => {
-                format!("mosaics of {} images in tiles of {1} x {1} px, {end}", mosaic.images(), mosaic.tile())
+                let (images, tile) = (counted(mosaic.images(), "image"), mosaic.tile());
+                format!("mosaics of {images} in tiles of {tile} x {tile} px, {end}")
             }
             Content::Whole(pictures, _) => {
-                format!("{} whole {} pictures, {end}", pictures.images(), pictures.number_type())
+                format!("{}, {end}", counted(pictures.images(), "whole image"))
             }
         }
     }
@@ -404,13 +432,14 @@ fn check(options: &ObjectOptions) -> Result<(), ObjectError> {
 fn one_file(
     path: &Path,
     read: impl Fn(&Path) -> Result<PixelStack, FormatError>,
-    notices: &mut Vec<String>,
+    told: &mut Told,
     observer: Observer,
 ) -> Result<PixelStack, ObjectError> {
-    observer.tell(Progress { done: 0, total: 1 })?;
+    observer.tell(Progress::files(0, 1))?;
     let mut stack = read(path)?;
-    notices.extend(clean(path, &mut stack)?);
-    observer.tell(Progress { done: 1, total: 1 })?;
+    told.understood = Some(format!("{}: {}", path.display(), ImageSummary::of(&stack)));
+    told.notices.extend(clean(path, &mut stack)?);
+    observer.tell(Progress::files(1, 1))?;
     Ok(stack)
 }
 

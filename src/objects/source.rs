@@ -1,5 +1,6 @@
 //! The name of a set of objects, as text.
 
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -7,7 +8,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::ObjectError;
-use crate::formats::picture_files;
+use crate::formats::{ImageFile, image_files, path_text, split_kind};
 
 /// Most depth planes of a volume.
 const MOST_PLANES: usize = 64;
@@ -48,9 +49,11 @@ impl ObjectSource {
     /// What a file or folder most likely holds, by its name: for people who drop or type a path. A wrong guess is found
     /// out when the file is read.
     pub fn guess(path: &Path) -> Self {
-        let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+        // Where there is no such file, its name is as good as any.
+        let file = ImageFile::find(path).map_or_else(|_| path.to_path_buf(), |found| found.path);
+        let name = file.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
-        let is_picture = path.is_dir() || ends(&[".png", ".jpg", ".jpeg", ".bmp"]);
+        let is_picture = file.is_dir() || ends(&[".png", ".jpg", ".jpeg", ".bmp"]);
         let path = path.to_path_buf();
         if is_picture {
             Self::Images(path)
@@ -75,8 +78,8 @@ impl ObjectSource {
     /// The files that they are read from, of a folder its pictures; none where it cannot be read.
     pub fn files(&self) -> Vec<PathBuf> {
         match self {
-            Self::Images(path) if path.is_dir() => picture_files(path).unwrap_or_default(),
-            Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => vec![path.clone()],
+            Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => image_files(path)
+                .map_or_else(|_| vec![path.clone()], |files| files.into_iter().map(|file| file.path).collect()),
             Self::Beads { .. } | Self::BeadsMax { .. } | Self::Volume { .. } => Vec::new(),
         }
     }
@@ -114,10 +117,10 @@ impl fmt::Display for ObjectSource {
             Self::Beads { density } => write!(formatter, "beads:{density}"),
             Self::BeadsMax { density } => write!(formatter, "beads-max:{density}"),
             Self::Volume { planes, density } => write!(formatter, "volume:{planes}:{density}"),
-            Self::Idx(path) => write!(formatter, "idx:{}", path.display()),
-            Self::Cifar(path) => write!(formatter, "cifar:{}", path.display()),
-            Self::Images(path) => write!(formatter, "images:{}", path.display()),
-            Self::Stack(path) => write!(formatter, "stack:{}", path.display()),
+            Self::Idx(path) => write!(formatter, "idx:{}", path_text(path)),
+            Self::Cifar(path) => write!(formatter, "cifar:{}", path_text(path)),
+            Self::Images(path) => write!(formatter, "images:{}", path_text(path)),
+            Self::Stack(path) => write!(formatter, "stack:{}", path_text(path)),
         }
     }
 }
@@ -126,26 +129,40 @@ impl FromStr for ObjectSource {
     type Err = ObjectError;
 
     fn from_str(text: &str) -> Result<Self, ObjectError> {
+        Self::from_os(OsStr::new(text))
+    }
+}
+
+impl ObjectSource {
+    /// The objects of a text that need not be UTF-8, as paths need not be.
+    ///
+    /// # Errors
+    /// [`ObjectError::Source`] with the choices where it names none.
+    pub fn from_os(text: &OsStr) -> Result<Self, ObjectError> {
+        let name = || text.to_string_lossy().into_owned();
         let wrong =
-            |expected: &str, found: String| ObjectError::Source { text: text.into(), expected: expected.into(), found };
-        let Some((kind, rest)) = text.split_once(':') else {
-            let path = Path::new(text);
-            let found = if path.exists() { format!("a path; try {}", Self::guess(path)) } else { "no colon".into() };
+            |expected: &str, found: String| ObjectError::Source { text: name(), expected: expected.into(), found };
+        let Some((kind, path)) = split_kind(text) else {
+            let found = match ImageFile::find(Path::new(text)) {
+                Ok(_) => format!("a path; try {}", Self::guess(Path::new(text))),
+                Err(_) => "no colon".into(),
+            };
             return Err(wrong(CHOICES, found));
         };
+        let rest = path.to_string_lossy().into_owned();
         let density = |text: &str| match text.trim().parse::<f64>() {
             Ok(density) if density > 0.0 && density <= 1.0 => Ok(density),
             _ => Err(wrong("a density above 0 and at most 1, such as 0.02", format!("\"{text}\""))),
         };
         let path = || match rest.trim() {
             "" => Err(wrong("a file or folder after the colon", "nothing".into())),
-            _ => Ok(PathBuf::from(rest)),
+            _ => Ok(path.clone()),
         };
         match kind.trim() {
-            "beads" => Ok(Self::Beads { density: density(rest)? }),
-            "beads-max" => Ok(Self::BeadsMax { density: density(rest)? }),
+            "beads" => Ok(Self::Beads { density: density(&rest)? }),
+            "beads-max" => Ok(Self::BeadsMax { density: density(&rest)? }),
             "volume" => {
-                let (planes, rest) = rest.split_once(':').unwrap_or((rest, ""));
+                let (planes, rest) = rest.split_once(':').unwrap_or((&rest, ""));
                 let planes = match planes.trim().parse() {
                     Ok(planes) if (1..=MOST_PLANES).contains(&planes) => planes,
                     _ => {

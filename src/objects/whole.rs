@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayViewMut2};
 use rand::seq::SliceRandom;
 
-use crate::formats::{PixelStack, Samples};
+use crate::formats::PixelStack;
 
 use super::autocovariance::{positive_semidefinite, summed_autocorrelation};
 use super::mosaic::total;
@@ -83,20 +83,12 @@ impl WholePictures {
             hasher.update(block);
         });
     }
-
-    /// Number type of the pixels, for the description.
-    pub(super) fn number_type(&self) -> &'static str {
-        match self.stack.samples {
-            Samples::U8(_) => "8-bit",
-            Samples::U16(_) => "16-bit",
-            Samples::F32(_) => "float",
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::formats::Samples;
     use crate::objects::autocovariance::least_eigenvalue;
 
     #[test]

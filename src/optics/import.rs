@@ -1,13 +1,14 @@
 //! A measured or foreign PSF, read from a picture or an array file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use ndarray::{Array2, Array3, ArrayView2};
+use ndarray::{Array2, ArrayView2};
 use thiserror::Error;
 
 use super::encoder::PsfImage;
 use super::lenslets::LensletArray;
-use crate::formats::{self, FormatError};
+use crate::formats::{self, FormatError, ImageFile, ImageSummary};
+use crate::plural::counted;
 
 /// Why a picture is not a PSF.
 #[derive(Debug, Error)]
@@ -16,7 +17,7 @@ pub enum PsfError {
     #[error(transparent)]
     File(#[from] FormatError),
     /// The file is not one picture.
-    #[error("{origin}: expected one PSF, found {found} pictures; save the one you want to a file of its own")]
+    #[error("{origin}: expected one PSF, found {}; add ?frame=1 to the path to take the first", counted(*.found, "image"))]
     Several {
         /// File or name of the PSF.
         origin: String,
@@ -44,6 +45,14 @@ pub enum PsfError {
         /// File or name of the PSF.
         origin: String,
     },
+    /// What follows the @ of a path is no side.
+    #[error("{origin}: expected 1 to {max} pixels a side after the @, found {found}", max = LensletArray::MAX_SIDE)]
+    Side {
+        /// File of the PSF.
+        origin: String,
+        /// What follows the @.
+        found: String,
+    },
     /// Too large to compute with, or nothing at all.
     #[error(
         "{origin}: expected a PSF of 1 to {max} pixels a side, found {rows} x {cols}; \
@@ -59,20 +68,45 @@ pub enum PsfError {
     },
 }
 
+/// The file that a path names and the side that it is to be resampled to: `FILE@32` stands for 32 pixels where there is
+/// no file of that very name.
+///
+/// # Errors
+/// [`PsfError::Side`] for a side of no or too many pixels.
+pub fn psf_file(named: &Path) -> Result<(PathBuf, Option<usize>), PsfError> {
+    let whole = || Ok((named.to_path_buf(), None));
+    if ImageFile::find(named).is_ok() {
+        return whole();
+    }
+    match formats::split_end(named, b'@') {
+        // An @ may be part of a path, too.
+        Some((path, side)) if !path.as_os_str().is_empty() && side.bytes().all(|byte| byte.is_ascii_digit()) => {
+            match side.parse().ok().filter(|side| (1..=LensletArray::MAX_SIDE).contains(side)) {
+                Some(side) => Ok((path, Some(side))),
+                None => Err(PsfError::Side { origin: named.display().to_string(), found: format!("{side:?}") }),
+            }
+        }
+        _ => whole(),
+    }
+}
+
 /// Reads a PSF from a picture (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1.
 ///
-/// With `side`, the central square is first resampled to `side` x `side` pixels by averaging areas.
+/// With `side`, or that of a path `FILE@32`, the central square is first resampled to `side` x `side` pixels by averaging
+/// areas. The second value is what was understood of the file.
 ///
 /// # Errors
 /// [`PsfError`] says what the file holds instead of a PSF.
-pub fn import_psf(path: &Path, side: Option<usize>) -> Result<PsfImage, PsfError> {
+pub fn import_psf(path: &Path, side: Option<usize>) -> Result<(PsfImage, ImageSummary), PsfError> {
+    let (path, named_side) = psf_file(path)?;
+    let side = side.or(named_side);
     let origin = path.display().to_string();
-    let stack: Array3<f32> = formats::read_picture_or_array(path)?;
-    let found = stack.dim().0;
-    if found != 1 {
-        return Err(PsfError::Several { origin, found });
+    let stack = formats::read_stack(&path)?;
+    if stack.pages != 1 {
+        return Err(PsfError::Several { origin, found: stack.pages });
     }
-    let picture = stack.index_axis_move(ndarray::Axis(0), 0);
+    let understood = ImageSummary::of(&stack);
+    let picture = stack.picture(0);
     check_pixels(picture.view(), &origin)?;
     if let Some(side) = side.filter(|&side| side > LensletArray::MAX_SIDE) {
         return Err(PsfError::Shape { origin, rows: side, cols: side });
@@ -81,7 +115,7 @@ pub fn import_psf(path: &Path, side: Option<usize>) -> Result<PsfImage, PsfError
         Some(side) if side > 0 && !picture.is_empty() => resample_square(picture.view(), side),
         _ => picture,
     };
-    Ok(PsfImage { psf: normalised_psf(picture, &origin)?, origin })
+    Ok((PsfImage { psf: normalised_psf(picture, &origin)?, origin }, understood))
 }
 
 /// Checks a picture and scales it to sum 1. `origin` names it in messages.
@@ -152,7 +186,23 @@ mod tests {
         let message = import_psf(&path, Some(2)).unwrap_err().to_string();
         assert!(message.contains("-0.5 at row 2, column 3"), "{message}");
         formats::write_array(&path, Array2::<f32>::ones((1, 1)).into_dyn().view()).unwrap();
-        assert_eq!(import_psf(&path, Some(8)).unwrap().psf.dim(), (8, 8));
+        assert_eq!(import_psf(&path, Some(8)).unwrap().0.psf.dim(), (8, 8));
+    }
+
+    #[test]
+    fn an_at_sign_is_a_side_unless_a_file_has_that_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        formats::write_array(&path("psf@32"), Array2::<f32>::ones((6, 6)).into_dyn().view()).unwrap();
+        formats::write_array(&path("a.npy"), Array2::<f32>::ones((6, 6)).into_dyn().view()).unwrap();
+        let side = |name: &str| import_psf(&path(name), None).map(|(image, _)| image.psf.dim().0).ok();
+        assert_eq!([side("psf@32"), side("psf@32@3"), side("a.npy@4"), side("a.npy")], [6, 3, 4, 6].map(Some));
+        assert_eq!(side("a.npy?channel=luma@2"), Some(2));
+        assert_eq!(side("b.npy@4"), None);
+        for wrong in ["a.npy@0", "a.npy@9999", "a.npy@"] {
+            let error = import_psf(&path(wrong), None).unwrap_err().to_string();
+            assert!(error.contains("pixels a side after the @"), "{error}");
+        }
     }
 
     #[test]

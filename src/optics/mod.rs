@@ -11,7 +11,7 @@ mod psf;
 
 pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
 pub use encoder::{Encoder, PsfImage};
-pub use import::{PsfError, import_psf, normalised_psf};
+pub use import::{PsfError, import_psf, normalised_psf, psf_file};
 pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
 pub use lenslet_fit::{FittedLenslets, LensletFitError, fit_lenslets};
 pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};

@@ -468,7 +468,7 @@ impl Workbench {
                 Ok(Outcome::ObjectsOpened { source, document, .. }) if *document != self.document => {
                     Some(format!("{source} is not used: another design has been opened meanwhile. Open it again."))
                 }
-                Ok(Outcome::PsfImported { encoder, document }) if *document != self.document => Some(format!(
+                Ok(Outcome::PsfImported { encoder, document, .. }) if *document != self.document => Some(format!(
                     "{} is not used: another design has been opened meanwhile. Import it again.",
                     encoder.describe()
                 )),

@@ -203,9 +203,9 @@ fn trial(
 pub(super) fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
     tell(watch, "Reading objects", 0, 1)?;
     let watch = RefCell::new(watch);
-    let reading = |Progress { done, total }: Progress| {
+    let reading = |Progress { done, total, understood }: Progress| {
         let step = "Reading objects".to_owned();
-        (*watch.borrow_mut())(&EstimateProgress { step, done, total, fit: None })
+        (*watch.borrow_mut())(&EstimateProgress { step, done, total, fit: None, understood })
     };
     Ok(open_set_with(design, &reading)?)
 }

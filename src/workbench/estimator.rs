@@ -322,7 +322,7 @@ fn next_task(shared: &Shared) -> Option<Task> {
                 number: entry.number(),
                 model: order.request.model,
                 revision: order.revision,
-                progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None },
+                progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None, understood: None },
                 curve: Vec::new(),
             });
             return Some(Task::Order(Box::new(order), entry));

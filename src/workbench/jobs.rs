@@ -16,6 +16,7 @@ use super::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::formats::write_png_rgb;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
+use crate::plural::counted;
 
 /// Work that the window hands to the worker.
 #[derive(Clone, Debug)]
@@ -160,6 +161,8 @@ pub enum Outcome {
         source: ObjectSource,
         /// Number of the document that was open when they were asked for.
         document: u64,
+        /// What was understood of its files; none of beads.
+        understood: Option<String>,
         /// What the reader of the files should know.
         notices: Vec<String>,
     },
@@ -181,6 +184,8 @@ pub enum Outcome {
     PsfImported {
         /// The encoder made of it.
         encoder: Encoder,
+        /// What was understood of the file.
+        understood: String,
         /// Number of the document that was open when it was asked for.
         document: u64,
     },
@@ -209,17 +214,18 @@ impl Outcome {
         match self {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
+            Self::ObjectsOpened { understood: Some(understood), .. } => format!("Imaging {understood}"),
             Self::ObjectsOpened { source, .. } => format!("Imaging {source}"),
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
             Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
             Self::LensletsFitted { fitted, .. } => fitted.in_words(),
-            Self::PsfImported { encoder, .. } => format!("Using {}", encoder.describe()),
+            Self::PsfImported { encoder, understood, .. } => format!("Using {}: {understood}", encoder.describe()),
             Self::Exported { files } => match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
                 files => {
                     let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("."));
-                    format!("Exported {} files to {}", files.len(), folder.display())
+                    format!("Exported {} to {}", counted(files.len(), "file"), folder.display())
                 }
             },
         }
@@ -265,15 +271,17 @@ impl Job {
             Self::OpenObjects { design, document } => {
                 let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string())?;
                 let notices = scene.set.notices().to_vec();
-                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document: *document, notices })
+                let understood = scene.set.understood().map(Into::into);
+                Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document: *document, understood, notices })
             }
             Self::MeasureSnapshot { number, name, design } => {
                 let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string());
                 Ok(measured_snapshot((*number, name), design, scene.as_ref().map_err(Clone::clone)))
             }
             Self::ImportPsf { path, side, document } => {
-                let image = import_psf(path, *side).map_err(|error| error.to_string())?;
-                Ok(Outcome::PsfImported { encoder: Encoder::Image(image), document: *document })
+                let (image, understood) = import_psf(path, *side).map_err(|error| error.to_string())?;
+                let understood = understood.to_string();
+                Ok(Outcome::PsfImported { encoder: Encoder::Image(image), understood, document: *document })
             }
             Self::FitLenslets { encoder, replaces } => {
                 let fitted = fit_lenslets(encoder).map_err(|error| error.to_string())?;

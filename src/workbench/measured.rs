@@ -1,5 +1,6 @@
 //! Estimates from the measurements of a camera: no design, no clean images, only what was recorded.
 
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -16,15 +17,16 @@ use super::estimate_request::{DensityModel, EstimateRequest};
 use super::estimation::network_trial;
 use super::kept_estimate::KeptEstimate;
 use super::patch_source::LARGEST_PATCHES_BYTES;
-use super::progress::{Watch, in_trial, tell};
+use super::progress::{Watch, in_trial, tell, tell_understood};
 use crate::design::derived_seed;
-use crate::formats::{FormatError, picture_files, read_stack};
+use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
     CausalRequest, Covariance, Estimate, Estimator, FitKeeper, GaussianRequest, InformationError, NoiseEntropy,
     PatchBatch, PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate,
     gaussian_estimate,
 };
 use crate::objects::ObjectSource;
+use crate::plural::counted;
 use crate::sensor::{Noise, Patches, SensorError};
 
 /// One image in this many is held out for the test patches.
@@ -37,7 +39,7 @@ const VALIDATION_PATCHES: usize = 128;
 #[derive(Debug, Error)]
 pub enum MeasuredError {
     /// The text names no measurements.
-    #[error("measurements \"{text}\": expected a file or folder of pictures, or stack:FILE or images:FOLDER")]
+    #[error("measurements \"{text}\": expected a file or folder of images, or stack:FILE or images:FOLDER")]
     Source {
         /// The text.
         text: String,
@@ -61,7 +63,10 @@ pub enum MeasuredError {
         found: usize,
     },
     /// The noise of an average of colours is not that of photons.
-    #[error("{path}: expected grey images, found colours, whose average has less noise than photons; give one channel")]
+    #[error(
+        "{path}: expected grey images, found colours, whose average has less noise than photons; add ?channel=green to the \
+         path to take one channel"
+    )]
     Colour {
         /// The file.
         path: PathBuf,
@@ -75,7 +80,10 @@ pub enum MeasuredError {
         found: f64,
     },
     /// Training and test patches cannot come from different images.
-    #[error("{path}: expected at least 2 images, found {found}; training and test patches need images of their own")]
+    #[error(
+        "{path}: expected 2 or more images, found {}; training and test patches need images of their own",
+        counted(*.found, "image")
+    )]
     TooFewImages {
         /// The file or folder.
         path: PathBuf,
@@ -113,18 +121,42 @@ impl MeasuredError {
 
 /// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
 pub struct MeasuredSource(PathBuf);
 
 impl FromStr for MeasuredSource {
     type Err = MeasuredError;
 
     fn from_str(text: &str) -> Result<Self, MeasuredError> {
-        match text.parse() {
+        Self::from_os(OsStr::new(text))
+    }
+}
+
+impl MeasuredSource {
+    /// The measurements of a text that need not be UTF-8, as paths need not be.
+    ///
+    /// # Errors
+    /// [`MeasuredError::Source`] where it names none.
+    pub fn from_os(text: &OsStr) -> Result<Self, MeasuredError> {
+        let wrong = || MeasuredError::Source { text: text.to_string_lossy().into_owned() };
+        match ObjectSource::from_os(text) {
             Ok(ObjectSource::Stack(path) | ObjectSource::Images(path)) => Ok(Self(path)),
             // A path with a colon names objects of no kind.
-            Err(_) if !text.trim().is_empty() => Ok(Self(text.into())),
-            _ => Err(MeasuredError::Source { text: text.into() }),
+            Err(_) if !text.as_encoded_bytes().trim_ascii().is_empty() => Ok(Self(text.into())),
+            _ => Err(wrong()),
         }
+    }
+}
+
+impl From<String> for MeasuredSource {
+    fn from(path: String) -> Self {
+        Self(path.into())
+    }
+}
+
+impl From<MeasuredSource> for String {
+    fn from(source: MeasuredSource) -> Self {
+        path_text(&source.0)
     }
 }
 
@@ -134,7 +166,7 @@ impl MeasuredSource {
     /// # Errors
     /// [`FormatError`] if a folder cannot be read.
     pub fn files(&self) -> Result<Vec<PathBuf>, FormatError> {
-        if self.0.is_dir() { picture_files(&self.0) } else { Ok(vec![self.0.clone()]) }
+        Ok(image_files(&self.0)?.into_iter().map(|file| file.path).collect())
     }
 
     /// The same by a path that means the same in every folder.
@@ -205,12 +237,19 @@ impl MeasuredImages {
     pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
         calibration.check()?;
         let path = &source.0;
-        let files = source.files()?;
+        let files = image_files(path)?;
         let mut photons: Option<Array3<f32>> = None;
         let (mut whole_levels, mut white) = (true, None);
+        let mut understood: Option<ImageSummary> = None;
         for (index, file) in files.iter().enumerate() {
             tell(watch, "Reading measurements", index, files.len())?;
-            let stack = read_stack(file)?;
+            let stack = file.read()?;
+            let file = &file.path;
+            let summary = ImageSummary::of(&stack);
+            match &mut understood {
+                None => understood = Some(summary),
+                Some(understood) => understood.join(summary),
+            }
             if stack.from_colour {
                 return Err(MeasuredError::Colour { path: file.clone() });
             }
@@ -250,7 +289,11 @@ impl MeasuredImages {
         if mean <= 0.0 {
             return Err(MeasuredError::Dark { found: mean });
         }
-        let mut notes = vec![calibration.describe()];
+        let understood = understood.map(|understood| format!("{}: {understood}", path.display()));
+        if let Some(understood) = &understood {
+            tell_understood(watch, understood)?;
+        }
+        let mut notes: Vec<String> = understood.into_iter().chain([calibration.describe()]).collect();
         let negative = photons.iter().filter(|value| **value < 0.0).count();
         if negative > 0 {
             let share = 100.0 * negative as f64 / photons.len() as f64;
@@ -324,12 +367,17 @@ impl MeasuredImages {
             })?);
         }
         notes.push(format!(
-            "test patches were cut from {test_images} images and training patches from {} others",
-            images - test_images
+            "test patches were cut from {}, training patches from {}",
+            counted(test_images, "image"),
+            counted(images - test_images, "other image")
         ));
         let provenance = Provenance {
             bias: 0.0,
-            objects: format!("the scenes of {} ({images} images of {rows} x {cols} px)", self.path.display()),
+            objects: format!(
+                "the scenes of {} ({} of {rows} x {cols} px)",
+                self.path.display(),
+                counted(images, "image")
+            ),
             objects_fingerprint: fingerprint,
             encoder: "unknown mask".into(),
             ceiling: None,
@@ -473,9 +521,9 @@ fn append(photons: &mut Array3<f32>, more: &Array3<f32>, file: &Path, grey: &Arr
 fn check_finite(file: &Path, grey: &Array3<f32>) -> Result<(), FormatError> {
     match grey.indexed_iter().find(|(_, level)| !level.is_finite()) {
         None => Ok(()),
-        Some(((picture, row, col), level)) => {
-            let found = format!("{level} in picture {picture}, row {row}, column {col}");
-            Err(FormatError::malformed(file, "finite pixels", found, "replace such pixels or leave the picture out"))
+        Some(((image, row, col), level)) => {
+            let found = format!("{level} in image {}, row {row}, column {col}", image + 1);
+            Err(FormatError::malformed(file, "finite pixels", found, "replace such pixels or leave the image out"))
         }
     }
 }

@@ -18,18 +18,21 @@ pub struct EstimateProgress {
     pub total: usize,
     /// Where a fit has come to.
     pub fit: Option<FitPoint>,
+    /// What was understood of the files that were read, once they were.
+    pub understood: Option<String>,
 }
 
 impl EstimateProgress {
     /// The same in trial `index`, counted from 0, of so many, which began after `began` seconds of the fits of those before.
     fn of_trial(&self, (index, count): (usize, usize), began: f64) -> Self {
-        let Self { step, done, total, fit } = self.clone();
+        let Self { step, done, total, fit, understood } = self.clone();
         let fit = fit.map(|fit| FitPoint { seconds: began + fit.seconds, ..fit });
         Self {
             step: format!("Trial {} of {count}: {step}", index + 1),
             done: index * total + done,
             total: count * total,
             fit,
+            understood,
         }
     }
 }
@@ -81,7 +84,17 @@ pub type Watch<'a> = &'a mut (dyn FnMut(&EstimateProgress) -> ControlFlow<()> + 
 
 /// Tells of a step that is no fit.
 pub(super) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> Result<(), InformationError> {
-    match watch(&EstimateProgress { step: step.to_owned(), done, total, fit: None }) {
+    notify(watch, &EstimateProgress { step: step.to_owned(), done, total, fit: None, understood: None })
+}
+
+/// Tells what was understood of the files that were read.
+pub(super) fn tell_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
+    let understood = Some(understood.to_owned());
+    notify(watch, &EstimateProgress { step: "Files are read".into(), done: 1, total: 1, fit: None, understood })
+}
+
+fn notify(watch: Watch<'_>, progress: &EstimateProgress) -> Result<(), InformationError> {
+    match watch(progress) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(InformationError::Cancelled),
     }
@@ -90,7 +103,7 @@ pub(super) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> R
 impl From<&FitProgress> for EstimateProgress {
     fn from(fit: &FitProgress) -> Self {
         if let Some((done, total)) = fit.scored {
-            return Self { step: "Scoring test patches".into(), done, total, fit: None };
+            return Self { step: "Scoring test patches".into(), done, total, fit: None, understood: None };
         }
         let left = fit.remaining.map_or(0, |left| left.as_secs_f64().ceil() as usize);
         let done = fit.elapsed.as_secs() as usize;
@@ -100,20 +113,32 @@ impl From<&FitProgress> for EstimateProgress {
         };
         let seconds = fit.elapsed.as_secs_f64();
         let fit = fit.validation_bits.map(|bits| FitPoint { model: FittedModel::Density, seconds, bits });
-        Self { step, done, total: done + left, fit }
+        Self { step, done, total: done + left, fit, understood: None }
     }
 }
 
 impl From<&DecoderProgress> for EstimateProgress {
     fn from(fit: &DecoderProgress) -> Self {
         if let Some(tested) = fit.tested {
-            return Self { step: "Testing the decoder".into(), done: tested, total: tested + 1, fit: None };
+            return Self {
+                step: "Testing the decoder".into(),
+                done: tested,
+                total: tested + 1,
+                fit: None,
+                understood: None,
+            };
         }
         let left = fit.remaining.map_or(0, |left| left.as_secs_f64().ceil() as usize);
         let done = fit.elapsed.as_secs() as usize;
         let (seconds, bits) = (fit.elapsed.as_secs_f64(), fit.training_bits);
         let step = format!("Fitting a decoder, {bits:.3} bits per pixel saved, {left} s left");
-        Self { step, done, total: done + left, fit: Some(FitPoint { model: FittedModel::Decoder, seconds, bits }) }
+        Self {
+            step,
+            done,
+            total: done + left,
+            fit: Some(FitPoint { model: FittedModel::Decoder, seconds, bits }),
+            understood: None,
+        }
     }
 }
 
@@ -124,10 +149,10 @@ impl From<&PosteriorProgress> for EstimateProgress {
         let seconds = |time: Duration| time.as_secs_f64().ceil() as usize;
         let Some(left) = found.remaining.map(seconds) else {
             let step = format!("Following the posterior{bits}");
-            return Self { step, done: found.samples, total: found.most, fit: None };
+            return Self { step, done: found.samples, total: found.most, fit: None, understood: None };
         };
         let (step, done) = (format!("Following the posterior{bits}, {left} s left"), seconds(found.elapsed));
-        Self { step, done, total: done + left, fit: None }
+        Self { step, done, total: done + left, fit: None, understood: None }
     }
 }
 
@@ -191,7 +216,7 @@ mod tests {
                 for elapsed in [1.0, 4.0] {
                     let fit = Some(FitPoint { model: FittedModel::Density, seconds: elapsed, bits: 5.0 });
                     let (step, done) = ("Fitting".to_owned(), elapsed as usize);
-                    let _ = watch(&EstimateProgress { step, done, total: 4, fit });
+                    let _ = watch(&EstimateProgress { step, done, total: 4, fit, understood: None });
                 }
                 tell(watch, "Scoring test patches", 3, 4).unwrap();
             });

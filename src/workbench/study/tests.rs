@@ -107,7 +107,7 @@ fn a_study_that_is_stopped_keeps_its_finished_cells() {
     let folder = tempfile::tempdir().unwrap();
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
     let mut steps = 0;
-    let progress = EstimateProgress { step: "Fitting".into(), done: 0, total: 1, fit: None };
+    let progress = EstimateProgress { step: "Fitting".into(), done: 0, total: 1, fit: None, understood: None };
     let stopped = study.run_with(
         &|design, _, watch| match watch(&progress) {
             ControlFlow::Continue(()) => Ok(of(design, estimated(0.25, None))),

@@ -207,7 +207,12 @@ impl Evaluator {
         let opened = scene.map_err(|error| error.to_string()).and_then(|scene| {
             let fits = Convolution::new(scene.set.field(), design.encoder.grid());
             fits.map_err(|error| format!("{source}: {error}"))?;
-            Ok(Outcome::ObjectsOpened { source: source.clone(), document, notices: scene.set.notices().to_vec() })
+            Ok(Outcome::ObjectsOpened {
+                source: source.clone(),
+                document,
+                understood: scene.set.understood().map(Into::into),
+                notices: scene.set.notices().to_vec(),
+            })
         });
         // Until it images others the open design goes on with its own.
         let scene = std::mem::replace(&mut self.scene, earlier);
@@ -222,13 +227,14 @@ fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Option<Result
     shared.cancelled.store(false, Ordering::Relaxed);
     let has_given_way = Cell::new(false);
     let watch = |progress: Progress| {
+        let (done, total) = (progress.done, progress.total);
         lock(&shared.results).live.busy = Some(progress.to_string());
         tell(entry, progress);
         (shared.wake)();
         let mailbox = lock(&shared.mailbox);
         let stop = mailbox.quit || shared.cancelled.load(Ordering::Relaxed);
         // What has been read is not read again.
-        has_given_way.set(!stop && progress.done < progress.total && mailbox.evaluate.is_some());
+        has_given_way.set(!stop && done < total && mailbox.evaluate.is_some());
         if stop || has_given_way.get() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let scene = Scene::open(design, &watch);

@@ -1,0 +1,289 @@
+//! The file or folder that a path names, with what the path says of its meaning: `FILE?axis=last&key=psf`.
+
+use std::ffi::OsStr;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use super::{FormatError, PixelStack, stack};
+
+/// What may stand behind the question mark, for messages.
+const CHOICES: &str =
+    "axis=first, last or a number, key=NAME, channel=red, green, blue, alpha, luma or a number, or frame=NUMBER";
+
+/// Which axis of an array counts the images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameAxis {
+    /// The axis of this number; the first is 1.
+    Number(usize),
+    /// The last axis.
+    Last,
+}
+
+impl FrameAxis {
+    /// The axis among `count` axes, counted from 0.
+    pub(super) fn index(self, count: usize) -> Option<usize> {
+        match self {
+            Self::Number(number) => number.checked_sub(1).filter(|&index| index < count),
+            Self::Last => count.checked_sub(1),
+        }
+    }
+}
+
+/// One channel of a colour image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Red.
+    Red,
+    /// Green.
+    Green,
+    /// Blue.
+    Blue,
+    /// Opacity.
+    Alpha,
+    /// The weighted sum of red, green and blue (Rec. ITU-R BT.709).
+    Luma,
+    /// The channel of this number; the first is 1.
+    Number(usize),
+}
+
+/// How a file is to be understood where it does not say so itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Meaning {
+    /// Axis of an array that counts the images.
+    pub axis: Option<FrameAxis>,
+    /// Array of an NPZ archive.
+    pub key: Option<String>,
+    /// Channel of colour images.
+    pub channel: Option<Channel>,
+    /// The only image that is read; the first is 1.
+    pub frame: Option<usize>,
+}
+
+impl Meaning {
+    /// Reads `axis=last&key=psf`. The error is the part that is not understood.
+    fn parse(query: &[u8]) -> Result<Self, String> {
+        let mut meaning = Self::default();
+        for part in query.split(|&byte| byte == b'&').filter(|part| !part.is_empty()) {
+            let wrong = || String::from_utf8_lossy(part).into_owned();
+            let mut halves = part.splitn(2, |&byte| byte == b'=');
+            let (name, value) = (halves.next().unwrap_or_default(), halves.next().ok_or_else(wrong)?);
+            let value = String::from_utf8(percent_decoded(value)).map_err(|_| wrong())?;
+            let number = || value.parse::<usize>().ok().filter(|&number| number > 0);
+            match name {
+                b"axis" => {
+                    let axis = match value.as_str() {
+                        "first" => Some(FrameAxis::Number(1)),
+                        "last" => Some(FrameAxis::Last),
+                        _ => number().map(FrameAxis::Number),
+                    };
+                    meaning.axis = Some(axis.ok_or_else(wrong)?);
+                }
+                b"key" if !value.is_empty() => meaning.key = Some(value),
+                b"channel" => {
+                    let channel = match value.as_str() {
+                        "red" => Some(Channel::Red),
+                        "green" => Some(Channel::Green),
+                        "blue" => Some(Channel::Blue),
+                        "alpha" => Some(Channel::Alpha),
+                        "luma" => Some(Channel::Luma),
+                        _ => number().map(Channel::Number),
+                    };
+                    meaning.channel = Some(channel.ok_or_else(wrong)?);
+                }
+                b"frame" => meaning.frame = Some(number().ok_or_else(wrong)?),
+                _ => return Err(wrong()),
+            }
+        }
+        Ok(meaning)
+    }
+}
+
+/// A file or folder and how it is to be understood.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageFile {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// How it is to be understood.
+    pub meaning: Meaning,
+}
+
+impl ImageFile {
+    /// The file or folder that a path names.
+    ///
+    /// A file of that very name wins. Otherwise what follows the last `?` tells the [`Meaning`], and `%3F` stands for
+    /// a question mark in the name, `%25` for a percent sign, any `%XX` for a byte.
+    ///
+    /// # Errors
+    /// [`FormatError::NotFound`] where there is no such file, [`FormatError::Malformed`] where the file is there and
+    /// its meaning is not understood.
+    pub fn find(named: &Path) -> Result<Self, FormatError> {
+        let exact = |path: PathBuf| Self { path, meaning: Meaning::default() };
+        if named.symlink_metadata().is_ok() {
+            return Ok(exact(named.to_path_buf()));
+        }
+        let bytes = named.as_os_str().as_encoded_bytes();
+        if let Some(mark) = bytes.iter().rposition(|&byte| byte == b'?') {
+            let (place, query) = (&bytes[..mark], &bytes[mark + 1..]);
+            let meaning = Meaning::parse(query);
+            let found = [path_of(place.to_vec()), path_of(percent_decoded(place))].into_iter().flatten();
+            return match (found.into_iter().find(|path| path.symlink_metadata().is_ok()), meaning) {
+                (Some(path), Ok(meaning)) => Ok(Self { path, meaning }),
+                (Some(path), Err(part)) => Err(FormatError::malformed(
+                    &path,
+                    format!("{CHOICES} after the ?"),
+                    format!("{part:?}"),
+                    "write & between several and %26 for an & in a name",
+                )),
+                (None, Ok(_)) => Err(FormatError::NotFound { path: path_of(place.to_vec()).unwrap_or_default() }),
+                (None, Err(_)) => Err(FormatError::NotFound { path: named.to_path_buf() }),
+            };
+        }
+        let decoded = path_of(percent_decoded(bytes)).filter(|path| path.symlink_metadata().is_ok());
+        decoded.map(exact).ok_or_else(|| FormatError::NotFound { path: named.to_path_buf() })
+    }
+
+    /// Reads the images of the file.
+    ///
+    /// # Errors
+    /// As [`super::read_stack`].
+    pub fn read(&self) -> Result<PixelStack, FormatError> {
+        stack::read(self)
+    }
+
+    /// The error of a meaning that this file cannot have.
+    pub(super) fn cannot_mean(&self, option: &str, found: &str) -> FormatError {
+        FormatError::malformed(&self.path, format!("a file for which ?{option} has a meaning"), found, "leave it out")
+    }
+}
+
+/// A path as text from which [`ImageFile::find`] finds it again, whatever bytes its name has.
+pub fn path_text(path: &Path) -> String {
+    if let Some(text) = path.to_str() {
+        return text.to_owned();
+    }
+    let mut text = String::new();
+    for chunk in path.as_os_str().as_encoded_bytes().utf8_chunks() {
+        for letter in chunk.valid().chars() {
+            match letter {
+                '%' | '?' => _ = write!(text, "%{:02X}", u32::from(letter)),
+                letter => text.push(letter),
+            }
+        }
+        for byte in chunk.invalid() {
+            let _ = write!(text, "%{byte:02X}");
+        }
+    }
+    text
+}
+
+/// The kind before the first colon of a text such as `stack:FILE`, and the path behind it, whatever bytes that has; none
+/// without a colon.
+pub fn split_kind(text: &OsStr) -> Option<(&str, PathBuf)> {
+    let bytes = text.as_encoded_bytes();
+    let colon = bytes.iter().position(|&byte| byte == b':')?;
+    Some((str::from_utf8(&bytes[..colon]).ok()?, path_of(bytes[colon + 1..].to_vec())?))
+}
+
+/// A path without what follows its last `mark`, and that; none without the mark.
+pub fn split_end(path: &Path, mark: u8) -> Option<(PathBuf, &str)> {
+    let bytes = path.as_os_str().as_encoded_bytes();
+    let at = bytes.iter().rposition(|&byte| byte == mark)?;
+    Some((path_of(bytes[..at].to_vec())?, str::from_utf8(&bytes[at + 1..]).ok()?))
+}
+
+/// `%XX` as the byte XX; everything else as it is.
+fn percent_decoded(bytes: &[u8]) -> Vec<u8> {
+    let digit = |byte: Option<&u8>| byte.and_then(|&byte| char::from(byte).to_digit(16));
+    let (mut decoded, mut at) = (Vec::with_capacity(bytes.len()), 0);
+    while let Some(&byte) = bytes.get(at) {
+        if let (b'%', Some(high), Some(low)) = (byte, digit(bytes.get(at + 1)), digit(bytes.get(at + 2))) {
+            decoded.push((high * 16 + low) as u8);
+            at += 3;
+        } else {
+            decoded.push(byte);
+            at += 1;
+        }
+    }
+    decoded
+}
+
+/// The path of these bytes, where the system has such paths.
+#[cfg(unix)]
+#[allow(clippy::unnecessary_wraps, reason = "not every system has a path for any bytes")]
+fn path_of(bytes: Vec<u8>) -> Option<PathBuf> {
+    use std::os::unix::ffi::OsStringExt;
+    Some(std::ffi::OsString::from_vec(bytes).into())
+}
+
+/// The path of these bytes, where the system has such paths.
+#[cfg(not(unix))]
+fn path_of(bytes: Vec<u8>) -> Option<PathBuf> {
+    String::from_utf8(bytes).ok().map(PathBuf::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn meaning(axis: Option<FrameAxis>, key: Option<&str>, channel: Option<Channel>, frame: Option<usize>) -> Meaning {
+        Meaning { axis, key: key.map(Into::into), channel, frame }
+    }
+
+    #[test]
+    fn options_are_read_and_mistakes_named() {
+        let green = meaning(Some(FrameAxis::Last), Some("a&b"), Some(Channel::Green), None);
+        assert_eq!(Meaning::parse(b"axis=last&key=a%26b&channel=green"), Ok(green));
+        let numbers = meaning(Some(FrameAxis::Number(3)), None, Some(Channel::Number(2)), Some(7));
+        assert_eq!(Meaning::parse(b"frame=7&axis=3&channel=2&"), Ok(numbers));
+        for wrong in ["axis=0", "axis=middle", "key=", "channel=pink", "frame=-1", "frame=1.5", "colour=red", "axis"] {
+            assert_eq!(Meaning::parse(format!("frame=1&{wrong}").as_bytes()), Err(wrong.to_owned()));
+        }
+    }
+
+    #[test]
+    fn a_file_of_that_very_name_wins() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in ["a.npy", "b?axis=last", "c%3F.npy", "d?e.npy", "100%.npy"] {
+            std::fs::write(path(name), "").unwrap();
+        }
+        let found = |name: &str| {
+            let file = ImageFile::find(&path(name)).unwrap();
+            (file.path.strip_prefix(folder.path()).unwrap().to_str().unwrap().to_owned(), file.meaning)
+        };
+        let last = || meaning(Some(FrameAxis::Last), None, None, None);
+        for (name, expected, understood) in [
+            ("a.npy", "a.npy", Meaning::default()),
+            ("a.npy?axis=last", "a.npy", last()),
+            ("b?axis=last", "b?axis=last", Meaning::default()),
+            ("b?axis=last?axis=last", "b?axis=last", last()),
+            ("c%3F.npy", "c%3F.npy", Meaning::default()),
+            ("c%253F.npy?axis=last", "c%3F.npy", last()),
+            ("d?e.npy", "d?e.npy", Meaning::default()),
+            ("d%3Fe.npy", "d?e.npy", Meaning::default()),
+            ("d%3fe.npy?axis=last", "d?e.npy", last()),
+            ("100%.npy?axis=last", "100%.npy", last()),
+        ] {
+            assert_eq!(found(name), (expected.to_owned(), understood), "{name}");
+        }
+        let error = |name: &str| ImageFile::find(&path(name)).unwrap_err();
+        assert!(error("a.npy?axes=1").to_string().contains("found \"axes=1\""), "{}", error("a.npy?axes=1"));
+        for (name, missing) in [("z.npy?axis=1", "z.npy"), ("z?y.npy", "z?y.npy"), ("z%20.npy", "z%20.npy")] {
+            assert!(matches!(error(name), FormatError::NotFound { path: found } if found == path(missing)), "{name}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_name_that_is_not_text_is_found_by_its_text() {
+        use std::os::unix::ffi::OsStrExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(std::ffi::OsStr::from_bytes(b"caf\xe9 50%?.npy"));
+        std::fs::write(&path, "").unwrap();
+        let text = path_text(&path);
+        assert!(text.ends_with("caf%E9 50%25%3F.npy"), "{text}");
+        assert_eq!(ImageFile::find(Path::new(&text)).unwrap().path, path);
+        assert_eq!(ImageFile::find(Path::new(&format!("{text}?frame=2"))).unwrap().meaning.frame, Some(2));
+        assert_eq!(path_text(Path::new("/a/50%?.npy")), "/a/50%?.npy");
+    }
+}

@@ -1,0 +1,258 @@
+//! The directories of a TIFF file: what its pages are called and how they lie there, beside what the decoder tells.
+
+use std::collections::HashSet;
+use std::io::{self, Read, Seek, SeekFrom};
+
+/// Most pages that are looked at.
+const MOST_PAGES: usize = 1 << 20;
+/// Longest value of a tag that is read, bytes; colour tables of 16 bits take 393,216.
+const LONGEST_VALUE_BYTES: u64 = 1 << 20;
+
+/// Photometric interpretations (tag 262).
+pub(super) mod photometric {
+    pub(in super::super) const WHITE_IS_ZERO: u64 = 0;
+    pub(in super::super) const BLACK_IS_ZERO: u64 = 1;
+    pub(in super::super) const PALETTE: u64 = 3;
+    pub(in super::super) const FILTER_ARRAY: u64 = 32_803;
+    pub(in super::super) const LINEAR_RAW: u64 = 34_892;
+}
+
+/// One page.
+#[derive(Clone, Debug, Default)]
+pub(super) struct PageTags {
+    /// A reduced copy of another page, such as a preview.
+    pub(super) is_reduced: bool,
+    pub(super) bits: u64,
+    pub(super) compression: u64,
+    pub(super) photometric: Option<u64>,
+    pub(super) description: String,
+    /// Where its pixels begin in the file.
+    pub(super) offset: u64,
+    pub(super) orientation: u64,
+    pub(super) samples_per_pixel: u64,
+    pub(super) sample_format: u64,
+    /// Red, green and blue of the colour table, one after the other, 16 bits each.
+    pub(super) palette: Vec<u16>,
+    /// Where the lowest byte of the photometric interpretation lies.
+    photometric_byte: Option<u64>,
+}
+
+/// The directories of a file.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Directories {
+    pub(super) big_endian: bool,
+    pub(super) pages: Vec<PageTags>,
+}
+
+impl Directories {
+    /// Reads all directories, as far as they are whole: what is damaged is told by the decoder.
+    pub(super) fn read(reader: &mut (impl Read + Seek)) -> Self {
+        let mut directories = Self::default();
+        let _ = directories.collect(reader);
+        directories
+    }
+
+    fn collect(&mut self, reader: &mut (impl Read + Seek)) -> io::Result<()> {
+        let mut start = [0; 8];
+        reader.seek(SeekFrom::Start(0))?;
+        reader.read_exact(&mut start)?;
+        self.big_endian = start[0] == b'M';
+        let is_big = self.number(&start[2..4]) == 43;
+        let mut next = if is_big { self.number_at(reader, 8, 8)? } else { self.number(&start[4..8]) };
+        let mut seen = HashSet::new();
+        while next != 0 && self.pages.len() < MOST_PAGES && seen.insert(next) {
+            let (count_bytes, entry_bytes, pointer_bytes) = if is_big { (8, 20, 8) } else { (2, 12, 4) };
+            let entries = self.number_at(reader, next, count_bytes)?.min(LONGEST_VALUE_BYTES / entry_bytes);
+            let first = next.saturating_add(count_bytes);
+            let mut page =
+                PageTags { bits: 1, compression: 1, orientation: 1, samples_per_pixel: 1, ..PageTags::default() };
+            for index in 0..entries {
+                self.entry(reader, first.saturating_add(index * entry_bytes), pointer_bytes, &mut page)?;
+            }
+            self.pages.push(page);
+            next = self.number_at(reader, first.saturating_add(entries * entry_bytes), pointer_bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Takes up one entry: tag and type of 2 bytes each, then count and value of `pointer` bytes each.
+    fn entry(&self, reader: &mut (impl Read + Seek), at: u64, pointer: u64, page: &mut PageTags) -> io::Result<()> {
+        let tag = self.number_at(reader, at, 2)?;
+        let width = match self.number_at(reader, at + 2, 2)? {
+            1 | 2 | 6 | 7 => 1,
+            3 | 8 => 2,
+            4 | 9 | 13 => 4,
+            16..=18 => 8,
+            _ => return Ok(()),
+        };
+        let count = self.number_at(reader, at + 4, pointer)?;
+        let bytes = count.saturating_mul(width).min(LONGEST_VALUE_BYTES);
+        let inline = at + 4 + pointer;
+        let place = if bytes <= pointer { inline } else { self.number_at(reader, inline, pointer)? };
+        let first = |reader: &mut _| self.number_at(reader, place, width);
+        match tag {
+            254 => page.is_reduced = first(reader)? & 1 == 1,
+            258 => page.bits = first(reader)?,
+            259 => page.compression = first(reader)?,
+            262 => {
+                page.photometric = Some(first(reader)?);
+                page.photometric_byte = Some(if self.big_endian { place + width - 1 } else { place });
+            }
+            270 => {
+                let text = bytes_at(reader, place, bytes)?;
+                String::from_utf8_lossy(&text).trim_end_matches('\0').clone_into(&mut page.description);
+            }
+            273 | 324 => page.offset = first(reader)?,
+            274 => page.orientation = first(reader)?,
+            277 => page.samples_per_pixel = first(reader)?,
+            320 => {
+                let table = bytes_at(reader, place, bytes)?;
+                page.palette = table.chunks_exact(2).map(|pair| self.number(pair) as u16).collect();
+            }
+            339 => page.sample_format = first(reader)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// A number in the byte order of the file.
+    fn number(&self, bytes: &[u8]) -> u64 {
+        let append = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+        if self.big_endian { bytes.iter().fold(0, append) } else { bytes.iter().rev().fold(0, append) }
+    }
+
+    fn number_at(&self, reader: &mut (impl Read + Seek), at: u64, width: u64) -> io::Result<u64> {
+        Ok(self.number(&bytes_at(reader, at, width)?))
+    }
+}
+
+fn bytes_at(reader: &mut (impl Read + Seek), at: u64, length: u64) -> io::Result<Vec<u8>> {
+    reader.seek(SeekFrom::Start(at))?;
+    let mut bytes = vec![0; length as usize];
+    reader.read_exact(&mut bytes)?;
+    Ok(bytes)
+}
+
+impl PageTags {
+    /// Whether the decoder would change the stored values, or refuse them, by what they are said to mean.
+    fn is_stored(&self) -> bool {
+        use photometric::{FILTER_ARRAY, LINEAR_RAW, PALETTE, WHITE_IS_ZERO};
+        let is_grey = self.samples_per_pixel == 1;
+        matches!(self.photometric, Some(WHITE_IS_ZERO))
+            || is_grey && matches!(self.photometric, Some(PALETTE | FILTER_ARRAY | LINEAR_RAW))
+    }
+
+    /// Images that the description counts, as ImageJ and tifffile write it: they lie one after the other behind the
+    /// first, without pages of their own where those are missing.
+    pub(super) fn described_images(&self, pixels: u64) -> Option<u64> {
+        if self.description.starts_with("ImageJ=") {
+            return self.imagej("images").and_then(|count| count.parse().ok());
+        }
+        let shape = serde_json::from_str::<serde_json::Value>(&self.description).ok()?;
+        let axes = shape.get("shape")?.as_array()?.iter().map(serde_json::Value::as_u64).collect::<Option<Vec<_>>>()?;
+        let all = axes.iter().try_fold(1_u64, |product, &axis| product.checked_mul(axis))?;
+        let page = pixels.checked_mul(self.samples_per_pixel)?;
+        (page > 0 && all % page == 0).then(|| all / page)
+    }
+
+    /// What ImageJ has written of itself.
+    pub(super) fn is_imagej(&self) -> bool {
+        self.description.starts_with("ImageJ=")
+    }
+
+    fn imagej(&self, name: &str) -> Option<&str> {
+        let mut lines = self.description.lines().filter_map(|line| line.split_once('='));
+        lines.find(|(key, _)| *key == name).map(|(_, value)| value.trim())
+    }
+
+    /// What is to be added to stored values that ImageJ shows as numbers with sign.
+    pub(super) fn imagej_shift(&self) -> Option<f32> {
+        let number = |name: &str| self.imagej(name).and_then(|text| text.parse::<f64>().ok());
+        let is_signed = self.is_imagej() && self.bits == 16 && number("c0") == Some(-32_768.0);
+        (is_signed && number("c1").unwrap_or(1.0) == 1.0).then_some(-32_768.0)
+    }
+
+    /// Channels, slices and frames that ImageJ counts, where there are several of two.
+    pub(super) fn imagej_axes(&self) -> Option<String> {
+        let axes = ["channels", "slices", "frames"]
+            .into_iter()
+            .filter_map(|name| Some((name, self.imagej(name)?.parse::<u64>().ok().filter(|&count| count > 1)?)));
+        let axes: Vec<String> = axes.map(|(name, count)| format!("{count} {name}")).collect();
+        (axes.len() > 1).then(|| format!("ImageJ counts {}", axes.join(" x ")))
+    }
+}
+
+/// Name of a compression (tag 259) that is not read.
+pub(super) fn unread_compression(number: u64) -> Option<String> {
+    let name = match number {
+        0 | 1 | 4 | 5 | 7 | 8 | 32_773 | 32_946 => return None,
+        2 => "CCITT run lengths",
+        3 => "CCITT fax group 3",
+        6 => "old JPEG",
+        9 | 10 | 34_661 => "JBIG",
+        32_766 => "NeXT",
+        32_771 => "CCITT run lengths, word-aligned",
+        32_809 => "ThunderScan",
+        33_003 | 33_005 | 34_712 => "JPEG 2000",
+        34_676 | 34_677 => "SGI LogLuv",
+        34_713 => "Nikon NEF",
+        34_718 => "MDI",
+        34_887 => "LERC",
+        34_892 => "lossy JPEG of DNG",
+        34_925 => "LZMA",
+        34_933 | 34_934 => "PNG",
+        22_610 | 48_124 => "JPEG XR",
+        50_000 => "Zstandard",
+        50_001 => "WebP",
+        50_002 | 52_546 => "JPEG XL",
+        other => return Some(format!("compression of number {other}")),
+    };
+    Some(format!("{name} compression"))
+}
+
+/// A file whose pages all give their values as they are stored: white-is-zero and colour tables read as black-is-zero.
+pub(super) struct StoredValues<R> {
+    inner: R,
+    position: u64,
+    /// Where lowest bytes of photometric interpretations lie that are read as 1, sorted; the bytes above are those of
+    /// numbers below 256.
+    changed: Vec<(u64, u8)>,
+}
+
+impl<R: Read + Seek> StoredValues<R> {
+    pub(super) fn new(mut inner: R, directories: &Directories) -> io::Result<Self> {
+        inner.seek(SeekFrom::Start(0))?;
+        let black = photometric::BLACK_IS_ZERO as u8;
+        let mut changed = Vec::new();
+        for page in directories.pages.iter().filter(|page| page.is_stored()) {
+            let Some(place) = page.photometric_byte else { continue };
+            changed.push((place, black));
+            // Interpretations above 255 have a second byte.
+            if page.photometric.is_some_and(|number| number > 255) {
+                changed.push((if directories.big_endian { place.saturating_sub(1) } else { place + 1 }, 0));
+            }
+        }
+        changed.sort_unstable();
+        Ok(Self { inner, position: 0, changed })
+    }
+}
+
+impl<R: Read> Read for StoredValues<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let length = self.inner.read(buffer)?;
+        let (from, to) = (self.position, self.position + length as u64);
+        let first = self.changed.partition_point(|&(place, _)| place < from);
+        for &(place, byte) in self.changed[first..].iter().take_while(|&&(place, _)| place < to) {
+            buffer[(place - from) as usize] = byte;
+        }
+        self.position = to;
+        Ok(length)
+    }
+}
+
+impl<R: Seek> Seek for StoredValues<R> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.position = self.inner.seek(to)?;
+        Ok(self.position)
+    }
+}
