@@ -215,7 +215,7 @@ fn a_folder_tells_what_it_left_out_and_can_be_cancelled() {
 
     write_array(&folder.path().join("d.npy"), picture(f32::NAN).view()).unwrap();
     let error = ObjectSet::open(&source, &ObjectOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("d.npy") && error.contains("found NaN in picture 0, row 0, column 0"), "{error}");
+    assert!(error.contains("d.npy") && error.contains("found NaN in image 1, row 0, column 0"), "{error}");
     write_array(&folder.path().join("d.npy"), Array2::<f32>::zeros((4, 4)).view()).unwrap();
     let dark = ObjectSource::Stack(folder.path().join("d.npy"));
     assert!(ObjectSet::open(&dark, &ObjectOptions::default()).unwrap_err().to_string().contains("all 0"));

@@ -70,7 +70,9 @@ impl Arguments {
         self.design.check_inputs_stay(&outputs, &design)?;
         check_no_other(&self.out, &design, &[RECORD, DESIGN_FILES[0]])?;
         let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
-        simulator.set().understood().iter().for_each(output::tell);
+        if let Some(understood) = simulator.set().understood() {
+            output::tell(format_args!("{}: {understood}", design.objects));
+        }
         let meter = Meter::new();
         let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {
             meter.show(done, self.count, "Measuring");

@@ -45,17 +45,17 @@ pub(super) fn read_images(path: &Path) -> Result<PixelStack, FormatError> {
 fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) -> Result<PixelStack, FormatError> {
     let malformed = |expected: &str, found: String| FormatError::malformed(path, expected, found, ADVICE);
     let mut start = [0; 16];
-    let mut read = |part: &mut [u8]| match reader.read_exact(part) {
-        // What is damaged may not be a gzip file, and what ends here no IDX file.
-        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => Err(named_for_what_it_is(path, IMAGES)),
-        other => other.map_err(|error| FormatError::from_read(path, error)),
-    };
-    read(&mut start[..4])?;
+    match reader.read_exact(&mut start[..4]) {
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+            return Err(named_for_what_it_is(path, IMAGES));
+        }
+        other => other.map_err(|error| FormatError::from_read(path, error))?,
+    }
     let [zero, also_zero, kind, axes] = [start[0], start[1], start[2], start[3]];
     if (zero, also_zero, axes) != (0, 0, 3) {
         return Err(named_for_what_it_is(path, IMAGES));
     }
-    read(&mut start[4..])?;
+    reader.read_exact(&mut start[4..]).map_err(|error| FormatError::from_read(path, error))?;
     let axis = |index: usize| u32::from_be_bytes([0, 1, 2, 3].map(|byte| start[4 * index + byte])) as usize;
     let (pages, rows, cols) = (axis(1), axis(2), axis(3));
     let width = match kind {

@@ -161,7 +161,7 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
             let mut start = String::new();
             head.iter().take(4).for_each(|byte| _ = write!(start, " {byte:02x}"));
             let ending = path.extension().map_or_else(String::new, |ending| format!(" .{}", ending.to_string_lossy()));
-            kind(format!("an unknown{ending} file that begins with{start}"), "convert it first")
+            kind(format!("an unknown{ending} file of {length} bytes that begins with{start}"), "convert it first")
         }
     }
 }
@@ -259,7 +259,7 @@ mod tests {
             (b"{\"format\": 1}", "found a JSON text"),
             ("ein sch\u{f6}ner Text".as_bytes(), "found a text"),
             (&[0; 100], "found nothing but zeros"),
-            (&[1, 2, 3, 0xfe, 9], "an unknown file that begins with 01 02 03 fe"),
+            (&[1, 2, 3, 0xfe, 9], "an unknown file of 5 bytes that begins with 01 02 03 fe"),
         ];
         for (bytes, expected) in cases {
             let sentence = told(bytes);

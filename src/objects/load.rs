@@ -96,9 +96,8 @@ pub(super) fn load(
         let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ pictures";
         return Err(FormatError::malformed(path, expected, found, "choose a folder with pictures").into());
     }
-    told.understood = understood.map(|understood| format!("{}: {understood}", path.display()));
+    told.understood = understood.map(|understood| understood.to_string());
     let notices = &mut told.notices;
-    notices.extend(changes(&changed, has_fitted, field));
     let more = cleaned.len().saturating_sub(NAMED_FILES);
     notices.extend(cleaned.into_iter().take(NAMED_FILES));
     notices.extend((more > 0).then(|| format!("the same in {}", counted(more, "more file"))));
@@ -114,6 +113,7 @@ pub(super) fn load(
     }
     notices.extend(mixed_levels(&mut items));
     notices.extend(same_white(&mut items));
+    notices.extend(changes(&changed, has_fitted, field));
     Ok(combine(items, field))
 }
 

@@ -165,7 +165,7 @@ impl ObjectSet {
         };
         let fingerprint = fingerprint(source, &content, field, mean);
         if let Some(understood) = &told.understood {
-            observer.tell(Progress { done: 1, total: 1, understood: Some(understood.clone()) })?;
+            observer.tell(Progress { done: 1, total: 1, understood: Some(format!("{source}: {understood}")) })?;
         }
         Ok(Self { source: source.clone(), content, field, mean, told, fingerprint })
     }
@@ -437,7 +437,7 @@ fn one_file(
 ) -> Result<PixelStack, ObjectError> {
     observer.tell(Progress::files(0, 1))?;
     let mut stack = read(path)?;
-    told.understood = Some(format!("{}: {}", path.display(), ImageSummary::of(&stack)));
+    told.understood = Some(ImageSummary::of(&stack).to_string());
     told.notices.extend(clean(path, &mut stack)?);
     observer.tell(Progress::files(1, 1))?;
     Ok(stack)

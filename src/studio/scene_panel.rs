@@ -105,6 +105,9 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
     }
     if let Some(scene) = state.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
         ui.weak(scene.value.set.describe());
+        if let Some(understood) = scene.value.set.understood() {
+            ui.weak(format!("File: {understood}"));
+        }
         for notice in scene.value.set.notices() {
             ui.colored_label(ui.visuals().warn_fg_color, notice);
         }

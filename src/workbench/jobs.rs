@@ -214,7 +214,9 @@ impl Outcome {
         match self {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
-            Self::ObjectsOpened { understood: Some(understood), .. } => format!("Imaging {understood}"),
+            Self::ObjectsOpened { source, understood: Some(understood), .. } => {
+                format!("Imaging {source}: {understood}")
+            }
             Self::ObjectsOpened { source, .. } => format!("Imaging {source}"),
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),

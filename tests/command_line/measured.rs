@@ -35,7 +35,7 @@ fn grey_levels_become_photons_and_the_result_says_how() {
     assert_eq!(found["bits_per_pixel"], expected["bits_per_pixel"]);
     assert_eq!(found["objects_fingerprint"], expected["objects_fingerprint"]);
     let notes = found["notes"].to_string();
-    for part in ["stand in for the clean images", "(grey level - 100) / 2", "from 2 images", "from 8 others"] {
+    for part in ["stand in for the clean images", "(grey level - 100) / 2", "from 2 images", "from 8 other images"] {
         assert!(notes.contains(part), "{part} in {notes}");
     }
     assert!(found["ceiling"].is_null() && found["noise"] == "shot" && found["patches_train"] == 600);
@@ -196,11 +196,11 @@ fn what_cannot_be_estimated_gets_one_sentence() {
         ("a.npy --objects beads:0.02", "cannot be used with"),
         ("a.npy --bias 3", "cannot be used with"),
         ("a.npy --mean-photons 3", "cannot be used with"),
-        ("beads:0.02", "expected a file or folder of pictures"),
+        ("beads:0.02", "expected a file or folder of images"),
         ("none.npy", "none.npy"),
-        ("one.npy", "one.npy: expected at least 2 images, found 1"),
-        ("empty", "empty: expected at least 2 images, found 0"),
-        ("broken.npy", "NaN in picture 1, row 0, column 1"),
+        ("one.npy", "one.npy: expected 2 or more images, found 1 image"),
+        ("empty", "empty: expected 2 or more images, found 0 images"),
+        ("broken.npy", "NaN in image 2, row 0, column 1"),
         ("mixed", "20 x 24 px"),
         ("depths", "b.png: expected grey levels of 8 bits, as in the files before it, found 16 bits"),
         ("a.npy --gain 0", "the gain of the measurements must be a number above 0"),

@@ -105,7 +105,7 @@ impl Study {
             let design = settings.design(&settings.objects[index], &first);
             let set = open_set(&design).map_err(EvaluationError::from)?;
             settings.objects[index].fingerprint = set.fingerprint();
-            notices.extend(set.understood().map(Into::into));
+            notices.extend(set.understood().map(|understood| format!("{}: {understood}", design.objects)));
             notices.extend(set.notices().iter().map(|notice| format!("{}: {notice}", design.objects)));
         }
         Ok(Self { folder: None, record: StudyRecord { notices, ..StudyRecord::new(settings) }, _lock: None })
