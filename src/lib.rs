@@ -9,6 +9,7 @@
 //!
 //! | floor | modules | hold |
 //! |---|---|---|
+//! | -1 | [`plural`] | counts beside their words, for the sentences of all floors |
 //! | 0 | [`formats`] | array and picture files, safe writing |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 1 | [`network`] | the parts that networks on the CPU are built from; knows no optics |
@@ -34,6 +35,7 @@ pub mod information;
 pub mod network;
 pub mod objects;
 pub mod optics;
+pub mod plural;
 pub mod sensor;
 pub mod sparsity;
 pub mod studies;
