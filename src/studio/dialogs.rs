@@ -1,11 +1,11 @@
 //! Questions that need a path: one window with a typed path, and the system's own file dialog behind a button.
 //!
-//! The system's dialog runs on a named thread, one at a time; where the system has none it answers like a cancelled
-//! one, and the typed path is still there.
+//! The system's dialog runs one at a time; where the system has none, a sentence says so and the path field takes the
+//! keyboard.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use egui::accesskit::Live;
 use egui::{Key, TextEdit};
@@ -13,11 +13,17 @@ use ndarray::{Array2, Array3, Array4, ArrayD, Axis};
 
 use super::messages::{Severity, speak};
 use super::modal;
+use super::number_field::NumberField;
 use super::state::State;
+use super::system_dialog::{self, Answer, Picker};
 use crate::objects::ObjectSource;
 use crate::workbench::{
     Colormap, Curve, DESIGN_FILE, DESIGN_FILES, IdealRecord, Job, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
 };
+
+/// What is said where *Browse* has nothing to open.
+const NO_DIALOG: &str =
+    "This system has no file dialog: neither a desktop portal nor zenity answers. Type the path above.";
 
 /// What a path is asked for.
 #[derive(Clone, Debug)]
@@ -67,14 +73,6 @@ pub enum Purpose {
         /// Name of the file that is suggested.
         name: &'static str,
     },
-}
-
-/// How the system's dialog should ask.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Picker {
-    Open,
-    Save,
-    Folder,
 }
 
 impl Purpose {
@@ -203,7 +201,9 @@ struct Question {
     /// What measurements are written as.
     format: MeasurementFormat,
     /// Answer of the system's dialog, while it is open.
-    system: Option<Receiver<Option<PathBuf>>>,
+    system: Option<Receiver<Answer>>,
+    /// The system was found to have no dialog.
+    is_alone: bool,
     /// The path field takes the keyboard once.
     focus: bool,
     /// Files that may be replaced: the system's dialog or this one has asked whether they may.
@@ -251,7 +251,8 @@ impl Dialogs {
     pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
         let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
-        self.open = Some(Question { purpose, path, resample: 0, format, system, focus: true, replaced });
+        let (is_alone, focus) = (false, true);
+        self.open = Some(Question { purpose, path, resample: 0, format, system, is_alone, focus, replaced });
     }
 
     /// Whether a question is open.
@@ -266,14 +267,18 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     let own = state.bench.path();
     if let Some(system) = &question.system {
         match system.try_recv() {
-            Ok(Some(path)) => {
+            Ok(Answer::Chosen(path)) => {
                 question.path = path.display().to_string();
                 question.system = None;
                 // It has asked about a file of this very name.
                 let has_asked = question.purpose.picker() == Picker::Save && question.target() == path;
                 question.replaced = if has_asked { question.would_replace(own) } else { Vec::new() };
             }
-            Ok(None) | Err(TryRecvError::Disconnected) => question.system = None,
+            Ok(Answer::Missing) => {
+                question.system = None;
+                (question.is_alone, question.focus) = (true, true);
+            }
+            Ok(Answer::Cancelled) | Err(TryRecvError::Disconnected) => question.system = None,
             Err(TryRecvError::Empty) => {}
         }
     }
@@ -296,9 +301,13 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             let confirmed = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             done |= confirmed && !question.path.trim().is_empty();
             if ui.add_enabled(question.system.is_none(), egui::Button::new("Browse...")).clicked() {
-                question.system = browse_system(ui.ctx(), question.purpose.picker(), &question.path);
+                question.system = system_dialog::open(ui.ctx(), question.purpose.picker(), Path::new(&question.path));
             }
         });
+        if question.is_alone {
+            let told = ui.colored_label(ui.visuals().warn_fg_color, NO_DIALOG);
+            speak(&told, Live::Assertive);
+        }
         let mut action = question.purpose.action();
         if let Some(text) = Question::ask_to_replace(&question.replaced)
             && question.replaced == question.would_replace(own)
@@ -315,9 +324,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
                         question.resample = if resample { 32 } else { 0 };
                     }
                     if resample {
-                        let side = egui::DragValue::new(&mut question.resample).range(4..=1024).suffix(" px");
-                        let response = ui.add(side);
-                        super::image_view::name_widget(&response, "Resampled side");
+                        let field = NumberField::whole("Resampled side", 4..=1024).unit(" px");
+                        field.edit_whole(ui, &mut question.resample);
                     }
                 });
             }
@@ -348,31 +356,6 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     } else if !cancelled {
         state.dialogs.open = Some(question);
     }
-}
-
-/// Opens the system's dialog on a thread of its own.
-fn browse_system(ctx: &egui::Context, picker: Picker, start: &str) -> Option<Receiver<Option<PathBuf>>> {
-    let (sender, receiver) = channel();
-    let start = PathBuf::from(start);
-    let ctx = ctx.clone();
-    let thread = std::thread::Builder::new().name("lenslet-file-dialog".into()).spawn(move || {
-        let mut dialog = rfd::FileDialog::new();
-        if let Some(folder) = start.parent().and_then(|folder| folder.canonicalize().ok()) {
-            dialog = dialog.set_directory(folder);
-        }
-        if let Some(name) = start.file_name() {
-            dialog = dialog.set_file_name(name.to_string_lossy());
-        }
-        let path = match picker {
-            Picker::Open => dialog.pick_file(),
-            Picker::Save => dialog.save_file(),
-            Picker::Folder => dialog.pick_folder(),
-        };
-        // The question may have been closed in the meantime; then nobody listens.
-        let _ = sender.send(path);
-        ctx.request_repaint();
-    });
-    thread.ok().map(|_| receiver)
 }
 
 fn answer(state: &mut State, question: &Question) {

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use egui::{ComboBox, DragValue, Ui};
+use egui::{ComboBox, Ui};
 
 use super::dialogs::Purpose;
 use super::fit_length::FitLengthForm;
 use super::image_view::name_widget;
 use super::messages::Severity;
+use super::number_field::NumberField;
 use super::state::State;
 use crate::information::Estimator;
 use crate::workbench::{Calibration, MeasuredOrder};
@@ -81,14 +82,15 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.horizontal(|ui| {
             let form = &mut state.estimate_form.images;
             let Calibration { gain, offset, bin } = &mut form.calibration;
-            for (name, hint, drag) in [
-                ("gain", "Grey levels per photon", DragValue::new(gain).range(1e-6..=1e6).speed(0.01)),
-                ("offset", "Grey level of no light", DragValue::new(offset).range(-1e6..=1e6).speed(0.1)),
-                ("bin", "Rows and columns of pixels whose photons are added up", DragValue::new(bin).range(1..=64)),
-            ] {
-                ui.label(name);
-                name_widget(&ui.add(drag).on_hover_text(hint), &format!("Images: {name}"));
-            }
+            ui.label("gain");
+            let field = NumberField::new("Images: gain", 1e-6..=1e6).speed(0.01);
+            field.edit(ui, gain).on_hover_text("Grey levels per photon");
+            ui.label("offset");
+            let field = NumberField::new("Images: offset", -1e6..=1e6).speed(0.1);
+            field.edit(ui, offset).on_hover_text("Grey level of no light");
+            ui.label("bin");
+            let field = NumberField::whole("Images: bin", 1..=64);
+            field.edit_whole(ui, bin).on_hover_text("Rows and columns of pixels whose photons are added up");
         });
         if let Some(path) = &state.estimate_form.images.path {
             ui.add(egui::Label::new(egui::RichText::new(path.display().to_string()).weak()).truncate());

@@ -16,6 +16,7 @@ use super::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::formats::write_png_rgb;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
+use crate::plural::counted;
 
 /// Work that the window hands to the worker.
 #[derive(Clone, Debug)]
@@ -219,7 +220,7 @@ impl Outcome {
                 [file] => format!("Exported {}", file.display()),
                 files => {
                     let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("."));
-                    format!("Exported {} files to {}", files.len(), folder.display())
+                    format!("Exported {} to {}", counted(files.len(), "file"), folder.display())
                 }
             },
         }
