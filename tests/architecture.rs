@@ -24,8 +24,19 @@ const FLOORS: [(&str, i8); 13] = [
 /// The window has the floor of the command line, which opens it.
 const WINDOW: &str = "studio";
 /// Crates of the window.
-const WINDOW_CRATES: [&str; 8] =
-    ["egui", "eframe", "rfd", "egui_plot", "egui_tiles", "egui_wgpu", "egui_kittest", "epaint"];
+const WINDOW_CRATES: [&str; 11] = [
+    "egui",
+    "eframe",
+    "rfd",
+    "egui_plot",
+    "egui_tiles",
+    "egui_wgpu",
+    "egui_kittest",
+    "epaint",
+    "arboard",
+    "winit",
+    "zbus",
+];
 
 /// What is wrong with one line.
 #[derive(Debug, PartialEq)]
@@ -224,6 +235,24 @@ fn imports_only_go_down() {
     assert!(check_folder(&root, &root, &mut found) > 50, "the source is read");
     let list: Vec<String> = found.iter().map(ToString::to_string).collect();
     assert!(list.is_empty(), "\n{}", list.join("\n"));
+}
+
+/// Every number of the window is typed into one kind of field, which reads all of them by the same rules.
+#[test]
+fn numbers_are_typed_into_the_number_field_alone() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/studio");
+    let mut files = 0;
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let code = code_of(&fs::read_to_string(&path).unwrap());
+        let is_field = path.ends_with("number_field.rs");
+        assert!(is_field || words(&code, "DragValue").next().is_none(), "{}: use NumberField", path.display());
+        // The value box of a slider would be another kind.
+        let sliders = words(&code, "Slider").filter(|at| code[*at..].starts_with("Slider::new")).count();
+        assert_eq!(sliders, code.matches(".show_value(false)").count(), "{}: a slider with a box", path.display());
+        files += 1;
+    }
+    assert!(files > 40, "the source is read");
 }
 
 #[test]

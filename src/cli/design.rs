@@ -17,6 +17,7 @@ use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
+use crate::plural::counted;
 use crate::workbench::study::{PublishedSet, Study, StudyRecord, StudySettings};
 use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
@@ -220,9 +221,9 @@ impl Arguments {
         match self.finish(&record, &ranked) {
             // Whether anybody reads it or not.
             Ok(()) | Err(Failure::Closed) if failed > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
-                "{}: expected {} runs to come to their end, found that {failed} failed",
+                "{}: expected {} to come to their end, found that {failed} failed",
                 self.out.display(),
-                self.starts
+                counted(self.starts, "run")
             ))),
             Ok(()) | Err(Failure::Closed) if unscored > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
                 "{}: expected a number for the whole sensor of every result, found that {unscored} of {} failed; the same \
@@ -415,8 +416,13 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
         ),
         format!("from {} to {} bits per pixel, {}", bits(start), bits(end), record.settings.objective.kind_of_value()),
         format!(
-            "{} lenslets, {:.1} effective; Tamura {:.3} to {:.3}; {} steps in {:.0} s",
-            end.distinct_lenslets, end.effective_lenslets, start.tamura, end.tamura, end.step, end.seconds
+            "{}, {:.1} effective; Tamura {:.3} to {:.3}; {} in {:.0} s",
+            counted(end.distinct_lenslets, "lenslet"),
+            end.effective_lenslets,
+            start.tamura,
+            end.tamura,
+            counted(end.step, "step"),
+            end.seconds
         ),
     ];
     lines.extend(gain_in_words(&record.frames, record.settings.objective).map(String::from));

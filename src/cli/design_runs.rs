@@ -13,6 +13,7 @@ use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings,
 use crate::formats::check_writable;
 use crate::information::InformationError;
 use crate::objects::Progress;
+use crate::plural::counted;
 use crate::workbench::study::{StudyDesign, StudySettings};
 use crate::workbench::{
     DESIGN_FILES, Design, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
@@ -59,10 +60,8 @@ pub(super) fn climb(
         ));
     }
     if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
-        let taken = end.step;
-        output::tell(format_args!(
-            "{folder}: the run that is there has taken {taken} steps already, and stays as it is"
-        ));
+        let taken = counted(end.step, "step");
+        output::tell(format_args!("{folder}: the run that is there has taken {taken} already, and stays as it is"));
     }
     Ok(record)
 }
@@ -304,7 +303,7 @@ fn with_known(ranked: &[RankedStart], known: &[RankedStart], ahead: &[Start]) ->
 fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
     let state = progress.state;
     let value = state.frames.last().map_or(String::new(), |frame| {
-        format!("{:.4} bits per pixel, {} lenslets", frame.bits_per_pixel, frame.distinct_lenslets)
+        format!("{:.4} bits per pixel, {}", frame.bits_per_pixel, counted(frame.distinct_lenslets, "lenslet"))
     });
     let left = time_left(state, settings, progress.seconds)
         .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));

@@ -12,6 +12,7 @@ use super::design_args::{DesignArgs, SceneArgs};
 use super::output::Meter;
 use super::{Failure, output};
 use crate::objects::ObjectSource;
+use crate::plural::counted;
 use crate::sensor::Noise;
 use crate::workbench::spoken;
 use crate::workbench::study::{
@@ -332,7 +333,7 @@ fn announcement(study: &Study) -> String {
         _ if left.is_zero() => format!("{missing} left to compute"),
         _ => format!("about {} to go", spoken(left)),
     };
-    format!("{cells} cells, {each}{there}: {time}")
+    format!("{}, {each}{there}: {time}", counted(cells, "cell"))
 }
 
 fn working(step: &StudyStep<'_>) -> String {

@@ -5,6 +5,7 @@ use thiserror::Error;
 use crate::information::InformationError;
 use crate::objects::ObjectError;
 use crate::optics::LensletError;
+use crate::plural::counted;
 use crate::sensor::SensorError;
 
 /// Why a mask has no gradient, or a run no next step.
@@ -34,7 +35,8 @@ pub enum IdealError {
     },
     /// Steps were refused again and again.
     #[error(
-        "the gradient of the mask had no finite numbers {refused} times; start from another mask or at a lower rate"
+        "the gradient of the mask had no finite numbers {}; start from another mask or at a lower rate",
+        counted(*refused, "time")
     )]
     Diverged {
         /// How often.

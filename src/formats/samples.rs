@@ -229,6 +229,7 @@ impl PixelStack {
         if from_colour {
             stack.understood.numbers = white.map(|white| format!("{} bits", u16::BITS - white.leading_zeros()));
             stack.note("luma of red, green and blue (?channel=green takes one)");
+            stack.understood.choices.extend(["channel=red", "channel=green", "channel=blue"].map(Into::into));
         }
         if matches!(channels, 2 | 4) {
             stack.note("opacity left out");

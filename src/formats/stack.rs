@@ -152,8 +152,12 @@ fn from_array(file: &ImageFile, array: RawArray) -> Result<PixelStack, FormatErr
     if is_guess && shape[last] < shape[0].min(shape[1]) {
         stack.note(format!("if axis {} counts them, add ?axis=last", last + 1));
     }
+    if is_guess {
+        stack.understood.choices.extend(["axis=2", "axis=last"].map(Into::into));
+    }
     if meaning.axis.is_none() && meaning.channel.is_none() && shape.len() == 3 && colours == Some(last) {
         stack.note("if the last axis counts images, add ?axis=last");
+        stack.understood.choices.push("axis=last".into());
     }
     Ok(stack)
 }

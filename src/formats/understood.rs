@@ -16,6 +16,8 @@ pub struct Understood {
     pub numbers: Option<String>,
     /// What was done to the pixels or left out, a clause each.
     pub notes: Vec<String>,
+    /// What else the file could mean, as the options of its path: `axis=last`.
+    pub choices: Vec<String>,
 }
 
 /// What was understood of one or more files. Its text is one line for people, rows before columns: "20 images of 64 x 48
@@ -35,16 +37,22 @@ pub struct ImageSummary {
     /// Values that are NaN or infinite.
     wrong: usize,
     notes: Vec<String>,
+    choices: Vec<String>,
 }
 
 impl ImageSummary {
     /// Of the images of one file.
     pub fn of(stack: &PixelStack) -> Self {
-        let Understood { key, axis, numbers, notes } = stack.understood.clone();
+        let Understood { key, axis, numbers, notes, choices } = stack.understood.clone();
         let (range, wrong) = stack.samples.range();
         let numbers = numbers.unwrap_or_else(|| stack.samples.numbers().to_owned());
         let (images, shape) = (stack.pages, Some((stack.rows, stack.cols)));
-        Self { files: 1, images, shape, key, axis, numbers: Some(numbers), range, wrong, notes }
+        Self { files: 1, images, shape, key, axis, numbers: Some(numbers), range, wrong, notes, choices }
+    }
+
+    /// What else the first file could mean, as options of its path: `axis=last`.
+    pub fn choices(&self) -> &[String] {
+        &self.choices
     }
 
     /// Takes in those of another file.

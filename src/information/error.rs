@@ -5,6 +5,7 @@ use thiserror::Error;
 use super::EngineChoice;
 use crate::formats::FormatError;
 use crate::network::NetworkError;
+use crate::plural::counted;
 
 /// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -45,7 +46,11 @@ pub enum InformationError {
         patch: usize,
     },
     /// Too few patches for the model.
-    #[error("{model} needs at least {needed} patches of {pixels} pixels, found {found}; use more or smaller patches")]
+    #[error(
+        "{model} needs at least {} of {}, found {found}; use more or smaller patches",
+        counted(*needed, "patch"),
+        counted(*pixels, "pixel")
+    )]
     TooFewPatches {
         /// The model that was to be fitted or scored.
         model: &'static str,
@@ -89,7 +94,10 @@ pub enum InformationError {
         found_cols: usize,
     },
     /// The numbers of noisy and clean test patches differ.
-    #[error("{clean} clean patches were given for {noisy} noisy test patches; give one for each, in the same order")]
+    #[error(
+        "expected a clean patch for each of {}, found {clean}; give them in the same order",
+        counted(*noisy, "noisy test patch")
+    )]
     PatchCount {
         /// Noisy test patches.
         noisy: usize,
@@ -184,8 +192,10 @@ pub enum InformationError {
     },
     /// A network has no layers, or absurdly many.
     #[error(
-        "a network of {channels} channels, {components} components and dilations {dilations:?} cannot be built; use 1 to \
-         512 channels and components, and 1 to 64 blocks of dilations up to 64"
+        "a network of {}, {} and dilations {dilations:?} cannot be built; use 1 to 512 channels and components, and 1 to \
+         64 blocks of dilations up to 64",
+        counted(*channels, "channel"),
+        counted(*components, "component")
     )]
     NetworkShape {
         /// Channels asked for.
@@ -196,7 +206,7 @@ pub enum InformationError {
         dilations: Vec<usize>,
     },
     /// A fit whose steps keep failing.
-    #[error("the fit gave no finite numbers in {refused} steps; check the measurements for extreme values")]
+    #[error("the fit gave no finite numbers in {}; check the measurements for extreme values", counted(*refused, "step"))]
     Diverged {
         /// Steps that were refused.
         refused: usize,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     BeadBounds, Bracket, EngineChoice, Estimator, InformationError, NamedBound, PosteriorBound, Protocol, Trial,
 };
+use crate::plural::counted;
 use crate::sensor::Noise;
 
 /// Value of the `format` field.
@@ -183,12 +184,19 @@ impl Estimate {
         match beads {
             Some(BeadBounds { decoder: lower, below, above }) => {
                 let (tests, steps) = (lower.test_patches, lower.steps);
-                estimate.notes.push(format!("decoder fitted in {steps} steps and tested on {tests} fresh samples"));
+                estimate.notes.push(format!(
+                    "decoder fitted in {} and tested on {}",
+                    counted(steps, "step"),
+                    counted(tests, "fresh sample")
+                ));
                 estimate.notes.extend(lower.notes.iter().cloned());
                 estimate.notes.push(format!(
-                    "posteriors of {} fresh samples followed back from the true beads over {} levels, those of {} in {} \
-                     groups of sites over {} levels",
-                    below.samples, below.levels, above.samples, above.groups, above.levels
+                    "posteriors of {} followed back from the true beads over {}, those of {} in {} of sites over {}",
+                    counted(below.samples, "fresh sample"),
+                    counted(below.levels, "level"),
+                    above.samples,
+                    counted(above.groups, "group"),
+                    counted(above.levels, "level")
                 ));
             }
             None => {
@@ -212,8 +220,10 @@ impl Estimate {
         let mut estimate = Self::with_bounds(trials, bounds, Vec::new(), provenance)?;
         estimate.notes.extend(above.map(|above| {
             format!(
-                "posteriors of {} fresh samples followed in {} groups of sites over {} levels",
-                above.samples, above.groups, above.levels
+                "posteriors of {} followed in {} of sites over {}",
+                counted(above.samples, "fresh sample"),
+                counted(above.groups, "group"),
+                counted(above.levels, "level")
             )
         }));
         Ok(estimate)

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     EngineChoice, GaussianBound, InformationError, Protocol, SharedPictures, bootstrap_interval, paired_interval,
 };
+use crate::plural::{counted, one_or_many};
 use crate::sensor::Noise;
 
 /// The density model behind an estimate. The serialised names are stable.
@@ -180,8 +181,12 @@ impl Trial {
             self.interval_95 = pictures.widened(&self.information, self.bits_per_pixel(), self.interval_95);
         }
         if found < patches && (published || found < FEW_PICTURES) {
-            let note =
-                format!("{patches} test patches show {found} pictures in all, so the interval may be too narrow");
+            let note = format!(
+                "{} {} {} in all, so the interval may be too narrow",
+                counted(patches, "test patch"),
+                one_or_many(patches, "shows", "show"),
+                counted(found, "picture")
+            );
             self.notes.push(note);
         }
         self

@@ -8,6 +8,8 @@ use safetensors::{Dtype, SafeTensors, serialize};
 use super::error::NetworkError;
 use super::parameters::ParameterLayout;
 
+use crate::plural::counted;
+
 /// What a weights file says about itself: the program's name for the network, and everything else as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WeightsHeader<'a> {
@@ -28,7 +30,7 @@ pub fn write_weights(
     details: Vec<(&str, String)>,
 ) -> Result<Vec<u8>, NetworkError> {
     if weights.len() != layout.count() {
-        return Err(wrong(format!("{} weights", layout.count()), format!("{}", weights.len())));
+        return Err(wrong(counted(layout.count(), "weight"), format!("{}", weights.len())));
     }
     let bytes: Vec<u8> = weights.iter().flat_map(|weight| weight.to_le_bytes()).collect();
     let mut tensors = Vec::new();
@@ -80,7 +82,7 @@ pub fn read_detail(bytes: &[u8], name: &str) -> Result<String, NetworkError> {
 pub fn read_weights(layout: &ParameterLayout, bytes: &[u8]) -> Result<Vec<f32>, NetworkError> {
     let file = SafeTensors::deserialize(bytes).map_err(|error| not_a_file(&error))?;
     if file.len() != layout.tensors().len() {
-        return Err(wrong(format!("{} tensors", layout.tensors().len()), format!("{}", file.len())));
+        return Err(wrong(counted(layout.tensors().len(), "tensor"), format!("{}", file.len())));
     }
     let mut weights = Vec::with_capacity(layout.count());
     for tensor in layout.tensors() {

@@ -8,6 +8,8 @@ use super::import::{PsfError, normalised_psf};
 use super::lenslets::{LensletArray, LensletError};
 use super::psf::render_psf;
 
+use crate::plural::counted;
+
 /// An optical encoder of scenes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
@@ -70,10 +72,7 @@ impl Encoder {
     /// One line that says what this is.
     pub fn describe(&self) -> String {
         match self {
-            Self::Lenslets(array) => match array.lenslets.len() {
-                1 => "1 lenslet".into(),
-                count => format!("{count} lenslets"),
-            },
+            Self::Lenslets(array) => counted(array.lenslets.len(), "lenslet"),
             Self::Diffuser(diffuser) => {
                 format!("diffuser, aperture {} px, seed {}", diffuser.aperture_px, diffuser.seed)
             }

@@ -14,6 +14,8 @@ use super::encoder::Encoder;
 use super::lenslets::{Lenslet, LensletArray, Spot};
 use super::psf::SampledSpot;
 
+use crate::plural::{counted, one_or_many};
+
 /// Widths that a spot can begin with, px; those of published lenslets lie between the first two.
 const WIDTHS: [f64; 6] = [0.7, 1.0, 1.5, 2.3, 3.5, 5.5];
 /// Narrowest spot, px.
@@ -69,8 +71,8 @@ impl FittedLenslets {
     /// What has come of it, for people.
     pub fn in_words(&self) -> String {
         let count = self.array.lenslets.len();
-        let (lenslets, stand) = if count == 1 { ("lenslet", "stands") } else { ("lenslets", "stand") };
-        format!("{count} {lenslets} {stand} for the PSF, {:.1} % of whose light is elsewhere", 100.0 * self.misplaced)
+        let (lenslets, stand) = (counted(count, "lenslet"), one_or_many(count, "stands", "stand"));
+        format!("{lenslets} {stand} for the PSF, {:.1} % of whose light is elsewhere", 100.0 * self.misplaced)
     }
 
     /// Fits at most so many lenslets to a PSF, shape (rows, cols), not negative.

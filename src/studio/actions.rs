@@ -12,6 +12,7 @@ use super::palette::Palette;
 use super::sheets::Sheet;
 use super::state::{Arrange, State};
 use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
+use crate::plural::counted;
 use crate::workbench::{Command, DesignRun, Job, Workbench, look_command, repeat_command};
 
 /// Arrangements of rooms that can be remembered.
@@ -120,8 +121,7 @@ impl Preset {
     /// Its name in its menu.
     pub fn label(self) -> String {
         match self {
-            Self::Heuristic(1) => "1 lenslet".into(),
-            Self::Heuristic(count) => format!("{count} lenslets"),
+            Self::Heuristic(count) => counted(count, "lenslet"),
             Self::Random => "25 random lenslets".into(),
             Self::Depth => "5 lenslets in depth".into(),
             Self::Diffuser(aperture_px) => format!("Aperture {aperture_px} px"),
@@ -141,9 +141,7 @@ impl Preset {
     pub fn put(self, state: &mut State) {
         let seed = state.bench.design().seed;
         let (name, encoder) = match self {
-            Self::Heuristic(count) => {
-                (format!("{count} heuristic lenslets"), Encoder::Lenslets(heuristic_layout(count)))
-            }
+            Self::Heuristic(count) => (counted(count, "heuristic lenslet"), Encoder::Lenslets(heuristic_layout(count))),
             Self::Random => {
                 let draw = state.next_random_start(seed);
                 (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))

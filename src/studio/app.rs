@@ -6,20 +6,23 @@ use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
 
 use super::actions::Action;
-use super::dialogs;
+use super::clipboard::Clipboard;
+use super::dropped::{self, Dropped};
 use super::hand::CLICK_REACH;
 use super::home::{Home, KEPT, ZOOM};
 use super::layout::{Pane, Rooms, default_layout, restored};
 use super::messages::Severity;
+use super::number_field::take_refusals;
 use super::pace::Pace;
 use super::state::{Arrange, Leave, State};
 use super::status_bar::{self, FrameTimes};
 use super::window::RendererChoice;
 use super::{
-    capture, jobs_window, layout, leaving, menus, modal, palette, recovery, run_strip, run_view, sheets, welcome,
+    capture, dialogs, glyphs, jobs_window, layout, leaving, menus, palette, recovery, run_strip, run_view, sheets,
+    welcome,
 };
 use crate::formats::FormatError;
-use crate::objects::ObjectSource;
+use crate::plural::{counted, one_or_many};
 use crate::workbench::{
     Activity, ActivityState, Design, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench,
 };
@@ -28,9 +31,10 @@ use crate::workbench::{
 pub struct Studio {
     state: State,
     rooms: Tree<Pane>,
-    /// A dropped picture or array waits to be told apart: PSF or objects.
-    dropped: Option<PathBuf>,
+    dropped: Dropped,
     title: String,
+    /// The names of files that the window shows.
+    named: String,
     /// The close that is going on was agreed to.
     closing: bool,
     /// Whether the status bar shows how long frames take.
@@ -62,8 +66,9 @@ impl Studio {
         Ok(Self {
             state: State::new(bench),
             rooms: default_layout(),
-            dropped: None,
+            dropped: Dropped::default(),
             title,
+            named: String::new(),
             closing: false,
             frame_times: FrameTimes::default(),
             pace,
@@ -77,6 +82,11 @@ impl Studio {
         self.state.renderer = Some(renderer.name());
     }
 
+    /// Copies texts to this clipboard from now on.
+    pub fn copy_to(&mut self, clipboard: Clipboard) {
+        self.state.clipboard = clipboard;
+    }
+
     /// Shows a notice in the status bar and the log.
     pub fn tell(&mut self, notice: String) {
         self.state.messages.push(Severity::Notice, notice);
@@ -85,36 +95,58 @@ impl Studio {
     /// Keeps everything that outlives the window in a folder: preferences, layout, unsaved changes, states of runs; and
     /// takes up what is there. Where that fails, a message says so.
     pub fn live_in(&mut self, ctx: &egui::Context, folder: &Path) {
-        match Home::in_folder(folder) {
-            Ok((home, preferences, layout)) => {
-                ctx.set_theme(preferences.theme);
-                ctx.set_zoom_factor(preferences.zoom);
-                self.state.bench.set_live(preferences.live);
-                self.state.guide.welcome = !preferences.welcomed && self.state.bench.path().is_none();
-                self.state.preferences = preferences;
-                self.rooms = layout.unwrap_or_else(default_layout);
-                self.home = Some(home);
-            }
-            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
-        }
-        match Snapshots::read(&folder.join(KEPT)) {
-            Ok((snapshots, (broken, unlisted))) => {
-                self.state.snapshots = snapshots;
-                if broken > 0 {
-                    self.tell(format!("{broken} kept designs could not be read; they are left as they are"));
-                }
-                if unlisted > 0 {
-                    self.tell(format!("{unlisted} older kept designs are not listed; they are left as they are"));
-                }
-            }
-            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
-        }
+        let (preferences, layout) = Home::read(folder);
+        ctx.set_theme(preferences.theme);
+        ctx.set_zoom_factor(preferences.zoom);
+        self.state.bench.set_live(preferences.live);
+        self.state.preferences = preferences;
+        self.rooms = layout.clone().unwrap_or_else(default_layout);
+        self.read_kept_designs(folder);
         self.state.bench.set_threads(self.state.preferences.threads);
-        self.state.folder = Some(folder.to_owned());
+        match Home::in_folder(folder, &self.state.preferences, layout.as_ref()) {
+            Ok(home) => {
+                self.state.guide.welcome = !self.state.preferences.welcomed && self.state.bench.path().is_none();
+                self.home = Some(home);
+                self.state.folder = Some(folder.to_owned());
+            }
+            Err(error) => return self.live_nowhere(&error.to_string()),
+        }
+        // What was opened by its name is remembered as what is opened here.
+        if let Some(path) = self.state.bench.path().map(Path::to_path_buf) {
+            self.state.preferences.remember(&path);
+        }
         self.left_behind = self.state.keep_unsaved();
         if let Err(error) = self.state.bench.keep_estimates_in(&folder.join("estimates")) {
             self.state.messages.push(Severity::Failure, error.to_string());
         }
+        self.keep_runs(folder);
+    }
+
+    /// Keeps nothing that outlives the window but unsaved changes, where a folder was chosen for them.
+    pub fn live_nowhere(&mut self, reason: &str) {
+        let text = format!("Nothing will be remembered when the window is closed: {reason}");
+        self.state.messages.push(Severity::Failure, text);
+        self.left_behind = self.state.keep_unsaved();
+    }
+
+    fn read_kept_designs(&mut self, folder: &Path) {
+        match Snapshots::read(&folder.join(KEPT)) {
+            Ok((snapshots, (broken, unlisted))) => {
+                self.state.snapshots = snapshots;
+                if broken > 0 {
+                    let (designs, they) = (counted(broken, "kept design"), one_or_many(broken, "it is", "they are"));
+                    self.tell(format!("{designs} could not be read; {they} left as before"));
+                }
+                if unlisted > 0 {
+                    let (designs, are) = (counted(unlisted, "older kept design"), one_or_many(unlisted, "is", "are"));
+                    self.tell(format!("{designs} {are} not listed, and left as before"));
+                }
+            }
+            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+    }
+
+    fn keep_runs(&mut self, folder: &Path) {
         match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(()) => match self.state.bench.run() {
                 Some(run) if run.status == RunStatus::Stopped => {
@@ -192,7 +224,7 @@ impl Studio {
             && self.state.palette.is_none()
             && self.state.sheet.is_none()
             && self.left_behind.is_empty()
-            && self.dropped.is_none()
+            && !self.dropped.is_open()
             && !self.state.guide.welcome
     }
 
@@ -205,6 +237,9 @@ impl Studio {
         }
         for activity in state.bench.take_ended() {
             hear_end(state, &activity);
+        }
+        for refusal in take_refusals(ctx) {
+            state.messages.push(Severity::Notice, refusal);
         }
         let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
         state.bench.note_pointer(down, pressed);
@@ -244,8 +279,15 @@ impl Studio {
                 }
             }
         }
-        self.take_dropped_files(ctx);
+        self.dropped.take(ctx, &mut self.state);
         self.keep_home(ctx);
+        let named = format!("{} {}", file_name(self.state.bench.path()), self.state.bench.design().objects);
+        if named != self.named {
+            if let Some(sentence) = glyphs::lacking(ctx, &named) {
+                self.tell(sentence);
+            }
+            self.named = named;
+        }
         let title = title(&self.state);
         if title != self.title {
             ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
@@ -292,8 +334,8 @@ impl Studio {
         if leaving::ask(&ctx, &mut self.state) {
             self.close();
         }
-        self.ask_about_dropped(&ctx);
-        show_drop_hint(&ctx);
+        self.dropped.ask(&ctx, &mut self.state);
+        dropped::show_hint(&ctx);
     }
 
     fn menu_bar(&mut self, ui: &mut Ui) {
@@ -344,38 +386,6 @@ impl Studio {
         }
         menus::entry(ui, &mut self.state, Action::Jobs);
         menus::entry(ui, &mut self.state, Action::Messages);
-    }
-
-    fn take_dropped_files(&mut self, ctx: &egui::Context) {
-        let Some(path) = ctx.input(|input| Some(input.raw.dropped_files.first()?.path().to_path_buf())) else {
-            return;
-        };
-        match kind_of(&path) {
-            FileKind::Design => self.state.guard(ctx, Leave::OpenFile(path)),
-            FileKind::Objects => self.state.bench.open_objects(ObjectSource::guess(&path)),
-            FileKind::Picture => self.dropped = Some(path),
-        }
-    }
-
-    fn ask_about_dropped(&mut self, ctx: &egui::Context) {
-        let Some(path) = self.dropped.clone() else { return };
-        modal::show(ctx, "dropped file", 340.0, |ui| {
-            ui.heading(format!("Use {}", file_name(Some(&path))));
-            ui.add_space(8.0);
-            ui.horizontal(|ui| {
-                if ui.button("As objects").clicked() {
-                    self.state.bench.open_objects(ObjectSource::guess(&path));
-                    self.dropped = None;
-                }
-                if ui.button("As PSF").clicked() {
-                    self.state.bench.import_psf(path, None);
-                    self.dropped = None;
-                }
-                if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape)) {
-                    self.dropped = None;
-                }
-            });
-        });
     }
 }
 
@@ -447,49 +457,4 @@ fn title(state: &State) -> String {
 /// The name of a design's file, for people.
 pub fn file_name(path: Option<&Path>) -> String {
     path.and_then(Path::file_name).map_or_else(|| "Untitled".into(), |name| name.to_string_lossy().into_owned())
-}
-
-enum FileKind {
-    Design,
-    Objects,
-    Picture,
-}
-
-/// What a dropped file or folder is likely to be. Pictures and arrays can be both, PSF or objects.
-fn kind_of(path: &Path) -> FileKind {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
-    match extension.as_str() {
-        "json" => FileKind::Design,
-        "npy" | "npz" | "tif" | "tiff" | "png" | "jpg" | "jpeg" | "bmp" if path.is_file() => FileKind::Picture,
-        _ => FileKind::Objects,
-    }
-}
-
-/// Says that files may be dropped while some are held over the window.
-fn show_drop_hint(ctx: &egui::Context) {
-    if ctx.input(|input| input.raw.hovered_files.is_empty()) {
-        return;
-    }
-    let painter = ctx.layer_painter(egui::LayerId::new(egui::Order::Foreground, egui::Id::unique("drop hint")));
-    let rect = ctx.content_rect();
-    painter.rect_filled(rect, 0.0, egui::Color32::from_black_alpha(160));
-    painter.text(
-        rect.center(),
-        egui::Align2::CENTER_CENTER,
-        "Drop a design, objects or a PSF",
-        egui::FontId::proportional(24.0),
-        egui::Color32::WHITE,
-    );
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dropped_files_are_told_apart() {
-        assert!(matches!(kind_of(Path::new("a/Design.JSON")), FileKind::Design));
-        assert!(matches!(kind_of(Path::new("t10k-images-idx3-ubyte.gz")), FileKind::Objects));
-        assert!(matches!(kind_of(Path::new("test_batch.bin")), FileKind::Objects));
-    }
 }

@@ -6,14 +6,16 @@ use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
+use super::bits::with_decimals;
 use super::capture;
 use super::dialogs::Purpose;
 use super::hand::Hand;
 use super::image_view::{ImageView, name_widget, placeholder, toolbar};
-use super::information_panel::{CEILING, DENSITY, GAUSSIAN, TAMURA_GUIDE};
+use super::information_panel::{CEILING, DENSITY, GAUSSIAN};
 use super::layout::Pane;
 use super::messages::Severity;
 use super::state::State;
+use super::tamura_gauge::TAMURA_GUIDE;
 use super::viewport::Viewport;
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
 
@@ -217,8 +219,7 @@ fn information(snapshot: &Snapshot) -> String {
 
 /// Every bound of a design.
 fn bounds(snapshot: &Snapshot) -> String {
-    let line =
-        |what: &str, Bits { bits, interval_95: [low, high] }: Bits| format!("{what} {bits:.4} [{low:.4}, {high:.4}]");
+    let line = |what: &str, Bits { bits, interval_95 }: Bits| format!("{what} {}", with_decimals(bits, interval_95, 4));
     let (mut lines, numbers) = (Vec::new(), &snapshot.numbers);
     lines.extend(numbers.lower.map(|bound| line("At least", bound)));
     lines.extend(numbers.sampled.map(|bound| line("By posterior sampling at most", bound)));

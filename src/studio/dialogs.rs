@@ -1,23 +1,32 @@
 //! Questions that need a path: one window with a typed path, and the system's own file dialog behind a button.
 //!
-//! The system's dialog runs on a named thread, one at a time; where the system has none it answers like a cancelled
-//! one, and the typed path is still there.
+//! The system's dialog runs one at a time; where the system has none, a sentence says so and the path field takes the
+//! keyboard.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use egui::accesskit::Live;
 use egui::{Key, TextEdit};
 use ndarray::{Array2, Array3, Array4, ArrayD, Axis};
 
+use super::file_preview::Preview;
 use super::messages::{Severity, speak};
 use super::modal;
+use super::number_field::NumberField;
 use super::state::State;
+use super::system_dialog::{self, Answer, Picker};
+use crate::formats::path_text;
 use crate::objects::ObjectSource;
 use crate::workbench::{
-    Colormap, Curve, DESIGN_FILE, DESIGN_FILES, IdealRecord, Job, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+    Colormap, Curve, DESIGN_FILE, DESIGN_FILES, FileUse, IdealRecord, Job, LiveRecord, MEASUREMENT_STACKS,
+    MeasurementFormat,
 };
+
+/// What is said where *Browse* has nothing to open.
+const NO_DIALOG: &str =
+    "This system has no file dialog: neither a desktop portal nor zenity answers. Type the path above.";
 
 /// What a path is asked for.
 #[derive(Clone, Debug)]
@@ -69,14 +78,6 @@ pub enum Purpose {
     },
 }
 
-/// How the system's dialog should ask.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Picker {
-    Open,
-    Save,
-    Folder,
-}
-
 impl Purpose {
     fn title(&self) -> String {
         match self {
@@ -116,6 +117,16 @@ impl Purpose {
                 "A JSON file from which `lenslet-studio repeat FILE` computes the same numbers again"
             }
             Self::ExportCurve { .. } => "A CSV file",
+        }
+    }
+
+    /// What a file of images is read for.
+    fn file_use(&self) -> Option<FileUse> {
+        match self {
+            Self::OpenObjects => Some(FileUse::Objects),
+            Self::ImportPsf => Some(FileUse::Psf),
+            Self::ChooseImages => Some(FileUse::Measurements),
+            _ => None,
         }
     }
 
@@ -198,12 +209,18 @@ pub struct Dialogs {
 struct Question {
     purpose: Purpose,
     path: String,
+    /// The path that the system's dialog has chosen, as long as its text is not changed: it may be no text.
+    chosen: Option<PathBuf>,
+    /// What is understood of the file.
+    preview: Preview,
     /// Pixels to resample an imported PSF to; 0 leaves it as it is.
     resample: usize,
     /// What measurements are written as.
     format: MeasurementFormat,
     /// Answer of the system's dialog, while it is open.
-    system: Option<Receiver<Option<PathBuf>>>,
+    system: Option<Receiver<Answer>>,
+    /// The system was found to have no dialog.
+    is_alone: bool,
     /// The path field takes the keyboard once.
     focus: bool,
     /// Files that may be replaced: the system's dialog or this one has asked whether they may.
@@ -213,7 +230,8 @@ struct Question {
 impl Question {
     /// The file or folder that the path stands for: a file that is written always has an extension.
     fn target(&self) -> PathBuf {
-        let path = PathBuf::from(self.path.trim());
+        let chosen = self.chosen.as_ref().filter(|chosen| path_text(chosen) == self.path);
+        let path = chosen.map_or_else(|| PathBuf::from(self.path.trim()), PathBuf::clone);
         match self.purpose.extension() {
             Some(extension) if path.extension().is_none() => path.with_extension(extension),
             _ => path,
@@ -251,7 +269,9 @@ impl Dialogs {
     pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
         let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
-        self.open = Some(Question { purpose, path, resample: 0, format, system, focus: true, replaced });
+        let (chosen, preview, resample, is_alone, focus) = (None, Preview::default(), 0, false, true);
+        self.open =
+            Some(Question { purpose, path, chosen, preview, resample, format, system, is_alone, focus, replaced });
     }
 
     /// Whether a question is open.
@@ -266,14 +286,19 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     let own = state.bench.path();
     if let Some(system) = &question.system {
         match system.try_recv() {
-            Ok(Some(path)) => {
-                question.path = path.display().to_string();
+            Ok(Answer::Chosen(path)) => {
+                question.path = path_text(&path);
+                question.chosen = Some(path.clone());
                 question.system = None;
                 // It has asked about a file of this very name.
                 let has_asked = question.purpose.picker() == Picker::Save && question.target() == path;
                 question.replaced = if has_asked { question.would_replace(own) } else { Vec::new() };
             }
-            Ok(None) | Err(TryRecvError::Disconnected) => question.system = None,
+            Ok(Answer::Missing) => {
+                question.system = None;
+                (question.is_alone, question.focus) = (true, true);
+            }
+            Ok(Answer::Cancelled) | Err(TryRecvError::Disconnected) => question.system = None,
             Err(TryRecvError::Empty) => {}
         }
     }
@@ -296,9 +321,16 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             let confirmed = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
             done |= confirmed && !question.path.trim().is_empty();
             if ui.add_enabled(question.system.is_none(), egui::Button::new("Browse...")).clicked() {
-                question.system = browse_system(ui.ctx(), question.purpose.picker(), &question.path);
+                question.system = system_dialog::open(ui.ctx(), question.purpose.picker(), Path::new(&question.path));
             }
         });
+        if question.is_alone {
+            let told = ui.colored_label(ui.visuals().warn_fg_color, NO_DIALOG);
+            speak(&told, Live::Assertive);
+        }
+        if let Some(of) = question.purpose.file_use() {
+            question.preview.show(ui, &mut question.path, of);
+        }
         let mut action = question.purpose.action();
         if let Some(text) = Question::ask_to_replace(&question.replaced)
             && question.replaced == question.would_replace(own)
@@ -315,9 +347,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
                         question.resample = if resample { 32 } else { 0 };
                     }
                     if resample {
-                        let side = egui::DragValue::new(&mut question.resample).range(4..=1024).suffix(" px");
-                        let response = ui.add(side);
-                        super::image_view::name_widget(&response, "Resampled side");
+                        let field = NumberField::whole("Resampled side", 4..=1024).unit(" px");
+                        field.edit_whole(ui, &mut question.resample);
                     }
                 });
             }
@@ -344,44 +375,19 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         question.focus = !done;
     }
     if done {
-        answer(state, &question);
+        answer(state, question);
     } else if !cancelled {
         state.dialogs.open = Some(question);
     }
 }
 
-/// Opens the system's dialog on a thread of its own.
-fn browse_system(ctx: &egui::Context, picker: Picker, start: &str) -> Option<Receiver<Option<PathBuf>>> {
-    let (sender, receiver) = channel();
-    let start = PathBuf::from(start);
-    let ctx = ctx.clone();
-    let thread = std::thread::Builder::new().name("lenslet-file-dialog".into()).spawn(move || {
-        let mut dialog = rfd::FileDialog::new();
-        if let Some(folder) = start.parent().and_then(|folder| folder.canonicalize().ok()) {
-            dialog = dialog.set_directory(folder);
-        }
-        if let Some(name) = start.file_name() {
-            dialog = dialog.set_file_name(name.to_string_lossy());
-        }
-        let path = match picker {
-            Picker::Open => dialog.pick_file(),
-            Picker::Save => dialog.save_file(),
-            Picker::Folder => dialog.pick_folder(),
-        };
-        // The question may have been closed in the meantime; then nobody listens.
-        let _ = sender.send(path);
-        ctx.request_repaint();
-    });
-    thread.ok().map(|_| receiver)
-}
-
-fn answer(state: &mut State, question: &Question) {
+fn answer(state: &mut State, question: Question) {
     let path = question.target();
     match &question.purpose {
         Purpose::OpenDesign => state.bench.open_file(path),
         Purpose::SaveAs => state.bench.save_to(path),
         Purpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
-        Purpose::ChooseImages => state.estimate_form.images.path = Some(path),
+        Purpose::ChooseImages => state.estimate_form.images.choose(question.path.trim().to_owned(), question.preview),
         Purpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
             state.bench.import_psf(path, side);

@@ -1,18 +1,21 @@
 //! Estimates that take minutes: what to compute, how its fit goes, and what came of it.
 
-use egui::{ComboBox, DragValue, ProgressBar, Ui};
+use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
+use super::bits::{between, rounded, with_interval};
 use super::dialogs::Purpose;
 use super::fit_length::FitLengthForm;
 use super::image_view::name_widget;
 use super::images_form::{self, ImagesForm};
-use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
+use super::information_panel::{DENSITY, LOWER};
 use super::messages::Severity;
+use super::number_field::NumberField;
 use super::state::State;
 use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::plural::counted;
 use crate::workbench::{
-    Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,
+    Calibration, Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,
     estimate_command, images_command,
 };
 
@@ -176,9 +179,8 @@ fn order(ui: &mut Ui, state: &mut State) {
             name_widget(&response, "Protocol");
         }
         if form.kind != Estimator::Bracket {
-            let unit = if form.trials == 1 { " trial" } else { " trials" };
-            let trials = ui.add(DragValue::new(&mut form.trials).range(1..=100).suffix(unit));
-            name_widget(&trials, "Trials");
+            let field = NumberField::whole("Trials", 1..=100).counting(" trial", " trials");
+            let trials = field.edit_whole(ui, &mut form.trials);
             trials.on_hover_text("Fits with seeds of their own, one after the other: the smallest counts, the spread is told");
         }
         form.length.show(ui, form.kind, "of the fit");
@@ -220,11 +222,15 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
         let of = if measured.is_some() { &estimate.objects } else { &estimate.encoder };
         let trials = match estimate.trials {
             1 => String::new(),
-            trials => format!(", smallest of {trials} trials, spread {}", rounded(estimate.trial_spread)),
+            trials => format!(", smallest of {}, spread {}", counted(trials, "trial"), rounded(estimate.trial_spread)),
         };
-        ui.weak(format!("{of}, patch {rows} x {cols} px, {minutes:.1} min{trials}{age}"));
-        if measured.is_some() {
-            ui.weak("The noisy images stand in for the clean ones in H(Y|X).");
+        let noise = estimate.noise;
+        ui.weak(format!("{of}, {noise} noise, patch {rows} x {cols} px, {minutes:.1} min{trials}{age}"));
+        if let Some(Calibration { gain, offset, bin }) = measured.map(|measured| measured.calibration) {
+            ui.weak(format!("gain {gain}, offset {offset}, bin {bin}"));
+        }
+        for note in &estimate.notes {
+            ui.weak(format!("note: {note}"));
         }
         if estimate.above_ceiling() {
             ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
@@ -235,7 +241,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             if copy.clicked()
                 && let Ok(json) = serde_json::to_string_pretty(estimate)
             {
-                ui.ctx().copy_text(json);
+                state.copy(ui.ctx(), json, "The estimate is");
             }
             let command = ui.small_button("Copy command");
             name_widget(&command, &format!("Copy command of estimate {}", index + 1));
@@ -270,7 +276,7 @@ fn summary(estimate: &Estimate) -> String {
         (Some(lower), _) => format!("{} bits per pixel ({from})", between(lower, bits)),
         (None, protocol) => {
             let sign = if protocol == Protocol::Paper { "\u{2248}" } else { "\u{2264}" };
-            format!("{sign} {} {} bits per pixel ({from})", rounded(bits), interval(estimate.interval_95))
+            format!("{sign} {} bits per pixel ({from})", with_interval(bits, estimate.interval_95))
         }
     }
 }

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use egui::{ComboBox, DragValue, Ui};
+use egui::{ComboBox, Ui};
 
 use super::image_view::name_widget;
+use super::number_field::NumberField;
 use crate::information::{EngineChoice, Estimator};
 use crate::workbench::DensityModel;
 
@@ -44,11 +45,11 @@ impl FitLengthForm {
     /// Shows it; `place` tells its controls from others of the same kind.
     pub fn show(&mut self, ui: &mut Ui, kind: Estimator, place: &str) {
         if self.counts_steps(kind) {
-            let steps = DragValue::new(&mut self.steps).range(1..=10_000_000).speed(50);
-            name_widget(&ui.add(steps), &format!("Steps {place}"));
+            let name = format!("Steps {place}");
+            NumberField::whole(&name, 1..=10_000_000).speed(50.0).edit_whole(ui, &mut self.steps);
         } else {
-            let time = DragValue::new(&mut self.minutes).range(0.1..=600.0).speed(0.2).max_decimals(1);
-            name_widget(&ui.add(time), &format!("Minutes {place}"));
+            let name = format!("Minutes {place}");
+            NumberField::new(&name, 0.1..=600.0).speed(0.2).decimals(1).edit(ui, &mut self.minutes);
         }
         let response = ComboBox::from_id_salt(("length", place))
             .selected_text(if self.counts_steps(kind) { "steps" } else { "min" })

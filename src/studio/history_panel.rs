@@ -9,10 +9,12 @@ use super::information_panel::{CEILING, DENSITY, GAUSSIAN};
 use super::past_edits::TrailPoint;
 use super::state::State;
 
+use crate::plural::counted;
+
 /// Shows the bounds after each edit.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
-        ui.weak(format!("{} designs", state.trail.points.len()));
+        ui.weak(counted(state.trail.points.len(), "design"));
         let export = ui.small_button("Export CSV...");
         name_widget(&export, "Export history as CSV");
         if export.clicked() {

@@ -9,10 +9,11 @@ use std::thread::JoinHandle;
 use egui_tiles::Tree;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use thiserror::Error;
 
 use super::layout::{Pane, restored};
 use super::window::RendererChoice;
-use crate::formats::{FormatError, create_folder, read_json, write_json, write_safely};
+use crate::formats::{FormatError, read_json, write_json, write_safely};
 use crate::information::EngineChoice;
 use crate::workbench::{FileChange, FileText};
 
@@ -96,6 +97,14 @@ impl Preferences {
     }
 }
 
+/// Why a folder keeps nothing.
+#[derive(Debug, Error)]
+#[error("{} cannot be written ({reason})", folder.display())]
+pub struct HomeError {
+    folder: PathBuf,
+    reason: std::io::Error,
+}
+
 /// The folder of those files, and the thread that writes them.
 pub struct Home {
     folder: PathBuf,
@@ -108,18 +117,23 @@ pub struct Home {
 }
 
 impl Home {
-    /// A folder, with what is remembered there; files that cannot be read are as good as none.
-    ///
-    /// # Errors
-    /// Where the folder cannot be made, or the operating system gives no thread.
-    pub fn in_folder(folder: &Path) -> Result<(Self, Preferences, Option<Tree<Pane>>), FormatError> {
-        create_folder(folder)?;
+    /// What is remembered in a folder; files that cannot be read are as good as none.
+    pub fn read(folder: &Path) -> (Preferences, Option<Tree<Pane>>) {
         let mut preferences: Preferences = read_json(&folder.join(PREFERENCES)).unwrap_or_default();
         if !ZOOM.contains(&preferences.zoom) {
             preferences.zoom = 1.0;
         }
         preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
-        let layout = read_json(&folder.join(LAYOUT)).ok().and_then(restored);
+        (preferences, read_json(&folder.join(LAYOUT)).ok().and_then(restored))
+    }
+
+    /// A folder whose files hold these preferences and this layout.
+    ///
+    /// # Errors
+    /// Where nothing can be written there, or the operating system gives no thread.
+    pub fn in_folder(folder: &Path, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Result<Self, HomeError> {
+        let refused = |reason| HomeError { folder: folder.to_owned(), reason };
+        std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).map_err(refused)?;
         let (orders, ordered) = channel::<(PathBuf, Option<FileText>)>();
         let (tell, failures) = channel();
         let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
@@ -144,16 +158,14 @@ impl Home {
             }
             failed.retain(|path, text| write(path, text).is_err());
         });
-        let thread = Some(thread.map_err(|error| FormatError::from_write(folder, error))?);
-        let home = Self {
+        Ok(Self {
             folder: folder.to_owned(),
             preferences: preferences.clone(),
-            layout: layout.as_ref().and_then(|layout| text_of(layout).ok()).unwrap_or_default(),
+            layout: layout.and_then(|layout| text_of(layout).ok()).unwrap_or_default(),
             orders: Some(orders),
             failures,
-            thread,
-        };
-        Ok((home, preferences, layout))
+            thread: Some(thread.map_err(refused)?),
+        })
     }
 
     /// What is to draw the window, by the preferences of a folder.
@@ -259,10 +271,16 @@ mod tests {
     use super::super::layout::default_layout;
     use super::*;
 
+    /// A folder, with what is remembered there.
+    fn home_in(folder: &Path) -> (Home, Preferences, Option<Tree<Pane>>) {
+        let (preferences, layout) = Home::read(folder);
+        (Home::in_folder(folder, &preferences, layout.as_ref()).unwrap(), preferences, layout)
+    }
+
     #[test]
     fn what_is_chosen_comes_back_and_broken_files_do_no_harm() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut home, mut preferences, layout) = Home::in_folder(folder.path()).unwrap();
+        let (mut home, mut preferences, layout) = home_in(folder.path());
         assert!(preferences == Preferences::default() && layout.is_none());
         preferences.zoom = 1.5;
         preferences.remember(Path::new("/a/one.json"));
@@ -271,27 +289,27 @@ mod tests {
         let arranged = default_layout();
         assert_eq!(home.keep(&preferences, Some(&arranged)), None);
         drop(home);
-        let (home, known, layout) = Home::in_folder(folder.path()).unwrap();
+        let (home, known, layout) = home_in(folder.path());
         assert_eq!(known, preferences);
         assert_eq!(known.recent, [Path::new("/a/one.json"), Path::new("/a/two.json")]);
         assert_eq!(text_of(&layout.unwrap()).unwrap(), text_of(&arranged).unwrap());
         drop(home);
         Home::reset(folder.path()).unwrap();
-        let (_, reset, layout) = Home::in_folder(folder.path()).unwrap();
+        let (_, reset, layout) = home_in(folder.path());
         assert_eq!((reset.recent.len(), reset.zoom), (2, 1.0));
         assert!(layout.is_none());
         for name in [PREFERENCES, LAYOUT] {
             std::fs::write(folder.path().join(name), b"{\"zoom\": 1e9, \"root\": 3").unwrap();
         }
-        let (_, known, layout) = Home::in_folder(folder.path()).unwrap();
+        let (_, known, layout) = home_in(folder.path());
         assert!(known == Preferences::default() && layout.is_none());
     }
 
     #[test]
     fn two_windows_keep_what_either_has_chosen() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut one, mut chosen, _) = Home::in_folder(folder.path()).unwrap();
-        let (mut other, mut zoomed, _) = Home::in_folder(folder.path()).unwrap();
+        let (mut one, mut chosen, _) = home_in(folder.path());
+        let (mut other, mut zoomed, _) = home_in(folder.path());
         chosen.unsaved = Some("/a/safe".into());
         chosen.remember(Path::new("/a/one.json"));
         assert_eq!(one.keep(&chosen, None), None);
@@ -300,13 +318,13 @@ mod tests {
         zoomed.remember(Path::new("/a/other.json"));
         assert_eq!(other.keep(&zoomed, None), None);
         drop(other);
-        let (mut next, mut known, _) = Home::in_folder(folder.path()).unwrap();
+        let (mut next, mut known, _) = home_in(folder.path());
         chosen.remember(Path::new("/a/other.json"));
         assert_eq!(known, Preferences { zoom: 1.5, ..chosen });
         known.recent.clear();
         assert_eq!(next.keep(&known, None), None);
         drop(next);
-        assert!(Home::in_folder(folder.path()).unwrap().1.recent.is_empty(), "they were to be forgotten");
+        assert!(home_in(folder.path()).1.recent.is_empty(), "they were to be forgotten");
     }
 
     #[test]
@@ -316,16 +334,30 @@ mod tests {
         let odd = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
         assert!(text_of(&odd).is_err());
         let folder = tempfile::tempdir().unwrap();
-        let (mut home, mut preferences, _) = Home::in_folder(folder.path()).unwrap();
+        let (mut home, mut preferences, _) = home_in(folder.path());
         preferences.zoom = 1.5;
         preferences.remember(Path::new("/a/one.json"));
         preferences.remember(odd);
         preferences.unsaved = Some(odd.to_owned());
         assert_eq!(home.keep(&preferences, None), None);
         drop(home);
-        let (_, known, _) = Home::in_folder(folder.path()).unwrap();
+        let (_, known, _) = home_in(folder.path());
         let recent = vec![PathBuf::from("/a/one.json")];
         assert_eq!(known, Preferences { zoom: 1.5, recent, ..Preferences::default() });
         assert_eq!(preferences.recent[0], odd, "this window can open it again");
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_is_refused_in_one_sentence() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, b"").unwrap();
+        for place in [file.clone(), file.join("below"), "/proc/nowhere".into()] {
+            let (preferences, layout) = Home::read(&place);
+            let Err(error) = Home::in_folder(&place, &preferences, layout.as_ref()) else { panic!("{place:?}") };
+            let told = error.to_string();
+            assert!(told.starts_with(&place.display().to_string()) && told.contains("cannot be written"), "{told}");
+            assert!(!told.contains("make the folder"), "{told}");
+        }
     }
 }

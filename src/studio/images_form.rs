@@ -2,20 +2,24 @@
 
 use std::path::PathBuf;
 
-use egui::{ComboBox, DragValue, Ui};
+use egui::{ComboBox, Ui};
 
 use super::dialogs::Purpose;
+use super::file_preview::Preview;
 use super::fit_length::FitLengthForm;
 use super::image_view::name_widget;
 use super::messages::Severity;
+use super::number_field::NumberField;
 use super::state::State;
 use crate::information::Estimator;
-use crate::workbench::{Calibration, MeasuredOrder};
+use crate::workbench::{Calibration, FileUse, MeasuredOrder};
 
 /// Images of a camera in place of a design's measurements.
 pub struct ImagesForm {
-    /// Where they lie, once they were chosen.
-    pub path: Option<PathBuf>,
+    /// The text of their path, once they were chosen.
+    path: Option<String>,
+    /// What is understood of them.
+    preview: Preview,
     kind: Estimator,
     length: FitLengthForm,
     calibration: Calibration,
@@ -24,7 +28,21 @@ pub struct ImagesForm {
 impl Default for ImagesForm {
     fn default() -> Self {
         let kind = Estimator::Live;
-        Self { path: None, kind, length: FitLengthForm::usual(kind), calibration: Calibration::default() }
+        Self {
+            path: None,
+            preview: Preview::default(),
+            kind,
+            length: FitLengthForm::usual(kind),
+            calibration: Calibration::default(),
+        }
+    }
+}
+
+impl ImagesForm {
+    /// Takes the images that a path names, with what is understood of them so far.
+    pub fn choose(&mut self, path: String, preview: Preview) {
+        self.path = Some(path);
+        self.preview = preview;
     }
 }
 
@@ -69,7 +87,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             if start.clicked()
                 && let Some(path) = form.path.clone()
             {
-                let measured = MeasuredOrder { source: path.into(), calibration: form.calibration };
+                let measured = MeasuredOrder { source: PathBuf::from(path).into(), calibration: form.calibration };
                 let images = &state.estimate_form.images;
                 let model = images.length.model(images.kind, state.preferences.engine);
                 let request = state.estimate_form.request_of(model);
@@ -81,17 +99,20 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.horizontal(|ui| {
             let form = &mut state.estimate_form.images;
             let Calibration { gain, offset, bin } = &mut form.calibration;
-            for (name, hint, drag) in [
-                ("gain", "Grey levels per photon", DragValue::new(gain).range(1e-6..=1e6).speed(0.01)),
-                ("offset", "Grey level of no light", DragValue::new(offset).range(-1e6..=1e6).speed(0.1)),
-                ("bin", "Rows and columns of pixels whose photons are added up", DragValue::new(bin).range(1..=64)),
-            ] {
-                ui.label(name);
-                name_widget(&ui.add(drag).on_hover_text(hint), &format!("Images: {name}"));
-            }
+            ui.label("gain");
+            let field = NumberField::new("Images: gain", 1e-6..=1e6).speed(0.01);
+            field.edit(ui, gain).on_hover_text("Grey levels per photon");
+            ui.label("offset");
+            let field = NumberField::new("Images: offset", -1e6..=1e6).speed(0.1);
+            field.edit(ui, offset).on_hover_text("Grey level of no light");
+            ui.label("bin");
+            let field = NumberField::whole("Images: bin", 1..=64);
+            field.edit_whole(ui, bin).on_hover_text("Rows and columns of pixels whose photons are added up");
         });
-        if let Some(path) = &state.estimate_form.images.path {
-            ui.add(egui::Label::new(egui::RichText::new(path.display().to_string()).weak()).truncate());
+        let form = &mut state.estimate_form.images;
+        if let Some(path) = &mut form.path {
+            ui.add(egui::Label::new(egui::RichText::new(path.as_str()).weak()).truncate());
+            form.preview.show(ui, path, FileUse::Measurements);
         }
     });
 }

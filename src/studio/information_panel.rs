@@ -5,16 +5,15 @@ use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 use serde_json::json;
 
 use super::actions::Action;
+use super::bits::{between, rounded, with_interval};
 use super::image_view::{name_widget, placeholder, significant};
 use super::known::Known;
 use super::menus;
 use super::messages::Severity;
 use super::state::State;
+use super::tamura_gauge;
 use crate::information::{Bracket, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::workbench::{RunBounds, RunStatus};
-
-/// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
-pub const TAMURA_GUIDE: f64 = 0.75;
 
 /// Colour of the Gaussian bound.
 pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
@@ -28,6 +27,9 @@ pub const FITTED: Color32 = Color32::from_rgb(214, 190, 86);
 pub const SAMPLED: Color32 = Color32::from_rgb(226, 92, 118);
 /// Colour of lower bounds.
 pub const LOWER: Color32 = Color32::from_rgb(64, 176, 112);
+
+/// Least room for a value in the table, points.
+const LEAST_VALUE: f32 = 80.0;
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -50,7 +52,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         warning(ui, &known);
         ui.add_space(4.0);
         ui.separator();
-        tamura(ui, state);
+        tamura_gauge::show(ui, state);
     });
 }
 
@@ -111,24 +113,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
         "object_tamura": scene.map(|scene| scene.value.tamura.mean),
     });
-    ctx.copy_text(format!("{numbers:#}\n"));
-    state.messages.push(Severity::Done, "The numbers are in the clipboard");
-}
-
-/// Bits with three decimals.
-pub fn rounded(bits: f64) -> String {
-    format!("{bits:.3}")
-}
-
-/// An interval in brackets.
-pub fn interval([low, high]: [f64; 2]) -> String {
-    format!("[{low:.3}, {high:.3}]")
-}
-
-/// Both bounds, from the smaller to the larger.
-pub fn between(lower: f64, upper: f64) -> String {
-    let (low, high) = Bracket::in_order(lower, upper);
-    format!("{} \u{2013} {}", rounded(low), rounded(high))
+    state.copy(ctx, format!("{numbers:#}\n"), "The numbers are");
 }
 
 /// Two bounds in bits per pixel as those of a whole measurement.
@@ -296,6 +281,8 @@ fn nice_end(value: f64) -> f64 {
 
 fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
     let bound = &known.bounds.gaussian;
+    // A value that is a sentence wraps where the panel ends, or it would push what lies below out of sight.
+    let end = ui.max_rect().right();
     egui::Grid::new("information details").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
         let mut line = |name: &str, value: String, colour: Option<Color32>, hint: &str| {
             ui.horizontal(|ui| {
@@ -305,7 +292,10 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
                 }
                 ui.label(name).on_hover_text(hint);
             });
-            ui.label(value).on_hover_text(hint);
+            let room = vec2((end - ui.cursor().left()).max(LEAST_VALUE), 0.0);
+            ui.allocate_ui_with_layout(room, egui::Layout::top_down(egui::Align::Min), |ui| {
+                ui.add(egui::Label::new(value).wrap()).on_hover_text(hint);
+            });
             ui.end_row();
         };
         if let Some(edit) = known.sampling().and_then(|live| live.edit) {
@@ -313,31 +303,32 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             let hint = "By how much more (+) or less the decoder that comes with the program tells of the beads since the last \
                         edit, of the same scenes seen through both masks: differences show that are smaller than the \
                         intervals of either number. 95 % interval; Undo goes back to the other mask.";
-            line("Last edit", format!("{bits_per_pixel:+.4} [{low:+.4}, {high:+.4}]"), None, hint);
+            let interval = if low < high { format!(" [{low:+.4}, {high:+.4}]") } else { String::new() };
+            line("Last edit", format!("{bits_per_pixel:+.4}{interval}"), None, hint);
         }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = known.lower() {
             let hint = "What a decoder, or following the posterior of the beads, was seen to tell of fresh scenes: the \
                         information is at least this. At once by the decoder that comes with the program; a bracket \
                         (Estimates) fits it to this design.";
-            let value = format!("{} {} {from}", rounded(bits_per_pixel), interval(interval_95));
+            let value = format!("{} {from}", with_interval(bits_per_pixel, interval_95));
             line("Lower bound", value, Some(LOWER), hint);
         }
         if let Some(upper) = known.sampling().and_then(|live| live.upper.as_ref()) {
             let hint = "Annealed importance sampling from the decoder's guess to the posterior of the beads: the information \
                         is at most this, however badly the sampling goes; the longer it takes, the tighter.";
-            let value = format!("{} {}", rounded(upper.bits_per_pixel), interval(upper.interval_95));
+            let value = with_interval(upper.bits_per_pixel, upper.interval_95);
             line("Posterior sampling", value, Some(SAMPLED), hint);
         }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = &known.fitted {
             let hint = "The smallest of the finished estimates (Estimates) of this design by one density model: an upper bound, \
                         with its 95 % interval.";
-            let value = format!("{} {} {from}", rounded(*bits_per_pixel), interval(*interval_95));
+            let value = format!("{} {from}", with_interval(*bits_per_pixel, *interval_95));
             line("Upper bound", value, Some(FITTED), hint);
         }
         if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &known.sensor {
             let hint = "The smallest of the finished estimates (Estimates) of whole measurements of this design: an upper bound, \
                         with its 95 % interval. Patches count copies of one object point again; the whole sensor does not.";
-            let value = format!("{} {} {upper_from}", rounded(*upper), interval(*upper_interval_95));
+            let value = format!("{} {upper_from}", with_interval(*upper, *upper_interval_95));
             line("Whole sensor", value, Some(FITTED), hint);
         }
         let (value, entropies) = live_line(state, known);
@@ -350,7 +341,7 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
         );
         line(
             known.bounds.gaussian_name(),
-            format!("{} {}", rounded(bound.bits_per_pixel), interval(known.bounds.interval_95)),
+            with_interval(bound.bits_per_pixel, known.bounds.interval_95),
             Some(GAUSSIAN),
             "Entropy of the Gaussian with the measurements' covariance, less the noise entropy; 95 % interval. \
              It needs no samples but for the noise entropy, and is loose for sparse objects. Where patches see some \
@@ -395,7 +386,7 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
         return (failure.clone(), gaussian);
     }
     if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&known.live, &known.run) {
-        let text = format!("{} {} {}", rounded(upper.bits_per_pixel), interval(upper.interval_95), upper.from);
+        let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), upper.from);
         return (text, gaussian);
     }
     let off = !state.bench.is_live();
@@ -413,70 +404,9 @@ fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f
                 (true, Some(_)) if paused => "paused".into(),
                 (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
             };
-            let text = format!("{} {} {stage}", rounded(live.bits_per_pixel), interval(live.interval_95));
+            let text = format!("{} {stage}", with_interval(live.bits_per_pixel, live.interval_95));
             let entropies = if *current { ("density model", live.entropy_y, live.entropy_y_given_x) } else { gaussian };
             (text, entropies)
         }
-    }
-}
-
-/// Tamura coefficients of sensor and objects on one scale, with the published guide.
-fn tamura(ui: &mut Ui, state: &State) {
-    const RANGE: (f64, f64) = (0.5, 1.5);
-    let Some(measurements) = &state.live.measurements else { return };
-    let (sensor, current) =
-        (measurements.value.tamura, state.is_current(measurements.revision) || state.bench.is_following());
-    let objects = state.live.scene.as_ref().map(|scene| scene.value.tamura);
-    let stage = if current { "" } else { ", of an earlier edit" };
-    ui.horizontal(|ui| {
-        ui.label("Sensor Tamura");
-        let mean = RichText::new(format!("{:.3}", sensor.mean));
-        ui.label(if current { mean.strong() } else { mean.weak() });
-        ui.weak(if current { format!("sd {:.3}", sensor.sd) } else { "of an earlier edit".into() });
-        if let Some(objects) = objects {
-            ui.label(format!("objects {:.3}", objects.mean));
-        }
-    })
-    .response
-    .on_hover_text(format!(
-        "Mean over {} noisy measurement patches. Published bead optima lie near {TAMURA_GUIDE}; designs found from random \
-         starts lie at 0.84 to 0.88: a guide, not a law. Pure noise has about 0.72.",
-        sensor.count
-    ));
-    let (response, mut painter) = ui.allocate_painter(vec2(ui.available_width(), 32.0), Sense::hover());
-    if !current {
-        painter.multiply_opacity(0.5);
-    }
-    response.widget_info(|| {
-        egui::WidgetInfo::labeled(egui::Role::Meter, true, format!("Sensor Tamura {:.3}{stage}", sensor.mean))
-    });
-    let rect = response.rect.shrink2(vec2(4.0, 0.0));
-    let at = |tamura: f64| {
-        let share = ((tamura - RANGE.0) / (RANGE.1 - RANGE.0)).clamp(0.0, 1.0);
-        rect.left() + share as f32 * rect.width()
-    };
-    let axis = rect.top() + 10.0;
-    let weak = ui.visuals().weak_text_color();
-    painter.hline(rect.x_range(), axis, Stroke::new(2.0, ui.visuals().extreme_bg_color));
-    let font = egui::FontId::proportional(10.0);
-    for tick in [0.5, 1.0, 1.5] {
-        painter.vline(at(tick), axis - 2.0..=axis + 2.0, Stroke::new(1.0, weak));
-        let align = if tick == 0.5 {
-            egui::Align2::LEFT_TOP
-        } else if tick == 1.5 {
-            egui::Align2::RIGHT_TOP
-        } else {
-            egui::Align2::CENTER_TOP
-        };
-        painter.text(pos2(at(tick), axis + 8.0), align, format!("{tick:.1}"), font.clone(), weak);
-    }
-    painter.vline(at(TAMURA_GUIDE), axis - 8.0..=axis + 8.0, Stroke::new(1.5, CEILING));
-    painter.text(pos2(at(TAMURA_GUIDE), axis + 8.0), egui::Align2::CENTER_TOP, "0.75", font, CEILING);
-    let band =
-        egui::Rect::from_x_y_ranges(at(sensor.mean - sensor.sd)..=at(sensor.mean + sensor.sd), axis - 3.0..=axis + 3.0);
-    painter.rect_filled(band, 2.0, GAUSSIAN.gamma_multiply(0.4));
-    painter.circle_filled(pos2(at(sensor.mean), axis), 5.0, GAUSSIAN);
-    if let Some(objects) = objects {
-        painter.circle_stroke(pos2(at(objects.mean), axis), 4.5, Stroke::new(1.5, weak));
     }
 }

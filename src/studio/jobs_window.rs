@@ -38,7 +38,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
 }
 
 /// One job.
-fn entry(ui: &mut Ui, state: &State, activity: &Activity) {
+fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
     let number = activity.number;
     ui.horizontal(|ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -83,7 +83,7 @@ fn entry(ui: &mut Ui, state: &State, activity: &Activity) {
             let copy = ui.small_button("Copy log");
             name_widget(&copy, &format!("Copy log of job {number}"));
             if copy.clicked() {
-                ui.ctx().copy_text(log_text(activity));
+                state.copy(ui.ctx(), log_text(activity), "The log is");
             }
             egui::Grid::new(("lines", number)).num_columns(2).show(ui, |ui| {
                 for (seconds, text) in &activity.log {

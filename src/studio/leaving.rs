@@ -6,6 +6,7 @@ use super::actions::Action;
 use super::app::file_name;
 use super::modal;
 use super::state::{Leave, State};
+use crate::plural::counted;
 use crate::workbench::ActivityKind;
 
 /// Whether the answer was to save, and that is still to come: its path is asked for, or the file is written.
@@ -53,7 +54,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
                 } else if state.bench.has_untaken_result() {
                     "What it found was not accepted.".into()
                 } else if run.ranked.len() > 1 {
-                    format!("It has {} results.", run.ranked.len())
+                    format!("It has {}.", counted(run.ranked.len(), "result"))
                 } else {
                     "Its result was compared with others.".into()
                 };

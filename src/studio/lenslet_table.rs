@@ -1,14 +1,15 @@
 //! The lenslets as numbers.
 
-use std::cell::Cell;
 use std::collections::BTreeSet;
 
-use egui::{DragValue, Ui};
+use egui::Ui;
 
 use super::image_view::{name_widget, placeholder};
 use super::lenslet_menu;
+use super::number_field::NumberField;
 use super::state::State;
 use crate::optics::{Lenslet, LensletArray};
+use crate::plural::counted;
 use crate::workbench::{Command, LensletChange};
 
 /// What lenslets are counted, for people.
@@ -42,8 +43,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             Some((distinct, effective)) if distinct < count => {
                 format!("{distinct} of {count} distinct, {effective:.1} effective")
             }
-            Some((_, effective)) => format!("{count} lenslets, {effective:.1} effective"),
-            None => format!("{count} lenslets"),
+            Some((_, effective)) => format!("{}, {effective:.1} effective", counted(count, "lenslet")),
+            None => counted(count, "lenslet"),
         };
         ui.weak(text).on_hover_text(COUNTS);
     });
@@ -51,17 +52,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let volumes = array.planes() > 1 || state.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         egui::Grid::new("lenslet table").striped(true).spacing([10.0, 3.0]).min_col_width(30.0).show(ui, |ui| {
-            for (title, hint) in [
-                ("", "Number; click to select"),
-                ("x", "Column of the centre, pixels"),
-                ("y", "Row of the centre, pixels"),
-                ("width", "Standard deviation of the spot, pixels"),
-                ("weight", "Share of the light, before all are scaled to sum 1"),
-            ] {
-                ui.strong(title).on_hover_text(hint);
-            }
-            if volumes {
-                ui.strong("plane").on_hover_text("Depth plane in focus");
+            ui.strong("").on_hover_text("Number; click to select");
+            for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
+                ui.strong(column.title()).on_hover_text(column.hint());
             }
             ui.strong("lock").on_hover_text("A run that starts from this design leaves it as it is");
             ui.end_row();
@@ -90,34 +83,16 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
     chooser.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
     // Width, weight and plane of one selected lenslet are set for the whole selection; a place belongs to one alone.
     let together = state.selection.len() > 1 && selected;
-    let mut change = |what, of: &dyn Fn(Lenslet) -> Option<Lenslet>| {
-        let lenslets: Vec<_> = if together && what != LensletChange::Position {
-            let members = state.selected_lenslets();
-            members.into_iter().filter_map(|(member, lenslet)| Some((member, of(lenslet)?))).collect()
+    for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
+        let name = format!("Lenslet {number} {}", column.title());
+        let Some(edit) = column.field(&name, array).show(ui, column.of(lenslet)).1 else { continue };
+        let members = if together && !matches!(column, Column::X | Column::Y) {
+            state.selected_lenslets()
         } else {
-            of(lenslet).map(|changed| (index, changed)).into_iter().collect()
+            vec![(index, lenslet)]
         };
-        if !lenslets.is_empty() {
-            state.send(&Command::ChangeLenslets { what, lenslets });
-        }
-    };
-    let (last_col, last_row) = (array.cols as f64 - 1.0, array.rows as f64 - 1.0);
-    let x = number_field(ui, lenslet.x, 0.0..=last_col, 0.05, 2, " px", &format!("Lenslet {number} x"));
-    change(LensletChange::Position, &|lenslet| x.map(|x| Lenslet { x, ..lenslet }));
-    let y = number_field(ui, lenslet.y, 0.0..=last_row, 0.05, 2, " px", &format!("Lenslet {number} y"));
-    change(LensletChange::Position, &|lenslet| y.map(|y| Lenslet { y, ..lenslet }));
-    let sigma = lenslet.spot.mean_sigma();
-    let width = number_field(ui, sigma, 0.2..=100.0, 0.01, 3, " px", &format!("Lenslet {number} width"));
-    change(LensletChange::Width, &|lenslet| {
-        width.map(|sigma| Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet })
-    });
-    let weight = number_field(ui, lenslet.weight, 0.0..=1e6, 0.001, 4, "", &format!("Lenslet {number} weight"));
-    change(LensletChange::Weight, &|lenslet| weight.map(|weight| Lenslet { weight, ..lenslet }));
-    if volumes {
-        let plane = number_field(ui, lenslet.plane as f64, 0.0..=63.0, 0.05, 0, "", &format!("Lenslet {number} plane"));
-        change(LensletChange::Plane, &|lenslet| {
-            plane.map(|plane| Lenslet { plane: plane.round() as usize, ..lenslet })
-        });
+        let lenslets = members.into_iter().map(|(member, of)| (member, column.changed(of, edit.value))).collect();
+        state.send_edit(edit, &Command::ChangeLenslets { what: column.change(), lenslets });
     }
     let mut locked = state.locks.indices().contains(&index) && state.bench.shows_own_lenslets();
     // Locks are of the open design, whatever is shown.
@@ -128,35 +103,76 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
     }
 }
 
-/// A numeric field called `name`; returns the new value where it was changed. Until it is, a value keeps decimals that are
-/// not shown.
-pub fn number_field(
-    ui: &mut Ui,
-    value: f64,
-    range: std::ops::RangeInclusive<f64>,
-    speed: f64,
-    decimals: usize,
-    suffix: &str,
-    name: &str,
-) -> Option<f64> {
-    let mut edited = value;
-    let (least, most) = (*range.start(), *range.end());
-    let (formatter, shown) = (ui.style().number_formatter.clone(), Cell::new(None));
-    let field = DragValue::new(&mut edited)
-        .range(range)
-        .clamp_existing_to_range(false)
-        .speed(speed)
-        .max_decimals(decimals)
-        .custom_formatter(|value, decimals| {
-            let text = formatter.format(value, decimals);
-            shown.set(text.parse::<f64>().ok());
-            text
-        })
-        .suffix(suffix);
-    let response = ui.add(field);
-    name_widget(&response, name);
-    // A field that is left takes its own text for typed, which may have lost decimals.
-    let is_own_text = shown.get().is_some_and(|shown| shown.clamp(least, most) == edited);
-    let is_left_alone = response.lost_focus() && is_own_text;
-    (response.changed() && edited != value && !is_left_alone).then_some(edited)
+/// What of a lenslet stands in a column.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Column {
+    X,
+    Y,
+    Width,
+    Weight,
+    Plane,
+}
+
+impl Column {
+    const ALL: [Self; 5] = [Self::X, Self::Y, Self::Width, Self::Weight, Self::Plane];
+
+    fn title(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Width => "width",
+            Self::Weight => "weight",
+            Self::Plane => "plane",
+        }
+    }
+
+    fn hint(self) -> &'static str {
+        match self {
+            Self::X => "Column of the centre, pixels",
+            Self::Y => "Row of the centre, pixels",
+            Self::Width => "Standard deviation of the spot, pixels",
+            Self::Weight => "Share of the light, before all are scaled to sum 1",
+            Self::Plane => "Depth plane in focus",
+        }
+    }
+
+    fn change(self) -> LensletChange {
+        match self {
+            Self::X | Self::Y => LensletChange::Position,
+            Self::Width => LensletChange::Width,
+            Self::Weight => LensletChange::Weight,
+            Self::Plane => LensletChange::Plane,
+        }
+    }
+
+    fn field<'a>(self, name: &'a str, array: &LensletArray) -> NumberField<'a> {
+        let place = |side: usize| NumberField::new(name, 0.0..=side as f64 - 1.0).speed(0.05).decimals(2).unit(" px");
+        match self {
+            Self::X => place(array.cols),
+            Self::Y => place(array.rows),
+            Self::Width => NumberField::new(name, 0.2..=100.0).speed(0.01).decimals(3).unit(" px"),
+            Self::Weight => NumberField::new(name, 0.0..=1e6).speed(0.001).decimals(4),
+            Self::Plane => NumberField::whole(name, 0..=63).speed(0.05),
+        }
+    }
+
+    fn of(self, lenslet: Lenslet) -> f64 {
+        match self {
+            Self::X => lenslet.x,
+            Self::Y => lenslet.y,
+            Self::Width => lenslet.spot.mean_sigma(),
+            Self::Weight => lenslet.weight,
+            Self::Plane => lenslet.plane as f64,
+        }
+    }
+
+    fn changed(self, lenslet: Lenslet, value: f64) -> Lenslet {
+        match self {
+            Self::X => Lenslet { x: value, ..lenslet },
+            Self::Y => Lenslet { y: value, ..lenslet },
+            Self::Width => Lenslet { spot: lenslet.spot.with_mean_sigma(value), ..lenslet },
+            Self::Weight => Lenslet { weight: value, ..lenslet },
+            Self::Plane => Lenslet { plane: value as usize, ..lenslet },
+        }
+    }
 }

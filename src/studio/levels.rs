@@ -1,9 +1,12 @@
 //! Which values have the first and the last colour of a picture: by a rule, or by hand over its histogram.
 
-use egui::{Color32, DragValue, Rect, Sense, Stroke, Ui, pos2, vec2};
+use std::ops::RangeInclusive;
+
+use egui::{Color32, Rect, Sense, Stroke, Ui, pos2, vec2};
 use ndarray::ArrayView2;
 
 use super::image_view::{name_widget, significant};
+use super::number_field::NumberField;
 
 /// Share of the pixels that the automatic levels leave below and above.
 const CLIPPED: f64 = 0.0035;
@@ -152,21 +155,23 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut Levels, logarithmi
     ui.horizontal(|ui| {
         let (low, high) = limits;
         let speed = f64::from(high - low) * 0.005;
-        let field = |ui: &mut Ui, value: &mut f32, range: std::ops::RangeInclusive<f32>, what: &str| {
-            let before = *value;
-            let field = DragValue::new(value).range(range).speed(speed).max_decimals(6);
-            let field = field.custom_formatter(|value, _| significant(value));
-            let response = ui.add(field).on_hover_text(format!("The {what} value that has a colour of its own"));
-            name_widget(&response, &format!("{name} {what} value"));
-            // A field that is left takes its own text for typed.
-            if response.lost_focus() && significant(f64::from(*value)) == significant(f64::from(before)) {
-                *value = before;
+        let field = |ui: &mut Ui, value: &mut f32, range: RangeInclusive<f32>, what: &str, expected: String| {
+            let name = format!("{name} {what} value");
+            let range = f64::from(*range.start())..=f64::from(*range.end());
+            let field = NumberField::new(&name, range).speed(speed).shown_as(significant).expecting(expected);
+            let (response, edit) = field.show(ui, f64::from(*value));
+            response.on_hover_text(format!("The {what} value that has a colour of its own"));
+            if let Some(edit) = edit {
+                *value = edit.value as f32;
             }
         };
+        let shown = |value: f32| significant(f64::from(value));
         ui.weak("from");
-        field(ui, &mut limits.0, f32::MIN..=below(high), "lowest");
+        let expected = format!("below the highest value, {}", shown(high));
+        field(ui, &mut limits.0, f32::MIN..=below(high), "lowest", expected);
         ui.weak("to");
-        field(ui, &mut limits.1, above(low)..=f32::MAX, "highest");
+        let expected = format!("above the lowest value, {}", shown(low));
+        field(ui, &mut limits.1, above(low)..=f32::MAX, "highest", expected);
         if !picture.unit.is_empty() {
             ui.weak(picture.unit);
         }

@@ -2,11 +2,18 @@
 
 mod actions;
 mod app;
+mod bits;
 mod capture;
+mod clipboard;
 mod compare_panel;
 mod dialogs;
+#[cfg(target_os = "linux")]
+mod display;
+mod dropped;
 mod estimates_panel;
+mod file_preview;
 mod fit_length;
+mod glyphs;
 mod hand;
 mod history_panel;
 mod home;
@@ -29,6 +36,8 @@ mod menus;
 mod messages;
 mod modal;
 mod mtf_panel;
+mod number;
+mod number_field;
 mod optimize_panel;
 mod overlays;
 mod pace;
@@ -44,6 +53,8 @@ mod sheets;
 mod spectrum_plot;
 mod state;
 mod status_bar;
+mod system_dialog;
+mod tamura_gauge;
 mod trails;
 mod viewport;
 mod welcome;

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use egui::{ComboBox, DragValue, ProgressBar, Ui};
+use egui::{ComboBox, ProgressBar, Ui};
 
 use super::image_view::name_widget;
 use super::messages::Severity;
+use super::number_field::NumberField;
 use super::run_view;
 use super::state::{Leave, State};
 use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
@@ -141,18 +142,17 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         match form.from {
             From::Design => {}
             From::Heuristic => {
-                let unit = if form.heuristic == 1 { " lenslet" } else { " lenslets" };
-                let count = ui.add(DragValue::new(&mut form.heuristic).range(1..=9).suffix(unit));
-                name_widget(&count, "Heuristic lenslets");
+                let field = NumberField::whole("Heuristic lenslets", 1..=9).counting(" lenslet", " lenslets");
+                field.edit_whole(ui, &mut form.heuristic);
             }
             From::Random | From::RandomStarts => {
-                let count = ui.add(DragValue::new(&mut form.count).range(1..=64).suffix(" lenslets"));
-                name_widget(&count, "Random lenslets");
-                let mut seed = form.seed.unwrap_or(state.bench.open_design().seed);
-                let drag = ui.add(DragValue::new(&mut seed).prefix("seed ").speed(0.1));
-                name_widget(&drag, "Seed of the start");
-                if drag.on_hover_text("Of the lenslets, the first of several, and of the run").changed() {
-                    form.seed = Some(seed);
+                let field = NumberField::whole("Random lenslets", 1..=64).counting(" lenslet", " lenslets");
+                field.edit_whole(ui, &mut form.count);
+                let seed = form.seed.unwrap_or(state.bench.open_design().seed);
+                let (field, edit) = NumberField::seed("Seed of the start").prefix("seed ").show(ui, seed as f64);
+                field.on_hover_text("Of the lenslets, the first of several, and of the run");
+                if let Some(edit) = edit {
+                    form.seed = Some(edit.value as u64);
                 }
             }
         }
@@ -179,8 +179,8 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             })
             .response;
         name_widget(&response, "Preset");
-        let steps = DragValue::new(&mut form.settings.steps).range(1..=100_000).suffix(" steps");
-        name_widget(&ui.add(steps), "Steps");
+        let field = NumberField::whole("Steps", 1..=100_000).counting(" step", " steps");
+        field.edit_whole(ui, &mut form.settings.steps);
     });
     details(ui, state);
     ui.horizontal_wrapped(|ui| {
@@ -264,14 +264,15 @@ fn details(ui: &mut Ui, state: &mut State) {
         });
         ui.horizontal_wrapped(|ui| {
             ui.label("Least distance");
-            let apart = DragValue::new(&mut settings.min_separation_px).range(0.0..=8.0).speed(0.05).suffix(" px");
-            name_widget(&ui.add(apart), "Least distance");
+            let field = NumberField::new("Least distance", 0.0..=8.0).speed(0.05).unit(" px");
+            field.edit(ui, &mut settings.min_separation_px);
             let mut limited = settings.lenslets.is_some();
             if ui.checkbox(&mut limited, "Limit number").clicked() {
                 settings.lenslets = limited.then_some(6);
             }
             if let Some(count) = &mut settings.lenslets {
-                name_widget(&ui.add(DragValue::new(count).range(1..=64).suffix(" lenslets")), "Lenslets in the end");
+                let field = NumberField::whole("Lenslets in the end", 1..=64).counting(" lenslet", " lenslets");
+                field.edit_whole(ui, count);
             }
         });
         schedule(ui, settings);
@@ -300,8 +301,9 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
             ];
             for (name, count, hint) in counts {
                 let label = ui.label(name).on_hover_text(hint);
-                let value = DragValue::new(count).range(1..=IdealSettings::MOST).suffix(" steps");
-                let value = ui.add_enabled(name != REFIT || is_refitted, value).labelled_by(label.id);
+                let field = NumberField::whole(name, 1..=IdealSettings::MOST).counting(" step", " steps");
+                let is_used = name != REFIT || is_refitted;
+                let value = ui.add_enabled_ui(is_used, |ui| field.edit_whole(ui, count)).inner.labelled_by(label.id);
                 value.on_disabled_hover_text("Models that begin anew are fitted as the first and the last one");
                 ui.end_row();
             }
@@ -315,16 +317,16 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
             for (name, rate, unit, hint) in rates {
                 let label = ui.label(name).on_hover_text(hint);
                 let speed = (0.02 * *rate).max(1e-5);
-                let value = DragValue::new(rate).range(0.0..=10.0).speed(speed).max_decimals(6).suffix(unit);
-                ui.add(value).labelled_by(label.id);
+                NumberField::new(name, 0.0..=10.0).speed(speed).unit(unit).edit(ui, rate).labelled_by(label.id);
                 ui.end_row();
             }
             let label =
                 ui.label("Settle over").on_hover_text("Share of the steps, at the end, over which the rates fall");
-            let mut percent = 100.0 * settings.settle;
-            let value = DragValue::new(&mut percent).range(0.0..=100.0).suffix(" %");
-            if ui.add(value).labelled_by(label.id).changed() {
-                settings.settle = percent / 100.0;
+            let field = NumberField::new("Settle over", 0.0..=100.0).unit(" %");
+            let (value, edit) = field.show(ui, 100.0 * settings.settle);
+            value.labelled_by(label.id);
+            if let Some(edit) = edit {
+                settings.settle = edit.value / 100.0;
             }
             ui.end_row();
         });

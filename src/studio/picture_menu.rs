@@ -126,7 +126,7 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
             let image = view.picture(state);
             let text = image.and_then(|image| view.of(state).describe_pixel(image.view(), place));
             if let Some(text) = text {
-                ui.ctx().copy_text(text);
+                state.copy(ui.ctx(), text, "The value is");
             }
             ui.close();
         }

@@ -42,6 +42,8 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
         Some(Answer::Recover) => {
             state.bench.recover(left.remove(0));
             state.selection.clear();
+            // What was recovered is what there is to start from.
+            state.guide.welcome = false;
             state.messages.push(Severity::Done, "Recovered; save it to keep it");
             // A window holds one design: the others wait for the next start.
             left.clear();

@@ -5,15 +5,17 @@ use std::sync::Arc;
 use egui::{Align, Color32, Layout, Slider, Ui, vec2};
 use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
 
+use super::bits::{between, rounded, with_interval};
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
-use super::information_panel::{DENSITY, LOWER, between, interval, rounded};
+use super::information_panel::{DENSITY, LOWER};
 use super::lenslet_table::COUNTS;
 use super::messages::Severity;
 use super::state::State;
 use super::trails::TRAIL;
 use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
 use crate::information::{Bracket, Estimate};
+use crate::plural::counted;
 use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
 
 /// Height of what stands above the curve of a run, its numbers and the slider, in points.
@@ -106,8 +108,8 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
                      design follows the posterior and tells more.",
                 ),
             };
-            ui.strong(format!("{sign} {}", rounded(frame.bits_per_pixel)));
-            let text = format!("{} bits per pixel at step {}", interval(frame.interval_95), frame.step);
+            ui.strong(format!("{sign} {}", with_interval(frame.bits_per_pixel, frame.interval_95)));
+            let text = format!("bits per pixel at step {}", frame.step);
             ui.label(text).on_hover_text(hint);
             // The last that was taken up to this frame.
             if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
@@ -122,8 +124,10 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
     });
     let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
     ui.weak(format!(
-        "{patch}, {} lenslets ({:.1} effective), Tamura {:.3}",
-        frame.distinct_lenslets, frame.effective_lenslets, frame.tamura
+        "{patch}, {} ({:.1} effective), Tamura {:.3}",
+        counted(frame.distinct_lenslets, "lenslet"),
+        frame.effective_lenslets,
+        frame.tamura
     ))
     .on_hover_text(COUNTS);
 }
@@ -304,7 +308,7 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         ui.horizontal_wrapped(|ui| {
             let bits = match estimate.lower() {
                 Some(lower) => between(lower, estimate.bits_per_pixel),
-                None => format!("\u{2264} {} {}", rounded(estimate.bits_per_pixel), interval(estimate.interval_95)),
+                None => format!("\u{2264} {}", with_interval(estimate.bits_per_pixel, estimate.interval_95)),
             };
             let text = format!("{}. {}: {bits}", place + 1, result.name);
             let open = ui.button(text).on_hover_text(format!(
@@ -378,12 +382,12 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
 
 /// An estimate with the intervals of its bounds, 95 %.
 fn with_intervals(estimate: &Estimate) -> String {
-    let upper = |bits, of| format!("at most {} {}", rounded(bits), interval(of));
+    let upper = |bits, of| format!("at most {}", with_interval(bits, of));
     match &estimate.bracket {
         Some(Bracket {
             lower: Some(lower), lower_interval_95: Some(of_lower), upper: bits, upper_interval_95, ..
         }) => {
-            format!("at least {} {}, {}", rounded(*lower), interval(*of_lower), upper(*bits, *upper_interval_95))
+            format!("at least {}, {}", with_interval(*lower, *of_lower), upper(*bits, *upper_interval_95))
         }
         _ => upper(estimate.bits_per_pixel, estimate.interval_95),
     }

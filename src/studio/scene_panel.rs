@@ -4,7 +4,7 @@ use egui::Ui;
 
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
-use super::lenslet_table::number_field;
+use super::number_field::NumberField;
 use super::state::State;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
@@ -83,22 +83,24 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
     if !from_file {
         labelled(ui, "Density", |ui| {
             let hint = "Share of pixels that hold a bead";
-            if let Some(density) = number_field(ui, density, 0.0002..=1.0, 0.0005, 4, "", "Bead density") {
+            let field = NumberField::new("Bead density", 0.0002..=1.0).speed(0.0005).decimals(4);
+            if let Some(edit) = field.show(ui, density).1 {
+                let density = edit.value;
                 let source = match &design.objects {
                     ObjectSource::BeadsMax { .. } => ObjectSource::BeadsMax { density },
                     ObjectSource::Volume { planes, .. } => ObjectSource::Volume { planes: *planes, density },
                     _ => ObjectSource::Beads { density },
                 };
-                state.send(&Command::SetObjects(source));
+                state.send_edit(edit, &Command::SetObjects(source));
             }
             ui.weak("of pixels").on_hover_text(hint);
         });
     }
     if design.objects.has_mean() {
         labelled(ui, "Mean", |ui| {
-            let photons = number_field(ui, design.mean_photons, 0.01..=1e7, 1.0, 2, "", "Mean photons");
-            if let Some(photons) = photons {
-                state.send(&Command::SetMeanPhotons(photons));
+            let field = NumberField::new("Mean photons", 0.01..=1e7).decimals(2);
+            if let Some(edit) = field.show(ui, design.mean_photons).1 {
+                state.send_edit(edit, &Command::SetMeanPhotons(edit.value));
             }
             ui.weak("photons per pixel");
         });
@@ -139,23 +141,26 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
     });
     if design.noise.read_sigma().is_some() {
         labelled(ui, "Read noise", |ui| {
-            if let Some(sigma) = number_field(ui, sigma, 0.05..=1e5, 0.1, 2, "", "Read noise sigma") {
+            let field = NumberField::new("Read noise sigma", 0.05..=1e5).speed(0.1).decimals(2);
+            if let Some(edit) = field.show(ui, sigma).1 {
+                let sigma = edit.value;
                 let noise =
                     if design.noise.has_shot_noise() { Noise::ShotRead { sigma } } else { Noise::Read { sigma } };
-                state.send(&Command::SetNoise(noise));
+                state.send_edit(edit, &Command::SetNoise(noise));
             }
             ui.weak("photons, standard deviation");
         });
     }
     labelled(ui, "Background", |ui| {
-        if let Some(photons) = number_field(ui, design.bias_photons, 0.0..=1e7, 0.5, 2, "", "Background photons") {
-            state.send(&Command::SetBias(photons));
+        let field = NumberField::new("Background photons", 0.0..=1e7).speed(0.5).decimals(2);
+        if let Some(edit) = field.show(ui, design.bias_photons).1 {
+            state.send_edit(edit, &Command::SetBias(edit.value));
         }
         ui.weak("photons per pixel");
     });
     labelled(ui, "Seed", |ui| {
-        if let Some(seed) = number_field(ui, design.seed as f64, 0.0..=9e15, 0.1, 0, "", "Seed") {
-            state.send(&Command::SetSeed(seed.round() as u64));
+        if let Some(edit) = NumberField::seed("Seed").show(ui, design.seed as f64).1 {
+            state.send_edit(edit, &Command::SetSeed(edit.value as u64));
         }
         if ui.button("New").on_hover_text("Draws other objects and other noise").clicked() {
             state.bench.begin_step();

@@ -9,9 +9,11 @@ use super::dialogs::Purpose;
 use super::home::{THREADS, ZOOM};
 use super::image_view::name_widget;
 use super::modal;
+use super::number_field::NumberField;
 use super::state::State;
 use super::window::RendererChoice;
 use crate::information::EngineChoice;
+use crate::plural::counted;
 use crate::workbench::study::Machine;
 
 /// Width of the sheet of keys and gestures side by side, points.
@@ -123,16 +125,22 @@ fn settings(ui: &mut Ui, state: &mut State) {
         // The size changes when the slider is let go: it would run away from the pointer otherwise.
         let id = egui::Id::unique("zoom");
         let mut zoom = ui.data(|data| data.get_temp(id)).unwrap_or_else(|| ui.ctx().zoom_factor());
-        let slider = egui::Slider::new(&mut zoom, ZOOM).step_by(0.1).update_while_editing(false);
-        let slider = slider.custom_formatter(|x, _| format!("{:.0} %", 100.0 * x)).custom_parser(percent);
-        let response = ui.add(slider);
-        name_widget(&response, "Zoom");
-        if response.dragged() {
-            ui.data_mut(|data| data.insert_temp(id, zoom));
-        } else if response.drag_stopped() || response.changed() {
-            ui.data_mut(|data| data.remove::<f32>(id));
-            ui.ctx().set_zoom_factor(zoom);
-        }
+        ui.horizontal(|ui| {
+            let response = ui.add(egui::Slider::new(&mut zoom, ZOOM).step_by(0.1).show_value(false));
+            name_widget(&response, "Zoom");
+            let percent = |bound: &f32| f64::from(100.0 * bound);
+            let field = NumberField::new("Zoom in per cent", percent(ZOOM.start())..=percent(ZOOM.end()));
+            let (typed, edit) = field.decimals(0).unit(" %").show(ui, f64::from(100.0 * zoom));
+            if let Some(edit) = edit {
+                zoom = edit.value as f32 / 100.0;
+            }
+            if response.dragged() || typed.dragged() {
+                ui.data_mut(|data| data.insert_temp(id, zoom));
+            } else if response.drag_stopped() || typed.drag_stopped() || response.changed() || edit.is_some() {
+                ui.data_mut(|data| data.remove::<f32>(id));
+                ui.ctx().set_zoom_factor(zoom);
+            }
+        });
         ui.end_row();
         ui.label("Live estimates");
         let mut live = state.bench.is_live();
@@ -180,11 +188,6 @@ fn settings(ui: &mut Ui, state: &mut State) {
     }
 }
 
-/// The share that a text such as "120 %" or "120" means.
-fn percent(text: &str) -> Option<f64> {
-    text.trim().trim_end_matches('%').trim_end().parse::<f64>().ok().map(|percent| percent / 100.0)
-}
-
 /// How many threads compute.
 fn threads(ui: &mut Ui, state: &mut State) {
     ui.horizontal(|ui| {
@@ -195,7 +198,7 @@ fn threads(ui: &mut Ui, state: &mut State) {
             chosen = (!all).then_some(cores);
         }
         if let Some(count) = &mut chosen {
-            name_widget(&ui.add(egui::DragValue::new(count).range(THREADS)), "Threads");
+            NumberField::whole("Threads", THREADS).edit_whole(ui, count);
             if *count > cores {
                 ui.weak(format!("this machine has {cores}"));
             }
@@ -228,7 +231,7 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
 /// Read once: the system lists its processors in a long file.
 static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
 
-fn about(ui: &mut Ui, state: &State) {
+fn about(ui: &mut Ui, state: &mut State) {
     ui.heading("Lenslet Studio");
     ui.label(env!("CARGO_PKG_DESCRIPTION"));
     ui.add_space(6.0);
@@ -237,7 +240,7 @@ fn about(ui: &mut Ui, state: &State) {
     let facts = [
         ("Version", env!("CARGO_PKG_VERSION").to_owned()),
         ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
-        ("Processor", format!("{}, {cores} threads", PROCESSOR.as_str())),
+        ("Processor", format!("{}, {}", PROCESSOR.as_str(), counted(cores, "thread"))),
         ("Estimates run on", state.preferences.engine.to_string()),
         ("They can run on", engines.join(", ")),
         ("Window drawn by", state.renderer.unwrap_or("-").to_owned()),
@@ -255,6 +258,6 @@ fn about(ui: &mut Ui, state: &State) {
     ui.add_space(4.0);
     if ui.button("Copy").clicked() {
         let text: Vec<String> = facts.iter().map(|(name, value)| format!("{name}: {value}")).collect();
-        ui.ctx().copy_text(text.join("\n"));
+        state.copy(ui.ctx(), text.join("\n"), "The versions are");
     }
 }

@@ -12,6 +12,7 @@ use crate::workbench::{
 };
 
 use super::capture::Capture;
+use super::clipboard::Clipboard;
 use super::compare_panel::Comparison;
 use super::dialogs::{Dialogs, Purpose};
 use super::estimates_panel::EstimateForm;
@@ -25,6 +26,7 @@ use super::links::LinkedCursor;
 use super::locks::Locks;
 use super::messages::{Messages, Severity};
 use super::mtf_panel::MtfView;
+use super::number_field::Edit;
 use super::optimize_panel::{self, OptimizeForm};
 use super::palette::Palette;
 use super::past_edits::Trail;
@@ -75,6 +77,8 @@ pub struct State {
     pub trail: Trail,
     /// What was told.
     pub messages: Messages,
+    /// What takes texts that are copied.
+    pub clipboard: Clipboard,
     /// Open dialogs.
     pub dialogs: Dialogs,
     /// The drag on the mask canvas, if one is going on.
@@ -217,6 +221,7 @@ impl State {
             hover: None,
             trail: Trail::default(),
             messages: Messages::default(),
+            clipboard: Clipboard::default(),
             dialogs: Dialogs::default(),
             drag: None,
             leaving: None,
@@ -299,6 +304,17 @@ impl State {
         self.locks.follow(command, self.bench.lenslets());
     }
 
+    /// Changes the design as a number field says; a typed number is a step of undo of its own.
+    pub fn send_edit(&mut self, edit: Edit, command: &Command) {
+        if edit.is_typed {
+            self.bench.begin_step();
+        }
+        self.send(command);
+        if edit.is_typed {
+            self.bench.begin_step();
+        }
+    }
+
     /// Goes to another design, back or forth. Indices of what is held, selected or locked may mean other lenslets there.
     pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
         let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
@@ -335,15 +351,14 @@ impl State {
     /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind in either,
     /// newest first.
     pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
-        let Some(home) = &self.folder else { return Vec::new() };
-        let usual = home.join("unsaved");
+        let usual = self.folder.as_ref().map(|home| home.join("unsaved"));
         // Where the folder of the preferences is not there, changes are still worth keeping.
-        for folder in self.preferences.unsaved.iter().chain([&usual]) {
+        for folder in self.preferences.unsaved.iter().chain(&usual) {
             match self.bench.keep_unsaved_in(folder) {
                 Ok(mut found) => {
-                    if *folder != usual {
-                        // The folder of the preferences may not have been there the last time.
-                        found.extend(Workbench::left_unsaved_in(&usual));
+                    // The folder of the preferences may not have been there the last time.
+                    if let Some(usual) = usual.as_ref().filter(|&usual| usual != folder) {
+                        found.extend(Workbench::left_unsaved_in(usual));
                         found.sort_by_key(|left| Reverse(left.kept_at));
                     }
                     return found;
@@ -397,13 +412,21 @@ impl State {
         Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
     }
 
+    /// Puts a text into the clipboard and says whether it is there; `what` begins that sentence: "The numbers are".
+    pub fn copy(&mut self, ctx: &egui::Context, text: String, what: &str) {
+        match self.clipboard.put(ctx, text) {
+            Ok(()) => self.messages.push(Severity::Done, format!("{what} in the clipboard")),
+            Err(reason) => {
+                let failure = format!("{what} not in the clipboard of the system, for it failed: {reason}");
+                self.messages.push(Severity::Failure, failure);
+            }
+        }
+    }
+
     /// Puts a command line into the clipboard, or tells why there is none.
     pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
         match command {
-            Ok(text) => {
-                ctx.copy_text(text);
-                self.messages.push(Severity::Done, "The command line is in the clipboard");
-            }
+            Ok(text) => self.copy(ctx, text, "The command line is"),
             Err(reason) => self.messages.push(Severity::Failure, reason),
         }
     }

@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::app::Studio;
+use super::clipboard::Clipboard;
+#[cfg(target_os = "linux")]
+use super::display::WindowSystem;
 use super::home::Home;
 use crate::workbench::Design;
 
@@ -95,10 +98,23 @@ pub fn open_window(
     if reset && let Some(Err(error)) = folder.as_deref().map(Home::reset) {
         notices.push(error.to_string());
     }
+    #[cfg(target_os = "linux")]
+    let system = WindowSystem::of_environment();
+    #[cfg(target_os = "linux")]
+    notices.extend(system.notice());
     let renderer = renderer.or_else(|| folder.as_deref().and_then(Home::renderer)).unwrap_or_default();
     let opened = Rc::new(Cell::new(false));
     let open = |renderer: RendererChoice, notices: Vec<String>| {
-        run(design.clone(), path.clone(), renderer, folder.clone(), notices, Rc::clone(&opened))
+        let opening = Opening {
+            design: design.clone(),
+            path: path.clone(),
+            folder: folder.clone(),
+            notices,
+            opened: Rc::clone(&opened),
+            #[cfg(target_os = "linux")]
+            system: system.clone(),
+        };
+        opening.run(renderer)
     };
     let lost = |error: &eframe::Error| WindowError::Lost { reason: error.to_string() };
     let first = match open(renderer, notices.clone()) {
@@ -124,40 +140,66 @@ pub fn open_window(
     })
 }
 
-fn run(
+/// A window that is to be opened.
+struct Opening {
     design: Design,
     path: Option<PathBuf>,
-    renderer: RendererChoice,
+    /// Where everything is kept that outlives the window.
     folder: Option<PathBuf>,
+    /// What it says at once.
     notices: Vec<String>,
+    /// Becomes true when it is there.
     opened: Rc<Cell<bool>>,
-) -> Result<(), eframe::Error> {
-    let options = eframe::NativeOptions {
-        viewport: egui::ViewportBuilder::default()
-            .with_title("Lenslet Studio")
-            .with_app_id("lenslet-studio")
-            .with_inner_size([1280.0, 800.0])
-            .with_min_inner_size([400.0, 300.0])
-            .with_drag_and_drop(true),
-        renderer: renderer.renderer(),
-        // A failed first renderer must return, so that the second can be tried.
-        run_and_return: true,
-        ..eframe::NativeOptions::default()
-    };
-    eframe::run_native(
-        "lenslet-studio",
-        options,
-        Box::new(move |creation| {
-            let mut studio = Studio::new(&creation.egui_ctx, design, path)?;
-            opened.set(true);
-            studio.drawn_by(renderer);
-            for notice in notices {
-                studio.tell(notice);
-            }
-            if let Some(folder) = folder {
-                studio.live_in(&creation.egui_ctx, &folder);
-            }
-            Ok(Box::new(studio))
-        }),
-    )
+    #[cfg(target_os = "linux")]
+    system: WindowSystem,
+}
+
+impl Opening {
+    fn run(self, renderer: RendererChoice) -> Result<(), eframe::Error> {
+        #[cfg(target_os = "linux")]
+        let system = self.system.clone();
+        let options = eframe::NativeOptions {
+            viewport: egui::ViewportBuilder::default()
+                .with_title("Lenslet Studio")
+                .with_app_id("lenslet-studio")
+                .with_inner_size([1280.0, 800.0])
+                .with_min_inner_size([400.0, 300.0])
+                .with_drag_and_drop(true),
+            renderer: renderer.renderer(),
+            // A failed first renderer must return, so that the second can be tried.
+            run_and_return: true,
+            #[cfg(target_os = "linux")]
+            event_loop_builder: Some(Box::new(move |builder| system.choose(builder))),
+            ..eframe::NativeOptions::default()
+        };
+        eframe::run_native(
+            "lenslet-studio",
+            options,
+            Box::new(move |creation| Ok(Box::new(self.studio(creation, renderer)?))),
+        )
+    }
+
+    fn studio(self, creation: &eframe::CreationContext<'_>, renderer: RendererChoice) -> std::io::Result<Studio> {
+        let clipboard = self.clipboard();
+        let mut studio = Studio::new(&creation.egui_ctx, self.design, self.path)?;
+        self.opened.set(true);
+        studio.drawn_by(renderer);
+        studio.copy_to(clipboard);
+        for notice in self.notices {
+            studio.tell(notice);
+        }
+        match self.folder {
+            Some(folder) => studio.live_in(&creation.egui_ctx, &folder),
+            None => studio.live_nowhere("there is no home folder"),
+        }
+        Ok(studio)
+    }
+
+    fn clipboard(&self) -> Clipboard {
+        #[cfg(target_os = "linux")]
+        if self.system == WindowSystem::Wayland {
+            return Clipboard::OfEgui;
+        }
+        Clipboard::of_system()
+    }
 }

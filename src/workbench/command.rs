@@ -7,6 +7,7 @@ use thiserror::Error;
 use super::design::{Design, DesignError};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, Lenslet, LensletArray, Limits};
+use crate::plural::counted;
 use crate::sensor::Noise;
 
 /// A change of the open design.
@@ -94,7 +95,7 @@ impl Command {
     pub fn label(&self) -> String {
         let several = |verb: &str, count: usize| match count {
             1 => format!("{verb} lenslet"),
-            count => format!("{verb} {count} lenslets"),
+            count => format!("{verb} {}", counted(count, "lenslet")),
         };
         match self {
             Self::AddLenslet(_) => "Add lenslet".into(),
@@ -108,8 +109,8 @@ impl Command {
             Self::ReplaceEncoder { name, .. } => format!("Use {name}"),
             Self::ReplaceDesign { name, .. } => format!("Open {name}"),
             Self::SetObjects(source) => format!("Image {source}"),
-            Self::SetMeanPhotons(photons) => format!("Set mean to {photons} photons"),
-            Self::SetBias(photons) => format!("Set background to {photons} photons"),
+            Self::SetMeanPhotons(photons) => format!("Set mean to {}", counted(*photons, "photon")),
+            Self::SetBias(photons) => format!("Set background to {}", counted(*photons, "photon")),
             Self::SetNoise(noise) => format!("Set noise to {noise}"),
             Self::SetSeed(seed) => format!("Set seed to {seed}"),
             Self::SetLimits(_) => "Change limits".into(),

@@ -18,6 +18,7 @@ use crate::design::merged;
 use crate::formats::{FormatError, create_folder, read_json};
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
+use crate::plural::counted;
 
 pub use numbers::{Bits, SnapshotNumbers};
 
@@ -55,8 +56,8 @@ pub struct Snapshot {
 /// Objects, light, noise and seed of a design, in words.
 fn scene_of(design: &Design) -> String {
     let Design { objects, mean_photons, bias_photons, noise, seed, .. } = design;
-    let light = if objects.has_mean() { format!(", mean {mean_photons} photons") } else { String::new() };
-    format!("{objects}{light}, background {bias_photons} photons, {noise} noise, seed {seed}")
+    let light = if objects.has_mean() { format!(", mean {}", counted(*mean_photons, "photon")) } else { String::new() };
+    format!("{objects}{light}, background {}, {noise} noise, seed {seed}", counted(*bias_photons, "photon"))
 }
 
 impl Snapshot {

@@ -60,9 +60,17 @@ fn a_typed_path_outlives_a_dialog_that_is_not_there_or_is_cancelled() {
     window.run_steps(2);
     browse(&mut window);
     assert_eq!((path_field(&window).as_str(), asked(&programs)), ("/some/where.json", 0), "there is none");
+    let says_so = |window: &Window| window.query_by_label_contains("This system has no file dialog").is_some();
+    assert!(says_so(&window) && window.get_by_label("Path").is_focused());
+    window.get_by_label("Cancel").click();
+    window.run_steps(4);
+    menu(&mut window, &["File", "Open design..."]);
+    window.get_by_label("Path").type_text("/some/where.json");
+    window.run_steps(2);
     put_dialog(&programs, "exit 1");
     browse(&mut window);
     assert_eq!((path_field(&window).as_str(), asked(&programs)), ("/some/where.json", 1), "it was cancelled");
+    assert!(!says_so(&window), "there is one, and a person has cancelled it");
     put_dialog(&programs, &format!("echo '{}'", chosen.display()));
     browse(&mut window);
     assert_eq!((path_field(&window), asked(&programs)), (chosen.display().to_string(), 2));

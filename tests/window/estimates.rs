@@ -295,7 +295,12 @@ fn images_of_a_camera_are_estimated_beside_the_design() {
         "it is no number of the design"
     );
     window.get_by_label_contains("the scenes of");
-    window.get_by_label_contains("stand in for the clean ones");
+    // The settings and notes of the command line stand beside the number.
+    window.get_by_label("gain 2, offset 0, bin 1");
+    window.get_by_label("note: photons are (grey level - 0) / 2");
+    for note in &finished.estimate.notes {
+        window.get_by_label(&format!("note: {note}"));
+    }
     click(&mut window, "Copy command of estimate 1");
 
     // What cannot be read is told.

@@ -263,7 +263,7 @@ fn the_size_of_everything_is_chosen_by_keys_and_settings_and_kept() {
     window.run_steps(4);
     assert_eq!(percent(&window), 90.0);
     for typed in ["120", "130 %"] {
-        type_number(&mut window, "Zoom", typed);
+        type_number(&mut window, "Zoom in per cent", typed);
         assert!(typed.starts_with(&percent(&window).to_string()), "{typed}: {}", percent(&window));
     }
     window.key_press(Key::Escape);

@@ -7,6 +7,7 @@ mod estimates;
 mod home;
 mod mask;
 mod messages;
+mod numbers;
 mod panics;
 mod runs;
 mod seeing;
@@ -353,6 +354,50 @@ fn files_are_dropped_on_the_window() {
     settle(&mut window);
     assert!(matches!(studio(&window).bench().design().encoder, Encoder::Image(_)));
     assert_eq!(studio(&window).bench().live().optics.unwrap().value.image.dim(), (16, 16));
+}
+
+#[test]
+fn of_files_that_are_dropped_at_once_none_vanishes_in_silence() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let drop = |window: &mut Window, paths: &[std::path::PathBuf]| {
+        for path in paths {
+            window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.clone())));
+        }
+        window.step();
+        window.run_steps(3);
+    };
+    // All pictures of a folder are one set of objects.
+    let pictures: Vec<_> = (0..8).map(|number| folder.path().join(format!("{number}.npy"))).collect();
+    for (number, path) in pictures.iter().enumerate() {
+        let picture = ndarray::Array2::from_elem((32, 32), 1.0 + number as f32);
+        lenslet_studio::formats::write_array(path, picture.view()).unwrap();
+    }
+    drop(&mut window, &pictures);
+    window.get_by_label("Use 8 pictures");
+    click(&mut window, "As objects");
+    settle(&mut window);
+    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Images(folder.path().to_path_buf()));
+    // Some of a folder are not; what finds no use is named.
+    drop(&mut window, &pictures[2..5]);
+    window.get_by_label_contains("Only 2.npy can be used");
+    click(&mut window, "2.npy as PSF");
+    settle(&mut window);
+    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Image(_)));
+    menu(&mut window, &["View", "Messages"]);
+    assert!(window.query_all_by_label("2.npy is used; not used: 3.npy, 4.npy").next().is_some());
+    // One window has one design.
+    let designs: Vec<_> = (1..9).map(|seed| folder.path().join(format!("{seed}.json"))).collect();
+    for (seed, path) in designs.iter().enumerate() {
+        Design { seed: seed as u64, ..Design::default() }.save(path).unwrap();
+    }
+    let mut window = open(Design::default());
+    menu(&mut window, &["View", "Messages"]);
+    drop(&mut window, &designs);
+    settle(&mut window);
+    assert_eq!(studio(&window).bench().path(), Some(designs[0].as_path()));
+    let named = "1.json is used; not used: 2.json, 3.json, 4.json, 5.json, 6.json and 2 more";
+    assert!(window.query_all_by_label(named).next().is_some());
 }
 
 /// What a person does with the cross in the corner.

@@ -16,6 +16,7 @@ use crate::information::likelihood::log_likelihood;
 use crate::information::{
     Estimator, FitKeeper, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
 };
+use crate::plural::counted;
 use crate::sensor::Noise;
 
 /// Held-out patches that are scored before one may cancel.
@@ -93,7 +94,8 @@ pub fn causal_estimate(
         Beginning::Similar(_) => ", from the model of a similar design",
         Beginning::Shipped | Beginning::Drawn => "",
     };
-    let mut notes = vec![format!("fitted in {steps} steps of {} fresh patches{from}", fit.batch)];
+    let mut notes =
+        vec![format!("fitted in {} of {}{from}", counted(steps, "step"), counted(fit.batch, "fresh patch"))];
     if let Some(step) = best {
         notes
             .push(format!("the weights of step {step} are kept: they score best on the patches that validate the fit"));

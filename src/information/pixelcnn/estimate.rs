@@ -15,6 +15,7 @@ use crate::information::gaussian_estimate::{TEST_STREAM, dequantised, whole};
 use crate::information::{
     Estimator, FitKeeper, FitProgress, InformationError, NoiseEntropy, OnProgress, Protocol, Trial, TrialSettings,
 };
+use crate::plural::{counted, one_or_many};
 use crate::sensor::Noise;
 
 /// Patches and settings of one `PixelCNN` trial.
@@ -198,9 +199,9 @@ fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> 
     let seconds = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
     let noise = if fresh { ", noise drawn anew for each" } else { "" };
     let mut notes = vec![format!(
-        "fitted in {} steps of {} patches{noise}; weights of epoch {} of {}, {seconds:.0} s",
-        report.steps,
-        fit.batch,
+        "fitted in {} of {}{noise}; weights of epoch {} of {}, {seconds:.0} s",
+        counted(report.steps, "step"),
+        counted(fit.batch, "patch"),
         report.best_epoch,
         report.epochs.len()
     )];
@@ -210,7 +211,8 @@ fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> 
         );
     }
     if report.refused > 0 {
-        notes.push(format!("{} steps without finite numbers were refused and the rate was lowered", report.refused));
+        let (steps, were) = (counted(report.refused, "step"), one_or_many(report.refused, "was", "were"));
+        notes.push(format!("{steps} without finite numbers {were} refused and the rate was lowered"));
     }
     notes
 }

@@ -5,6 +5,7 @@ use std::fmt;
 use super::scale::DataScale;
 use crate::information::InformationError;
 use crate::network::{Initial, Layer, ParameterLayout, Taps, Winograd};
+use crate::plural::counted;
 
 /// Size of a `PixelCNN`. [`PixelCnnShape::default`] is the published one.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,7 +27,8 @@ impl fmt::Display for PixelCnnShape {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { channels, components, dilations } = self;
         let dilations: Vec<String> = dilations.iter().map(ToString::to_string).collect();
-        write!(formatter, "{channels} channels, {components} components, dilations {}", dilations.join(", "))
+        let (channels, components) = (counted(*channels, "channel"), counted(*components, "component"));
+        write!(formatter, "{channels}, {components}, dilations {}", dilations.join(", "))
     }
 }
 

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::plural::counted;
+
 /// What computed a cell: seconds mean little without it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
@@ -22,7 +24,7 @@ impl Machine {
 
     /// One line for people.
     pub fn describe(&self) -> String {
-        format!("{}, {} threads", self.processor, self.threads)
+        format!("{}, {}", self.processor, counted(self.threads, "thread"))
     }
 }
 

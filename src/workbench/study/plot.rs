@@ -6,6 +6,8 @@ use super::record::{StudyCell, StudyRecord};
 use super::settings::{StudyDesign, patch_name};
 use super::tables::density_of;
 
+use crate::plural::counted;
+
 /// Size of a panel's axes, pixels of the drawing.
 const PANEL: (f64, f64) = (270.0, 190.0);
 /// Space left of and below the axes of a panel for its labels, and between panels.
@@ -107,8 +109,7 @@ impl Axes {
 fn panel(svg: &mut String, record: &StudyRecord, design: &StudyDesign, axes: &Axes) {
     let (width, height) = PANEL;
     let title = match design.lenslets() {
-        Some(1) => "1 lenslet".to_owned(),
-        Some(count) => format!("{count} lenslets"),
+        Some(count) => counted(count, "lenslet"),
         None => escaped(&design.name),
     };
     let _ = writeln!(

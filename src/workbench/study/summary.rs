@@ -6,6 +6,8 @@ use super::rank::spearman;
 use super::record::StudyCell;
 use super::settings::{StudyKind, StudySettings, patch_name};
 
+use crate::plural::counted;
+
 /// Distances above the published value within which an estimate counts, bits per pixel.
 const MARGINS: [f64; 3] = [0.02, 0.005, 0.0];
 
@@ -85,19 +87,24 @@ impl StudySummary {
 
     /// One sentence for each result, for people.
     pub fn lines(&self) -> Vec<String> {
-        let mut lines =
-            vec![format!("{} of {} cells have an estimate, {} failed", self.estimated, self.cells, self.failed)];
+        let mut lines = vec![format!(
+            "{} of {} with an estimate, {} failed",
+            self.estimated,
+            counted(self.cells, "cell"),
+            self.failed
+        )];
         if self.above_ceiling > 0 {
             lines.push(format!(
-                "{} of {} estimates lie above the ceiling: loose there, so do not rank designs by them",
-                self.above_ceiling, self.estimated
+                "{} of {} above the ceiling: loose there, so do not rank designs by them",
+                self.above_ceiling,
+                counted(self.estimated, "estimate")
             ));
         }
         lines.extend(self.within_published.iter().map(|row| {
             format!(
-                "{} of {} estimates ({:.0} %) are at most the published value + {} bits per pixel, {} by the density model alone",
+                "{} of {} ({:.0} %) at most the published value + {} bits per pixel, {} by the density model alone",
                 row.within,
-                row.compared,
+                counted(row.compared, "estimate"),
                 100.0 * row.share,
                 row.margin,
                 row.within_by_density
@@ -105,7 +112,10 @@ impl StudySummary {
         }));
         lines.extend(self.rank_correlations.iter().map(|row| {
             let RankCorrelation { objects, designs, spearman } = row;
-            format!("{objects}: rank correlation with the published order of {designs} designs {spearman:.2}")
+            format!(
+                "{objects}: rank correlation with the published order of {} {spearman:.2}",
+                counted(*designs, "design")
+            )
         }));
         lines
     }

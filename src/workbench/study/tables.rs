@@ -4,6 +4,7 @@ use super::record::{StudyCell, StudyRecord};
 use super::settings::{StudyKind, StudySettings, patch_name};
 use crate::information::PairedDifference;
 use crate::objects::ObjectSource;
+use crate::plural::counted;
 
 /// Columns of the CSV table; information and intervals in bits per pixel. What is not known is empty.
 pub(super) const CSV_HEADER: [&str; 31] = [
@@ -110,18 +111,21 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
     };
     let budget = settings.budget_seconds.map_or(String::new(), |seconds| format!(", {seconds} s for each cell"));
     let has_mean = settings.objects.iter().any(|objects| objects.source.has_mean());
-    let light =
-        if has_mean { format!(", {} photons per pixel on average", settings.mean_photons) } else { String::new() };
+    let light = if has_mean {
+        format!(", {} per pixel on average", counted(settings.mean_photons, "photon"))
+    } else {
+        String::new()
+    };
     let mut lines = vec![
         format!("# {title}"),
         String::new(),
         format!(
-            "Estimator {}{budget}; {} noise{light}, {} photons per pixel of background; {} test patches; seed {}; \
+            "Estimator {}{budget}; {} noise{light}, {} per pixel of background; {}; seed {}; \
              Lenslet Studio {}. Information in bits per pixel, 95 % intervals.",
             settings.estimator,
             settings.noise,
-            settings.bias_photons,
-            settings.patches_test,
+            counted(settings.bias_photons, "photon"),
+            counted(settings.patches_test, "test patch"),
             settings.seed,
             record.program_version
         ),

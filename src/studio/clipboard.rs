@@ -1,0 +1,63 @@
+//! Copies to the clipboard of the system.
+//!
+//! egui copies for its text fields by itself, and says nothing where that fails. What a person copies by a button or a
+//! menu goes to the same clipboard from here, and a failure is known.
+
+/// What takes texts that are copied.
+#[derive(Default)]
+pub enum Clipboard {
+    /// What egui has for its text fields: on Wayland, which knows no failure, and in windows of tests.
+    #[default]
+    OfEgui,
+    /// The clipboard of the system.
+    OfSystem(arboard::Clipboard),
+    /// There is none, for this reason; what is copied can be pasted in this window alone.
+    Missing(String),
+}
+
+impl Clipboard {
+    /// The clipboard of the system.
+    pub fn of_system() -> Self {
+        match arboard::Clipboard::new() {
+            Ok(clipboard) => Self::OfSystem(clipboard),
+            Err(error) => Self::Missing(error.to_string()),
+        }
+    }
+
+    /// Puts a text there.
+    ///
+    /// # Errors
+    /// Why other programs do not get it.
+    pub fn put(&mut self, ctx: &egui::Context, text: String) -> Result<(), String> {
+        match self {
+            Self::OfEgui => {
+                ctx.copy_text(text);
+                Ok(())
+            }
+            Self::OfSystem(clipboard) => clipboard.set_text(text).map_err(|error| error.to_string()),
+            Self::Missing(reason) => {
+                ctx.copy_text(text);
+                Err(reason.clone())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_that_the_system_does_not_get_is_a_failure_and_stays_in_the_window() {
+        let copied = |clipboard: &mut Clipboard| {
+            let ctx = egui::Context::default();
+            let mut answer = Ok(());
+            let output = ctx.run_ui(egui::RawInput::default(), |ui| answer = clipboard.put(ui.ctx(), "0.46".into()));
+            let is_there = output.platform_output.commands.contains(&egui::OutputCommand::CopyText("0.46".into()));
+            (answer, is_there)
+        };
+        assert_eq!(copied(&mut Clipboard::default()), (Ok(()), true));
+        let mut missing = Clipboard::Missing("no server answers".into());
+        assert_eq!(copied(&mut missing), (Err("no server answers".into()), true));
+    }
+}

@@ -1,0 +1,129 @@
+//! Which window system the window is opened on.
+//!
+//! A Wayland session sets `WAYLAND_DISPLAY`, and leaves it behind in shells that outlive it. winit believes the variable,
+//! and makes one attempt in the life of a process: whether the compositor answers is found out before.
+
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long a compositor has for its answer.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// The window system.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum WindowSystem {
+    /// Wayland.
+    Wayland,
+    /// X11.
+    X11,
+    /// X11, for nothing answers at the Wayland display of this name.
+    X11InPlaceOf(String),
+}
+
+impl WindowSystem {
+    /// The window system of the environment.
+    pub fn of_environment() -> Self {
+        let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+        let Some(wayland) = named("WAYLAND_DISPLAY").filter(|_| named("WAYLAND_SOCKET").is_none()) else {
+            // An open socket is handed over by the compositor itself.
+            return if named("WAYLAND_SOCKET").is_some() { Self::Wayland } else { Self::X11 };
+        };
+        let socket = socket_of(Path::new(&wayland), named("XDG_RUNTIME_DIR").map(PathBuf::from).as_deref());
+        let answers = socket.is_some_and(|socket| answers(&socket, PATIENCE).is_ok());
+        match (answers, named("DISPLAY")) {
+            (false, Some(_)) => Self::X11InPlaceOf(wayland.to_string_lossy().into_owned()),
+            _ => Self::Wayland,
+        }
+    }
+
+    /// Has winit use it.
+    pub fn choose<T: 'static>(&self, builder: &mut winit::event_loop::EventLoopBuilder<T>) {
+        use winit::platform::wayland::EventLoopBuilderExtWayland;
+        use winit::platform::x11::EventLoopBuilderExtX11;
+        match self {
+            Self::Wayland => builder.with_wayland(),
+            Self::X11 | Self::X11InPlaceOf(_) => builder.with_x11(),
+        };
+    }
+
+    /// What a person must know of the choice.
+    pub fn notice(&self) -> Option<String> {
+        match self {
+            Self::X11InPlaceOf(name) => {
+                Some(format!("Nothing answers at WAYLAND_DISPLAY ({name}); the window is on the X11 display instead."))
+            }
+            Self::Wayland | Self::X11 => None,
+        }
+    }
+}
+
+/// The socket of a Wayland display; none where the folder of such sockets is not known.
+fn socket_of(display: &Path, runtime: Option<&Path>) -> Option<PathBuf> {
+    if display.is_absolute() { Some(display.to_owned()) } else { Some(runtime?.join(display)) }
+}
+
+/// Asks a compositor to confirm that it has come so far (`wl_display.sync`), and waits for the answer.
+fn answers(socket: &Path, patience: Duration) -> io::Result<()> {
+    const DISPLAY: u32 = 1;
+    const CALLBACK: u32 = 2;
+    const BYTES: u32 = 12;
+    let mut stream = UnixStream::connect(socket)?;
+    stream.set_read_timeout(Some(patience))?;
+    stream.set_write_timeout(Some(patience))?;
+    // The request 0 of the display, whose argument is the new callback.
+    let request = [DISPLAY, BYTES << 16, CALLBACK].map(u32::to_ne_bytes);
+    stream.write_all(request.as_flattened())?;
+    // Any event will do: its object and its length.
+    stream.read_exact(&mut [0; 8])
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::net::UnixListener;
+
+    use super::*;
+
+    #[test]
+    fn only_a_compositor_that_answers_is_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("wayland-1");
+        assert!(answers(&socket, PATIENCE).is_err(), "there is none");
+        std::fs::write(&socket, b"").unwrap();
+        assert!(answers(&socket, PATIENCE).is_err(), "it is no socket");
+        std::fs::remove_file(&socket).unwrap();
+        // A compositor that was killed leaves its socket behind.
+        drop(UnixListener::bind(&socket).unwrap());
+        assert!(socket.exists() && answers(&socket, PATIENCE).is_err());
+        std::fs::remove_file(&socket).unwrap();
+
+        let listener = UnixListener::bind(&socket).unwrap();
+        assert!(answers(&socket, Duration::from_millis(1)).is_err(), "it is silent");
+        let server = std::thread::Builder::new().name("compositor".into()).spawn(move || {
+            // The first caller has given up.
+            drop(listener.accept().unwrap());
+            // The next is sent away, the last is answered.
+            drop(listener.accept().unwrap());
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut request = [0; 12];
+            stream.read_exact(&mut request).unwrap();
+            stream.write_all([2_u32, 12 << 16, 0].map(u32::to_ne_bytes).as_flattened()).unwrap();
+            request
+        });
+        assert!(answers(&socket, PATIENCE).is_err(), "it hangs up");
+        assert!(answers(&socket, PATIENCE).is_ok());
+        let request = server.unwrap().join().unwrap();
+        assert_eq!(request, *[1_u32, 12 << 16, 2].map(u32::to_ne_bytes).as_flattened());
+    }
+
+    #[test]
+    fn a_display_lies_in_the_runtime_folder_unless_it_is_a_path() {
+        let runtime = Path::new("/run/user/7");
+        assert_eq!(socket_of(Path::new("wayland-0"), Some(runtime)), Some(runtime.join("wayland-0")));
+        assert_eq!(socket_of(Path::new("/tmp/w"), Some(runtime)), Some("/tmp/w".into()));
+        assert_eq!(socket_of(Path::new("wayland-0"), None), None);
+        assert!(WindowSystem::X11InPlaceOf("wayland-9".into()).notice().unwrap().contains("wayland-9"));
+        assert_eq!(WindowSystem::X11.notice(), None);
+    }
+}

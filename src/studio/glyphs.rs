@@ -1,0 +1,55 @@
+//! Names of files in scripts that no font of this system has.
+//!
+//! egui looks for a font of the system where its own lack a character. Where there is none it draws boxes, and a sentence
+//! says which characters they stand for.
+
+use egui::{Context, TextStyle};
+
+/// Most characters that are named.
+const NAMED: usize = 6;
+
+/// What a person must know of a text that is shown with boxes.
+pub fn lacking(ctx: &Context, text: &str) -> Option<String> {
+    let font = TextStyle::Body.resolve(&ctx.global_style());
+    let mut missing: Vec<char> = Vec::new();
+    ctx.fonts_mut(|fonts| {
+        for c in text.chars().filter(|c| !c.is_control() && !c.is_whitespace()) {
+            if !missing.contains(&c) && !fonts.has_glyph(&font, c) {
+                missing.push(c);
+            }
+        }
+    });
+    let codes: Vec<String> = missing.iter().take(NAMED).map(|&c| format!("U+{:04X}", u32::from(c))).collect();
+    let more = if missing.len() > NAMED { " and others" } else { "" };
+    (!missing.is_empty()).then(|| {
+        format!(
+            "This system has no font for {}{more}, which names of files hold; boxes stand for them. Install a font for \
+             their script and start the program again.",
+            codes.join(" ")
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_characters_without_a_font_are_named() {
+        let ctx = Context::default();
+        let mut told = Vec::new();
+        // No font of the system is asked for here.
+        let _ = ctx.run_ui(egui::RawInput::default(), |ui| {
+            for text in [
+                "Entwurf für Müller, 9 µm.json",
+                "\u{8bbe}\u{8ba1}\u{8bbe}.json",
+                "\u{3042}\u{3044}\u{3046}\u{3048}\u{304a}\u{304b}\u{304d}",
+            ] {
+                told.push(lacking(ui.ctx(), text));
+            }
+        });
+        assert_eq!(told[0], None);
+        assert!(told[1].as_ref().unwrap().contains("no font for U+8BBE U+8BA1, which"), "{told:?}");
+        assert!(told[2].as_ref().unwrap().contains("U+3046 U+3048 U+304A U+304B and others"), "{told:?}");
+    }
+}

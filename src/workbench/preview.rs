@@ -1,0 +1,96 @@
+//! What is understood of a file of images before it is used.
+
+use std::path::Path;
+
+use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, image_files, read_cifar, read_idx, read_stack};
+use crate::objects::ObjectSource;
+use crate::optics::psf_file;
+use crate::plural::counted;
+
+/// Larger files are not read twice: once to be looked at, once to be used.
+const LARGEST_BYTES: u64 = 256 << 20;
+
+/// What a file is to be used as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileUse {
+    /// Objects.
+    Objects,
+    /// A PSF.
+    Psf,
+    /// Images of a camera.
+    Measurements,
+}
+
+/// What was understood of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FilePreview {
+    /// One sentence, or the sentence of what is wrong.
+    pub understood: Result<String, String>,
+    /// What can be said of its meaning, to be put behind the `?` of its path: `axis=last`, `channel=green`.
+    pub choices: Vec<String>,
+}
+
+impl FilePreview {
+    /// Reads a file, or the first one of a folder, as it will be read when it is used.
+    pub fn of(path: &Path, of: FileUse) -> Self {
+        match look(path, of) {
+            Ok((understood, choices)) => Self { understood: Ok(understood), choices },
+            Err(sentence) => Self { understood: Err(sentence), choices: Vec::new() },
+        }
+    }
+}
+
+fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
+    let told = |error: FormatError| error.to_string();
+    let path = match of {
+        FileUse::Psf => psf_file(path).map_err(|error| error.to_string())?.0,
+        FileUse::Objects | FileUse::Measurements => path.to_path_buf(),
+    };
+    let found = ImageFile::find(&path).map_err(told)?;
+    let files =
+        if found.path.is_dir() && of != FileUse::Psf { image_files(&path).map_err(told)? } else { vec![found.clone()] };
+    let Some(first) = files.first() else {
+        return Err(format!("{}: expected images, found none; choose another folder", path.display()));
+    };
+    let bytes = first.path.metadata().map_or(0, |metadata| metadata.len());
+    if bytes > LARGEST_BYTES {
+        return Ok((format!("{:.1} GB, read when it is used", bytes as f64 / 1e9), Vec::new()));
+    }
+    let stack: PixelStack = match (of, ObjectSource::guess(&path)) {
+        (FileUse::Objects, ObjectSource::Cifar(path)) => read_cifar(&path),
+        (FileUse::Objects, ObjectSource::Idx(path)) => read_idx(&path),
+        _ if files.len() == 1 && first == &found => read_stack(&path),
+        _ => first.read(),
+    }
+    .map_err(told)?;
+    let summary = ImageSummary::of(&stack);
+    let of_several =
+        if files.len() > 1 { format!("{}, the first: ", counted(files.len(), "file")) } else { String::new() };
+    Ok((format!("{of_several}{summary}"), summary.choices().to_vec()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_preview_says_what_a_file_or_folder_holds_and_what_else_it_could_be() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        crate::formats::write_array(&path, ndarray::Array3::<f32>::ones((9, 8, 5)).view()).unwrap();
+        let preview = FilePreview::of(&path, FileUse::Objects);
+        assert!(preview.understood.unwrap().starts_with("9 images of 8 x 5 px, axis 1 counts them"));
+        assert_eq!(preview.choices, ["axis=2", "axis=last"]);
+        let last = format!("{}?axis=last", path.display());
+        let preview = FilePreview::of(Path::new(&last), FileUse::Measurements);
+        assert!(preview.understood.unwrap().starts_with("5 images of 9 x 8 px, axis 3 counts them"));
+        std::fs::copy(&path, folder.path().join("b.npy")).unwrap();
+        let preview = FilePreview::of(folder.path(), FileUse::Measurements);
+        assert!(preview.understood.unwrap().starts_with("2 files, the first: 9 images of 8 x 5 px"));
+        let psf = FilePreview::of(Path::new(&format!("{}@4", path.display())), FileUse::Psf);
+        assert!(psf.understood.is_ok(), "{psf:?}");
+        for (name, of) in [("none.npy", FileUse::Psf), ("", FileUse::Psf)] {
+            assert!(FilePreview::of(&folder.path().join(name), of).understood.is_err(), "{name}");
+        }
+    }
+}
