@@ -3,6 +3,7 @@
 mod design;
 mod display;
 mod failures;
+mod inputs;
 mod measured;
 mod options;
 mod outputs;
@@ -62,7 +63,11 @@ impl Bench {
     fn refused(&self, line: &str) -> String {
         let before = self.files();
         let output = self.run(line.split_whitespace());
-        let sentence = text(&output.stderr);
+        // What was understood of files may stand before it.
+        let told = text(&output.stderr);
+        let start = told.find("lenslet-studio: ").or(told.find("error: ")).unwrap_or_default();
+        let sentence = told[start..].to_owned();
+        assert!(told[..start].lines().all(|line| line.contains(" px")), "{line}: {told}");
         assert_eq!(output.status.code(), Some(2), "{line}: {sentence}");
         assert_eq!(text(&output.stdout), "", "{line}");
         assert!(!sentence.contains("panicked"), "{line}: {sentence}");

@@ -4,6 +4,7 @@
 mod compare;
 mod dialogs;
 mod estimates;
+mod files;
 mod home;
 mod mask;
 mod messages;

@@ -1,0 +1,81 @@
+//! Files of images: what is understood of them is shown before they are used, and can be corrected there.
+
+use super::estimates::wait_for;
+use super::*;
+
+/// An array whose rows are brighter the lower they lie.
+fn array(path: &Path, shape: (usize, usize, usize)) {
+    let values = ndarray::Array3::from_shape_fn(shape, |(row, ..)| 1.0 + row as f32);
+    lenslet_studio::formats::write_array(path, values.view()).unwrap();
+}
+
+fn type_path(window: &mut Window, path: &Path) {
+    window.get_by_label("Path").type_text(&path.display().to_string());
+    window.run_steps(2);
+}
+
+fn is_shown(window: &Window, part: &str) -> bool {
+    window.query_all_by_label_contains(part).next().is_some()
+}
+
+#[test]
+fn what_a_file_means_is_shown_and_can_be_changed_before_it_is_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frames.npy");
+    array(&path, (40, 36, 20));
+    let mut window = open(Design::default());
+    click(&mut window, "Open objects...");
+    type_path(&mut window, &path);
+    wait_for(&mut window, "the preview", |window| {
+        is_shown(window, "40 images of 36 x 20 px, axis 1 counts them, 32-bit floats, range 1 to 40")
+    });
+    click(&mut window, "axis=last");
+    wait_for(&mut window, "the other meaning", |window| {
+        is_shown(window, "20 images of 40 x 36 px, axis 3 counts them")
+    });
+    click(&mut window, "Open");
+    settle(&mut window);
+    let named = format!("{}?axis=last", path.display());
+    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Stack(named.into()));
+    assert_eq!(studio(&window).bench().live().scene.unwrap().value.set.base_images(), Some(20));
+    assert!(is_shown(&window, "File: 20 images of 40 x 36 px"), "beside the objects, too");
+}
+
+#[test]
+fn a_file_that_is_none_is_named_before_it_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("psf.npy");
+    std::fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n").unwrap();
+    let mut window = open(Design::default());
+    menu(&mut window, &["File", "Import PSF..."]);
+    type_path(&mut window, &path);
+    wait_for(&mut window, "the name of the file's kind", |window| is_shown(window, "found a Git LFS pointer"));
+    assert!(is_shown(&window, "run git lfs pull"));
+}
+
+#[test]
+fn a_psf_is_resampled_by_its_path_as_on_the_command_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("large.npy");
+    array(&path, (1, 64, 64));
+    let mut window = open(Design::default());
+    menu(&mut window, &["File", "Import PSF..."]);
+    type_path(&mut window, Path::new(&format!("{}@32", path.display())));
+    wait_for(&mut window, "the preview", |window| is_shown(window, "1 image of 64 x 64 px"));
+    click(&mut window, "Import");
+    settle(&mut window);
+    assert_eq!(studio(&window).bench().live().optics.unwrap().value.image.dim(), (32, 32));
+}
+
+#[test]
+fn what_is_done_to_a_large_image_is_said_where_objects_are_described() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("photo.npy");
+    array(&path, (1, 240, 320));
+    // A single array that is opened as images is scaled to the field.
+    let design = Design { objects: ObjectSource::Images(path), ..Design::default() };
+    let mut window = open(design);
+    settle(&mut window);
+    assert!(is_shown(&window, "objects are the middle 240 x 240 of 240 x 320 px, scaled to 96 x 96 px"));
+    assert!(is_shown(&window, "1 whole image, 96 x 96 px"));
+}
