@@ -20,7 +20,10 @@ const ADVICE: &str = "use the binary version of CIFAR-10 (data_batch_1.bin and t
 /// # Errors
 /// [`FormatError`] if the file is missing or is not a whole number of records of 3073 bytes with labels of 0 to 9.
 pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
-    let found = ImageFile::find(path)?;
+    ImageFile::find(path)?.read_cifar()
+}
+
+pub(super) fn read(found: &ImageFile) -> Result<PixelStack, FormatError> {
     let path = &found.path;
     let (mut file, length) = open(path)?;
     if length == 0 || length % RECORD_BYTES as u64 != 0 {
@@ -58,7 +61,7 @@ pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
         Some(plane) => format!("channel {} of 3", plane + 1),
         None => "luma of red, green and blue (?channel=green takes one)".to_owned(),
     });
-    stack::restrict(&found, stack)
+    stack::restrict(found, stack)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use super::{FormatError, PixelStack, stack};
+use super::{FormatError, PixelStack, cifar, stack};
 
 /// What may stand behind the question mark, for messages.
 const CHOICES: &str =
@@ -148,6 +148,14 @@ impl ImageFile {
     /// As [`super::read_stack`].
     pub fn read(&self) -> Result<PixelStack, FormatError> {
         stack::read(self)
+    }
+
+    /// Reads the file as a CIFAR-10 binary batch, which no first bytes tell.
+    ///
+    /// # Errors
+    /// As [`super::read_cifar`].
+    pub fn read_cifar(&self) -> Result<PixelStack, FormatError> {
+        cifar::read(self)
     }
 
     /// The error of a meaning that this file cannot have.

@@ -47,8 +47,13 @@ pub enum ObjectSource {
 
 impl ObjectSource {
     /// What a file or folder most likely holds, by its name: for people who drop or type a path. A wrong guess is found
-    /// out when the file is read.
+    /// out when the file is read. A path that names the kind as the command line does, `stack:FILE`, is taken at its word.
     pub fn guess(path: &Path) -> Self {
+        if ImageFile::find(path).is_err()
+            && let Ok(named) = Self::from_os(path.as_os_str())
+        {
+            return named;
+        }
         // Where there is no such file, its name is as good as any.
         let file = ImageFile::find(path).map_or_else(|_| path.to_path_buf(), |found| found.path);
         let name = file.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -232,7 +237,9 @@ mod tests {
             ("test_batch.bin", ObjectSource::Cifar),
         ] {
             assert_eq!(ObjectSource::guess(Path::new(name)), of(name.into()));
+            assert_eq!(ObjectSource::guess(Path::new(&format!("idx:{name}"))), ObjectSource::Idx(name.into()));
         }
+        assert_eq!(ObjectSource::guess(Path::new("beads:0.5")), ObjectSource::Beads { density: 0.5 });
     }
 
     #[test]

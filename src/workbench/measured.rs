@@ -183,7 +183,7 @@ impl From<PathBuf> for MeasuredSource {
 
 impl fmt::Display for MeasuredSource {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.display().fmt(formatter)
+        formatter.write_str(&path_text(&self.0))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, image_files, read_cifar, read_idx, read_stack};
+use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, image_files};
 use crate::objects::ObjectSource;
 use crate::optics::psf_file;
 use crate::plural::counted;
@@ -42,13 +42,23 @@ impl FilePreview {
 
 fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
     let told = |error: FormatError| error.to_string();
+    let mut read: fn(&ImageFile) -> Result<PixelStack, FormatError> = ImageFile::read;
     let path = match of {
         FileUse::Psf => psf_file(path).map_err(|error| error.to_string())?.0,
-        FileUse::Objects | FileUse::Measurements => path.to_path_buf(),
+        FileUse::Objects => match ObjectSource::guess(path) {
+            ObjectSource::Cifar(path) => {
+                read = ImageFile::read_cifar;
+                path
+            }
+            ObjectSource::Idx(path) | ObjectSource::Images(path) | ObjectSource::Stack(path) => path,
+            drawn => return Ok((format!("{drawn}, drawn at random"), Vec::new())),
+        },
+        FileUse::Measurements => path.to_path_buf(),
     };
-    let found = ImageFile::find(&path).map_err(told)?;
-    let files =
-        if found.path.is_dir() && of != FileUse::Psf { image_files(&path).map_err(told)? } else { vec![found.clone()] };
+    let files = match of {
+        FileUse::Psf => vec![ImageFile::find(&path).map_err(told)?],
+        FileUse::Objects | FileUse::Measurements => image_files(&path).map_err(told)?,
+    };
     let Some(first) = files.first() else {
         return Err(format!("{}: expected images, found none; choose another folder", path.display()));
     };
@@ -56,14 +66,7 @@ fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
     if bytes > LARGEST_BYTES {
         return Ok((format!("{:.1} GB, read when it is used", bytes as f64 / 1e9), Vec::new()));
     }
-    let stack: PixelStack = match (of, ObjectSource::guess(&path)) {
-        (FileUse::Objects, ObjectSource::Cifar(path)) => read_cifar(&path),
-        (FileUse::Objects, ObjectSource::Idx(path)) => read_idx(&path),
-        _ if files.len() == 1 && first == &found => read_stack(&path),
-        _ => first.read(),
-    }
-    .map_err(told)?;
-    let summary = ImageSummary::of(&stack);
+    let summary = ImageSummary::of(&read(first).map_err(told)?);
     let of_several =
         if files.len() > 1 { format!("{}, the first: ", counted(files.len(), "file")) } else { String::new() };
     Ok((format!("{of_several}{summary}"), summary.choices().to_vec()))
