@@ -292,10 +292,10 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
                 }
                 ui.label(name).on_hover_text(hint);
             });
-            let room = vec2((end - ui.cursor().left()).max(LEAST_VALUE), 0.0);
-            ui.allocate_ui_with_layout(room, egui::Layout::top_down(egui::Align::Min), |ui| {
-                ui.add(egui::Label::new(value).wrap()).on_hover_text(hint);
-            });
+            let room = (end - ui.cursor().left()).max(LEAST_VALUE);
+            let wrap = Some(egui::TextWrapMode::Wrap);
+            let value = egui::WidgetText::from(value).into_galley(ui, wrap, room, egui::TextStyle::Body);
+            ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
         if let Some(edit) = known.sampling().and_then(|live| live.edit) {

@@ -119,11 +119,7 @@ impl<'a> NumberField<'a> {
             Unit::Symbol(symbol) => (*symbol, vec![*symbol]),
             Unit::Counted(one, many) => (one_or_many((value == 1.0).into(), one, many), vec![*one, *many]),
         };
-        // Raw, since a shortcut may have taken the key already.
-        let is_taken_back = ui.input(|input| {
-            let is_escape = |event: &Event| matches!(event, Event::Key { key: Key::Escape, pressed: true, .. });
-            input.raw.events.iter().any(is_escape)
-        });
+        let is_taken_back = is_taken_back(ui.ctx());
         let read = |text: &str| {
             let shown = shown.borrow();
             if is_taken_back {
@@ -238,9 +234,34 @@ fn place() -> Id {
     Id::unique("refused numbers")
 }
 
+/// Keeps a sentence until it is asked for. A field loses the keyboard in two passes, and is read in either.
 fn tell(ctx: &egui::Context, sentence: String) {
-    ctx.data_mut(|data| data.get_temp_mut_or_default::<Vec<String>>(place()).push(sentence));
+    let (now, last) = (ctx.cumulative_pass_nr(), Id::unique("last refused number"));
+    ctx.data_mut(|data| {
+        let told = data.get_temp::<(u64, String)>(last);
+        if told.is_none_or(|(pass, told)| told != sentence || pass + 1 < now) {
+            data.get_temp_mut_or_default::<Vec<String>>(place()).push(sentence.clone());
+        }
+        data.insert_temp(last, (now, sentence));
+    });
     ctx.request_repaint();
+}
+
+/// Whether Escape has just taken the keyboard from a field. That a field lost it is seen in the next pass too, in which
+/// egui takes its text for committed.
+fn is_taken_back(ctx: &egui::Context) -> bool {
+    // Raw, since a shortcut may have taken the key already.
+    let is_pressed = ctx.input(|input| {
+        let is_escape = |event: &Event| matches!(event, Event::Key { key: Key::Escape, pressed: true, .. });
+        input.raw.events.iter().any(is_escape)
+    });
+    let (now, place) = (ctx.cumulative_pass_nr(), Id::unique("pass of Escape"));
+    ctx.data_mut(|data| {
+        if is_pressed {
+            data.insert_temp(place, now);
+        }
+        data.get_temp::<u64>(place).is_some_and(|pass| now <= pass + 1)
+    })
 }
 
 /// The sentences about what number fields have refused since the last call.

@@ -42,8 +42,9 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
         Some(Answer::Recover) => {
             state.bench.recover(left.remove(0));
             state.selection.clear();
-            // What was recovered is what there is to start from.
+            // What was recovered is what there is to start from, by a person who has been here.
             state.guide.welcome = false;
+            state.preferences.welcomed = true;
             state.messages.push(Severity::Done, "Recovered; save it to keep it");
             // A window holds one design: the others wait for the next start.
             left.clear();

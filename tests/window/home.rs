@@ -104,11 +104,13 @@ fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
     drop(window);
     assert_eq!(kept(folder.path()), 0, "a window that was closed leaves nothing behind");
 
-    let mut window = at_home(later.path());
+    // What is recovered is not covered by the question what to start from.
+    let mut window = first_at_home(later.path());
     assert_eq!(lenslets(&window).len(), 9);
     window.get_by_label_contains("3 lenslets before beads:0.02");
     click(&mut window, "Recover");
     settle(&mut window);
+    assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
     assert_eq!(lenslets(&window).len(), 3);
     assert!(studio(&window).bench().is_dirty());
     // It is kept anew at once; saved, it is kept no more.
@@ -465,6 +467,43 @@ fn a_full_disk_is_told_and_the_window_goes_on() {
     window.state_mut().as_mut().unwrap().live_in(&ctx, &place);
     window.run_steps(4);
     window.get_by_label("Dismiss");
+    // One sentence is enough, and gives no advice on folders.
+    menu(&mut window, &["View", "Messages"]);
+    let told = |text: &str| window.query_all_by_label_contains(text).count();
+    assert!(told("Nothing will be remembered when the window is closed: ") >= 1);
+    assert_eq!((told("make the folder"), told("choose another")), (0, 0));
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
     assert_eq!(lenslets(&window).len(), 2);
+}
+
+#[test]
+fn a_design_that_the_program_was_started_with_is_among_the_recent_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("named.json");
+    Design::default().save(&path).unwrap();
+    let home = folder.path().join("home");
+    let (file, place) = (path.clone(), home.clone());
+    let builder = egui_kittest::Harness::builder().with_size(Vec2::new(1280.0, 800.0)).with_max_steps(64);
+    let mut window: Window = builder.build_ui_state(
+        move |ui, studio: &mut Option<lenslet_studio::studio::Studio>| {
+            let studio = studio.get_or_insert_with(|| {
+                let design = Design::open(&file).unwrap();
+                let mut studio = lenslet_studio::studio::Studio::new(ui.ctx(), design, Some(file.clone())).unwrap();
+                studio.live_in(ui.ctx(), &place);
+                studio.set_live(false);
+                studio
+            });
+            studio.logic(&ui.ctx().clone());
+            studio.ui(ui);
+        },
+        None,
+    );
+    settle(&mut window);
+    click(&mut window, "File");
+    click(&mut window, "Open recent");
+    window.get_by_label("named.json");
+    drop(window);
+    let text = std::fs::read_to_string(home.join("lenslet-studio").join("preferences.json"))
+        .or_else(|_| std::fs::read_to_string(home.join("preferences.json")));
+    assert!(text.unwrap().contains("named.json"), "it is remembered");
 }
