@@ -13,7 +13,7 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::output::Meter;
 use super::{Failure, output};
 use crate::formats::check_writable;
-use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol};
+use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol, interval_behind};
 use crate::workbench::{
     Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
     estimate, has_name_of_fit, tells_of_unwritten_weights,
@@ -244,15 +244,16 @@ impl Arguments {
     }
 }
 
+/// Decimals of a number of bits.
+const DECIMALS: usize = 4;
+
 /// The bounds that are known and where they come from.
 fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     let others = bracket.upper_bounds.iter().skip(1);
     let others: Vec<String> = others.map(|bound| format!("{} {:.4}", bound.from, bound.bits_per_pixel)).collect();
     let others = if others.is_empty() { String::new() } else { format!(" (others: {})", others.join(", ")) };
-    let ([low_upper, high_upper], from_above) = (bracket.upper_interval_95, &bracket.upper_from);
-    if let (Some(lower), Some(from), Some([low, high])) =
-        (bracket.lower, &bracket.lower_from, bracket.lower_interval_95)
-    {
+    let (above_95, from_above) = (interval_behind(bracket.upper_interval_95, DECIMALS), &bracket.upper_from);
+    if let (Some(lower), Some(from), Some(lower_95)) = (bracket.lower, &bracket.lower_from, bracket.lower_interval_95) {
         let (least, most) = Bracket::in_order(lower, bracket.upper);
         // Where they cross, the smaller number is not the lower bound.
         let (below, above) = if lower > bracket.upper {
@@ -261,15 +262,13 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
             (String::new(), String::new())
         };
         return format!(
-            "between {least:.4} and {most:.4} bits per pixel: lower bound{below} from the {from} [{low:.4}, {high:.4}], \
-             upper{above} from the {from_above} [{low_upper:.4}, {high_upper:.4}]{others}"
+            "between {least:.4} and {most:.4} bits per pixel: lower bound{below} from the {from}{}, \
+             upper{above} from the {from_above}{above_95}{others}",
+            interval_behind(lower_95, DECIMALS)
         );
     }
     let below = if knows_prior { "" } else { "; no lower bound is known" };
-    format!(
-        "at most {:.4} bits per pixel  [{low_upper:.4}, {high_upper:.4}], from the {from_above}{others}{below}",
-        bracket.upper
-    )
+    format!("at most {:.4} bits per pixel {above_95}, from the {from_above}{others}{below}", bracket.upper)
 }
 
 /// The same numbers for all pixels together: where the patch is the sensor, of a whole measurement.
@@ -289,7 +288,6 @@ fn per_patch(result: &Estimate) -> String {
 
 /// The estimate for people, line by line.
 fn lines_of(result: &Estimate) -> Vec<String> {
-    let [low, high] = result.interval_95;
     let [rows, cols] = result.patch;
     let smallest = result.smallest_trial.map_or(String::new(), |trial| format!(", the smallest is trial {trial}"));
     let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
@@ -297,9 +295,10 @@ fn lines_of(result: &Estimate) -> Vec<String> {
     lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
     if result.is_of_one_model() {
         lines.push(format!(
-            "{} {:.4} bits per pixel  [{low:.4}, {high:.4}]  {}{engine}, {} protocol",
+            "{} {:.4} bits per pixel {}  {}{engine}, {} protocol",
             result.relation(),
             result.bits_per_pixel,
+            interval_behind(result.interval_95, DECIMALS),
             result.estimator,
             result.protocol
         ));

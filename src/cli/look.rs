@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::information::{NamedBound, NoiseEntropy, Protocol};
+use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};
 use crate::objects::Progress;
 use crate::workbench::{
     Design, EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once, notices_of,
@@ -92,20 +92,20 @@ impl Bounds {
 
     fn lines(&self) -> Vec<String> {
         let loose = self.ceiling.is_some_and(|ceiling| self.gaussian_bound > ceiling);
-        let ([rows, cols], [low, high], bound) = (self.patch, self.gaussian_interval_95, self.gaussian_bound);
+        let ([rows, cols], bound) = (self.patch, self.gaussian_bound);
+        let with_interval = |bits| with_interval(bits, self.gaussian_interval_95);
         let mut lines = vec![format!("Information of a {rows} x {cols} px patch, bits per pixel:")];
         lines.extend(self.lower.as_ref().map(|lower| {
-            let [low, high] = lower.interval_95;
-            format!(" at least {:.3} [{low:.3}, {high:.3}]  {}", lower.bits_per_pixel, lower.from)
+            format!(" at least {}  {}", with_interval(lower.bits_per_pixel, lower.interval_95), lower.from)
         }));
         let ceiling = match self.ceiling {
             Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy ceiling"),
             None => "  ceiling unknown: the entropy of these objects is not known".into(),
         };
         let gaussian = if self.gaussian_is_bound {
-            format!("  at most {bound:.3} [{low:.3}, {high:.3}]  Gaussian bound")
+            format!("  at most {}  Gaussian bound", with_interval(bound))
         } else {
-            format!("    about {bound:.3} [{low:.3}, {high:.3}]  Gaussian approximation")
+            format!("    about {}  Gaussian approximation", with_interval(bound))
         };
         lines.extend(if loose { [ceiling, gaussian] } else { [gaussian, ceiling] });
         lines.extend(loose.then(|| "  the Gaussian lies above the ceiling: do not rank designs by it".into()));

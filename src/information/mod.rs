@@ -3,6 +3,7 @@
 #![allow(clippy::needless_pass_by_value, reason = "array views are passed by value, as ndarray itself does")]
 
 mod analytic;
+mod bits;
 mod block_toeplitz;
 mod bootstrap;
 mod bracket;
@@ -40,6 +41,7 @@ mod trial;
 pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
+pub use bits::{between, interval_behind, rounded, with_decimals, with_interval};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
 pub use bracket::{BeadBounds, Bracket, NamedBound};

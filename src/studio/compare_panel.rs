@@ -6,7 +6,6 @@ use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
-use super::bits::with_decimals;
 use super::capture;
 use super::dialogs::Purpose;
 use super::hand::Hand;
@@ -17,6 +16,7 @@ use super::messages::Severity;
 use super::state::State;
 use super::tamura_gauge::TAMURA_GUIDE;
 use super::viewport::Viewport;
+use crate::information::with_decimals;
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
 
 /// Side of the small pictures, points.

@@ -3,7 +3,6 @@
 use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
-use super::bits::{between, rounded, with_interval};
 use super::dialogs::Purpose;
 use super::fit_length::FitLengthForm;
 use super::image_view::name_widget;
@@ -12,7 +11,7 @@ use super::information_panel::{DENSITY, LOWER};
 use super::messages::Severity;
 use super::number_field::NumberField;
 use super::state::State;
-use crate::information::{EngineChoice, Estimate, Estimator, Protocol};
+use crate::information::{EngineChoice, Estimate, Estimator, Protocol, between, rounded, with_interval};
 use crate::plural::counted;
 use crate::workbench::{
     Calibration, Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,

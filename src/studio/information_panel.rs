@@ -5,14 +5,13 @@ use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 use serde_json::json;
 
 use super::actions::Action;
-use super::bits::{between, rounded, with_interval};
 use super::image_view::{name_widget, placeholder, significant};
 use super::known::Known;
 use super::menus;
 use super::messages::Severity;
 use super::state::State;
 use super::tamura_gauge;
-use crate::information::{Bracket, NUMBERS_VERSION, NamedBound, PairedDifference};
+use crate::information::{Bracket, NUMBERS_VERSION, NamedBound, PairedDifference, between, rounded, with_interval};
 use crate::workbench::{RunBounds, RunStatus};
 
 /// Colour of the Gaussian bound.

@@ -2,7 +2,6 @@
 
 mod actions;
 mod app;
-mod bits;
 mod capture;
 mod clipboard;
 mod compare_panel;

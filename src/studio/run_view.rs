@@ -5,7 +5,6 @@ use std::sync::Arc;
 use egui::{Align, Color32, Layout, Slider, Ui, vec2};
 use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
 
-use super::bits::{between, rounded, with_interval};
 use super::dialogs::Purpose;
 use super::image_view::name_widget;
 use super::information_panel::{DENSITY, LOWER};
@@ -14,7 +13,7 @@ use super::messages::Severity;
 use super::state::State;
 use super::trails::TRAIL;
 use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
-use crate::information::{Bracket, Estimate};
+use crate::information::{Bracket, Estimate, between, rounded, with_interval};
 use crate::plural::counted;
 use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
 

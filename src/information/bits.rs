@@ -1,6 +1,6 @@
-//! Bits per pixel and their intervals, as every room writes them.
+//! Bits per pixel and their intervals as they are written, in the window and on the command line.
 
-use crate::information::Bracket;
+use super::Bracket;
 
 /// Decimals of a number of bits.
 const DECIMALS: usize = 3;
@@ -26,14 +26,22 @@ pub fn with_interval(bits: f64, interval: [f64; 2]) -> String {
 }
 
 /// The same with at least so many decimals.
-pub fn with_decimals(bits: f64, [low, high]: [f64; 2], least: usize) -> String {
+pub fn with_decimals(bits: f64, interval: [f64; 2], least: usize) -> String {
+    let decimals = decimals(interval, least).unwrap_or(least);
+    format!("{bits:.decimals$}{}", interval_behind(interval, least))
+}
+
+/// The interval to be put behind a number, with a blank before it and at least so many decimals: " [0.408, 0.416]". One
+/// of no width is no text.
+pub fn interval_behind([low, high]: [f64; 2], least: usize) -> String {
+    let decimals = decimals([low, high], least);
+    decimals.map_or_else(String::new, |decimals| format!(" [{low:.decimals$}, {high:.decimals$}]"))
+}
+
+/// Decimals that tell the ends of an interval apart.
+fn decimals([low, high]: [f64; 2], least: usize) -> Option<usize> {
     let text = |number: f64, decimals: usize| format!("{number:.decimals$}");
-    match (least..=MOST_DECIMALS).find(|&decimals| text(low, decimals) != text(high, decimals)) {
-        Some(decimals) => {
-            format!("{} [{}, {}]", text(bits, decimals), text(low, decimals), text(high, decimals))
-        }
-        None => text(bits, least),
-    }
+    (least..=MOST_DECIMALS).find(|&decimals| text(low, decimals) != text(high, decimals))
 }
 
 #[cfg(test)]
