@@ -228,9 +228,6 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
         if let Some(Calibration { gain, offset, bin }) = measured.map(|measured| measured.calibration) {
             ui.weak(format!("gain {gain}, offset {offset}, bin {bin}"));
         }
-        for note in &estimate.notes {
-            ui.weak(format!("note: {note}"));
-        }
         if estimate.above_ceiling() {
             ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
         }
@@ -265,6 +262,10 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
                 state.estimate_form.chosen = None;
             }
         });
+        // Below the buttons, which so stay in reach beside an estimate of many notes.
+        for note in &estimate.notes {
+            ui.weak(format!("note: {note}"));
+        }
     });
 }
 

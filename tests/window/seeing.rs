@@ -2,6 +2,7 @@
 
 use egui::{Key, Modifiers, Role, Theme, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::sensor::Noise;
 use lenslet_studio::workbench::Design;
 
 use super::estimates::wait_for;
@@ -398,4 +399,26 @@ fn pictures_have_a_menu_of_their_own() {
     window.run_steps(4);
     click(&mut window, "Delete");
     assert_eq!(lenslets(&window).len(), 9);
+}
+
+#[test]
+fn a_failure_in_the_row_of_the_density_model_wraps_and_leaves_the_gauge_in_sight() {
+    // More light than the model can count; the Gaussian bound knows no such limit.
+    let design = Design { bias_photons: 1e7, noise: Noise::Read { sigma: 0.05 }, ..Design::default() };
+    let mut window = open_window(design, vec2(1280.0, 800.0), Theme::Dark, true);
+    let failure = "photon counts up to";
+    wait_for(&mut window, "the failure", |window| window.query_by_label_contains(failure).is_some());
+    window.run_steps(4);
+    let row = window.get_by_label_contains(failure).rect();
+    let gauge = window.get_by_role_and_label(Role::Meter, &meter_name(&window)).rect();
+    let seen = window.ctx.content_rect();
+    assert!(row.height() > 30.0 && seen.contains_rect(row), "{row:?} in {seen:?}");
+    assert!(seen.contains_rect(gauge) && gauge.right() > row.left(), "{gauge:?} in {seen:?}");
+}
+
+/// The name of the gauge of the Tamura coefficient, which holds its value.
+fn meter_name(window: &Window) -> String {
+    let meters = window.query_all_by_role(Role::Meter);
+    let names = meters.filter_map(|meter| meter.accesskit_node().label());
+    names.into_iter().find(|name| name.starts_with("Sensor Tamura")).unwrap()
 }
