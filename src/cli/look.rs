@@ -93,7 +93,7 @@ impl Bounds {
     fn lines(&self) -> Vec<String> {
         let loose = self.ceiling.is_some_and(|ceiling| self.gaussian_bound > ceiling);
         let ([rows, cols], bound) = (self.patch, self.gaussian_bound);
-        let with_interval = |bits| with_interval(bits, self.gaussian_interval_95);
+        let gaussian = |bits| with_interval(bits, self.gaussian_interval_95);
         let mut lines = vec![format!("Information of a {rows} x {cols} px patch, bits per pixel:")];
         lines.extend(self.lower.as_ref().map(|lower| {
             format!(" at least {}  {}", with_interval(lower.bits_per_pixel, lower.interval_95), lower.from)
@@ -103,9 +103,9 @@ impl Bounds {
             None => "  ceiling unknown: the entropy of these objects is not known".into(),
         };
         let gaussian = if self.gaussian_is_bound {
-            format!("  at most {}  Gaussian bound", with_interval(bound))
+            format!("  at most {}  Gaussian bound", gaussian(bound))
         } else {
-            format!("    about {}  Gaussian approximation", with_interval(bound))
+            format!("    about {}  Gaussian approximation", gaussian(bound))
         };
         lines.extend(if loose { [ceiling, gaussian] } else { [gaussian, ceiling] });
         lines.extend(loose.then(|| "  the Gaussian lies above the ceiling: do not rank designs by it".into()));
