@@ -27,7 +27,11 @@ pub fn with_interval(bits: f64, interval: [f64; 2]) -> String {
 
 /// The same with at least so many decimals.
 pub fn with_decimals(bits: f64, [low, high]: [f64; 2], least: usize) -> String {
-    let text = |number: f64, decimals: usize| format!("{number:.decimals$}");
+    let text = |number: f64, decimals: usize| {
+        let text = format!("{number:.decimals$}");
+        // What rounds to zero has no sign.
+        if text.trim_matches(['-', '0', '.']).is_empty() { text.trim_start_matches('-').to_owned() } else { text }
+    };
     match (least..=MOST_DECIMALS).find(|&decimals| text(low, decimals) != text(high, decimals)) {
         Some(decimals) => {
             format!("{} [{}, {}]", text(bits, decimals), text(low, decimals), text(high, decimals))
