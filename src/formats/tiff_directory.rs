@@ -10,11 +10,11 @@ const LONGEST_VALUE_BYTES: u64 = 1 << 20;
 
 /// Photometric interpretations (tag 262).
 pub(super) mod photometric {
-    pub(in super::super) const WHITE_IS_ZERO: u64 = 0;
-    pub(in super::super) const BLACK_IS_ZERO: u64 = 1;
-    pub(in super::super) const PALETTE: u64 = 3;
-    pub(in super::super) const FILTER_ARRAY: u64 = 32_803;
-    pub(in super::super) const LINEAR_RAW: u64 = 34_892;
+    pub(in crate::formats) const WHITE_IS_ZERO: u64 = 0;
+    pub(in crate::formats) const BLACK_IS_ZERO: u64 = 1;
+    pub(in crate::formats) const PALETTE: u64 = 3;
+    pub(in crate::formats) const FILTER_ARRAY: u64 = 32_803;
+    pub(in crate::formats) const LINEAR_RAW: u64 = 34_892;
 }
 
 /// One page.

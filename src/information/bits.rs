@@ -27,21 +27,26 @@ pub fn with_interval(bits: f64, interval: [f64; 2]) -> String {
 
 /// The same with at least so many decimals.
 pub fn with_decimals(bits: f64, interval: [f64; 2], least: usize) -> String {
-    let decimals = decimals(interval, least).unwrap_or(least);
-    format!("{bits:.decimals$}{}", interval_behind(interval, least))
+    let number = text(bits, decimals(interval, least).unwrap_or(least));
+    number + &interval_behind(interval, least)
 }
 
 /// The interval to be put behind a number, with a blank before it and at least so many decimals: " [0.408, 0.416]". One
 /// of no width is no text.
 pub fn interval_behind([low, high]: [f64; 2], least: usize) -> String {
     let decimals = decimals([low, high], least);
-    decimals.map_or_else(String::new, |decimals| format!(" [{low:.decimals$}, {high:.decimals$}]"))
+    decimals.map_or_else(String::new, |decimals| format!(" [{}, {}]", text(low, decimals), text(high, decimals)))
 }
 
 /// Decimals that tell the ends of an interval apart.
 fn decimals([low, high]: [f64; 2], least: usize) -> Option<usize> {
-    let text = |number: f64, decimals: usize| format!("{number:.decimals$}");
     (least..=MOST_DECIMALS).find(|&decimals| text(low, decimals) != text(high, decimals))
+}
+
+/// A number with so many decimals. What rounds to zero has no sign.
+fn text(number: f64, decimals: usize) -> String {
+    let text = format!("{number:.decimals$}");
+    if text.trim_matches(['-', '0', '.']).is_empty() { text.trim_start_matches('-').to_owned() } else { text }
 }
 
 #[cfg(test)]

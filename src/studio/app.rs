@@ -101,7 +101,6 @@ impl Studio {
         self.state.bench.set_live(preferences.live);
         self.state.preferences = preferences;
         self.rooms = layout.clone().unwrap_or_else(default_layout);
-        self.read_kept_designs(folder);
         self.state.bench.set_threads(self.state.preferences.threads);
         match Home::in_folder(folder, &self.state.preferences, layout.as_ref()) {
             Ok(home) => {
@@ -109,7 +108,11 @@ impl Studio {
                 self.home = Some(home);
                 self.state.folder = Some(folder.to_owned());
             }
-            Err(error) => return self.live_nowhere(&error.to_string()),
+            Err(error) => self.live_nowhere(&error.to_string()),
+        }
+        self.read_kept_designs(folder);
+        if self.home.is_none() {
+            return;
         }
         // What was opened by its name is remembered as what is opened here.
         if let Some(path) = self.state.bench.path().map(Path::to_path_buf) {
@@ -142,6 +145,8 @@ impl Studio {
                     self.tell(format!("{designs} {are} not listed, and left as before"));
                 }
             }
+            // Of a folder where nothing can be kept it is known already.
+            Err(_) if self.home.is_none() => {}
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
     }

@@ -52,7 +52,9 @@ mod tests {
         let copied = |clipboard: &mut Clipboard| {
             let ctx = egui::Context::default();
             let mut answer = Ok(());
-            let output = ctx.run_ui(egui::RawInput::default(), |ui| answer = clipboard.put(ui.ctx(), "0.46".into()));
+            let mut output =
+                ctx.run_ui(egui::RawInput::default(), |ui| answer = clipboard.put(ui.ctx(), "0.46".into()));
+            output.textures_delta.clear();
             let is_there = output.platform_output.commands.contains(&egui::OutputCommand::CopyText("0.46".into()));
             (answer, is_there)
         };

@@ -39,7 +39,7 @@ mod tests {
         let ctx = Context::default();
         let mut told = Vec::new();
         // No font of the system is asked for here.
-        let _ = ctx.run_ui(egui::RawInput::default(), |ui| {
+        let mut output = ctx.run_ui(egui::RawInput::default(), |ui| {
             for text in [
                 "Entwurf für Müller, 9 µm.json",
                 "\u{8bbe}\u{8ba1}\u{8bbe}.json",
@@ -48,6 +48,7 @@ mod tests {
                 told.push(lacking(ui.ctx(), text));
             }
         });
+        output.textures_delta.clear();
         assert_eq!(told[0], None);
         assert!(told[1].as_ref().unwrap().contains("no font for U+8BBE U+8BA1, which"), "{told:?}");
         assert!(told[2].as_ref().unwrap().contains("U+3046 U+3048 U+304A U+304B and others"), "{told:?}");

@@ -265,9 +265,9 @@ fn estimates_are_compared_with_published_ones() {
     for part in [
         "| beads:0.008 | heuristic:1 | 32 x 32 px | 0.1400 (",
         "| - | - | 0.1400 | - | 0.4000 | 0.1300 (0.1185 to 0.1418) | +0.0100 | 2.0 |",
-        "- 3 of 4 estimates (75 %) are at most the published value + 0.02 bits per pixel, 3 by the density model alone",
+        "- 3 of 4 estimates (75 %) at most the published value + 0.02 bits per pixel, 3 by the density model alone",
         "- beads:0.02: rank correlation with the published order of 2 designs -1.00",
-        "- 2 of 4 estimates lie above the ceiling",
+        "- 2 of 4 estimates above the ceiling",
         "- computed on ",
         "Estimator live, 60 s for each cell; shot noise",
     ] {
