@@ -181,9 +181,7 @@ pub enum InformationError {
         what: &'static str,
     },
     /// A photon count is beyond what a network in single precision can resolve.
-    #[error(
-        "photon counts up to {limit} can be modelled, found {found}; lower the light, or divide images of a camera by the gain or bin less"
-    )]
+    #[error("photon counts up to {limit} can be modelled, found {found}; lower the light")]
     TooBright {
         /// The first value beyond the limit.
         found: f64,

@@ -102,9 +102,26 @@ pub enum MeasuredError {
     /// The patch.
     #[error(transparent)]
     Sensor(#[from] SensorError),
+    /// More photons than a model takes.
+    #[error("photon counts up to {limit} can be modelled, found {found}; correct the gain or bin less")]
+    TooBright {
+        /// The first count beyond the limit.
+        found: f64,
+        /// The limit.
+        limit: f64,
+    },
     /// The estimate.
     #[error(transparent)]
-    Information(#[from] InformationError),
+    Information(InformationError),
+}
+
+impl From<InformationError> for MeasuredError {
+    fn from(error: InformationError) -> Self {
+        match error {
+            InformationError::TooBright { found, limit } => Self::TooBright { found, limit },
+            other => Self::Information(other),
+        }
+    }
 }
 
 impl MeasuredError {

@@ -130,7 +130,7 @@ fn what_a_run_takes_otherwise_than_asked_is_told() {
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert!(told.contains("a patch of 66 x 4 px is larger than the measurement"), "{told}");
     // Nor are pictures left out without a word.
-    assert!(printed.contains("1 unreadable files were left out: bad.png"), "{printed}");
+    assert!(printed.contains("1 unreadable file was left out: bad.png"), "{printed}");
     assert!(read(&bench, "a/run.json")["notices"].to_string().contains("bad.png"));
 }
 

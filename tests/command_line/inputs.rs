@@ -30,7 +30,7 @@ fn what_is_understood_of_files_is_said_on_standard_error() {
         assert!(said(&bench, line).contains(&format!("a.npy: {understood}")), "{line}: {}", said(&bench, line));
     }
     bench.write("psf.npy", npy("(32, 32)", &[1.0; 1024]));
-    let psf = said(&bench, "export --lenslets psf:psf.npy --out out");
+    let psf = said(&bench, "export --lenslets psf:psf.npy --out psf");
     assert!(psf.contains("psf.npy: 1 image of 32 x 32 px, 32-bit floats, range 1 to 1"), "{psf}");
 }
 
@@ -115,7 +115,9 @@ fn an_at_sign_in_a_name_is_no_side() {
     let bench = Bench::new();
     bench.write("psf@32", npy("(8, 8)", &[1.0; 64]));
     assert!(said(&bench, "export --lenslets psf:psf@32 --out out").contains("psf@32: 1 image of 8 x 8 px"));
-    assert!(bench.done("look --lenslets psf:psf@32@4").contains("PSF of 4 x 4 px"));
+    let shape = |line: &str| bench.json(line)["measurement_shape"].to_string();
+    assert_eq!(shape("measure --count 1 --lenslets psf:psf@32@4 --out out4"), "[1,93,93]");
+    assert_eq!(shape("measure --count 1 --lenslets psf:psf@32 --out out8"), "[1,89,89]");
 }
 
 #[test]

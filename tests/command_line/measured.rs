@@ -105,7 +105,7 @@ fn colours_and_patches_without_end_are_refused() {
     }
     bench.done(&format!("{LINE} --measurements grey"));
     let sentence = bench.refused(&format!("{LINE} --measurements tinted"));
-    assert!(sentence.contains("tinted") && sentence.contains("give one channel"), "{sentence}");
+    assert!(sentence.contains("tinted") && sentence.contains("add ?channel=green"), "{sentence}");
 }
 
 #[test]
@@ -215,7 +215,7 @@ fn what_cannot_be_estimated_gets_one_sentence() {
         ("a.npy --patch 6 --estimator gaussian-analytic", "gaussian-analytic needs objects that are known"),
         ("a.npy --patch 6 --estimator bracket", "bracket needs objects that are known"),
         ("a.npy --patch 6 --estimator gaussian-full --patches-train 36", "at least 37 patches"),
-        ("a.npy --patch 6 --patches-train 0", "at least 1 patches"),
+        ("a.npy --patch 6 --patches-train 0", "at least 1 patch"),
         ("flat.npy --patch 6 --noise read:1", "all training patches hold the same value 7"),
         ("flat.npy --patch 6 --noise shot", "all training patches hold the same value 7"),
         ("a.npy --patch 6 --gain 1e-9 --estimator pixelcnn", "photon counts up to 10000000"),
