@@ -22,7 +22,8 @@ pub struct DesignArgs {
     design: Option<PathBuf>,
 
     /// The mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (psf:FILE@32 resamples),
-    /// fit:FILE for lenslets that are fitted to a PSF picture, or design:FILE.
+    /// fit:FILE for lenslets that are fitted to a PSF image, or design:FILE. FILE?key=psf&channel=green tells what a file
+    /// means.
     #[arg(long, value_name = "MASK", value_parser = encoder_argument())]
     lenslets: Option<EncoderChoice>,
 
@@ -35,7 +36,7 @@ pub struct DesignArgs {
 #[derive(Args, Debug)]
 pub struct SceneArgs {
     /// The objects: beads:DENSITY, beads-max:DENSITY, volume:PLANES:DENSITY, idx:FILE, cifar:FILE, images:FOLDER, or
-    /// stack:FILE.
+    /// stack:FILE. Where a file does not say what it means, its path does: FILE?axis=last&key=NAME&channel=green&frame=3.
     #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Option<ObjectSource>,
 

@@ -99,7 +99,8 @@ pub struct Arguments {
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Measurements of a camera")]
 struct MeasuredArgs {
-    /// Images of a camera: a file (NPY, NPZ, TIFF, PNG) or a folder of them, in place of a design.
+    /// Images of a camera: a file (NPY, NPZ, TIFF, PNG) or a folder of them, in place of a design; FILE?axis=last tells which
+    /// axis of an array counts them.
     #[arg(
         long, value_name = "PATH", value_parser = measurements_argument(),
         conflicts_with_all = ["design", "lenslets", "objects", "mean_photons", "bias"]

@@ -3,7 +3,7 @@
 use ndarray::{Array3, ArrayView3, s};
 use serde::{Deserialize, Serialize};
 
-use super::measured::MeasuredError;
+use super::measured_error::MeasuredError;
 use crate::sensor::Noise;
 
 /// Read noise hides grey levels so far apart, in its deviations.

@@ -10,20 +10,19 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use super::calibration::Calibration;
 use super::estimate_request::{DensityModel, EstimateRequest};
 use super::estimation::network_trial;
 use super::kept_estimate::KeptEstimate;
+use super::measured_error::MeasuredError;
 use super::patch_source::LARGEST_PATCHES_BYTES;
 use super::progress::{Watch, in_trial, tell, tell_understood};
 use crate::design::derived_seed;
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
-    CausalRequest, Covariance, Estimate, Estimator, FitKeeper, GaussianRequest, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate,
-    gaussian_estimate,
+    CausalRequest, Covariance, Estimate, FitKeeper, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
+    PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate, gaussian_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -34,107 +33,6 @@ const TEST_SHARE: usize = 5;
 /// One training image in this many tells when a fit of the causal model should have ended, by so many patches.
 const VALIDATION_SHARE: usize = 8;
 const VALIDATION_PATCHES: usize = 128;
-
-/// Why measurements have no estimate.
-#[derive(Debug, Error)]
-pub enum MeasuredError {
-    /// The text names no measurements.
-    #[error("measurements \"{text}\": expected a file or folder of images, or stack:FILE or images:FOLDER")]
-    Source {
-        /// The text.
-        text: String,
-    },
-    /// A number that turns grey levels into photons is none.
-    #[error("the {what} of the measurements must be {expected}, found {found}; measure it from flat images")]
-    Calibration {
-        /// Which number.
-        what: &'static str,
-        /// What it must be.
-        expected: &'static str,
-        /// The value given.
-        found: f64,
-    },
-    /// Pixels to be added up that an image does not have.
-    #[error("expected 1 to {most} pixels on each side of a bin, found {found}; bin less")]
-    Bin {
-        /// Rows or columns of an image, the fewer.
-        most: usize,
-        /// The value given.
-        found: usize,
-    },
-    /// The noise of an average of colours is not that of photons.
-    #[error(
-        "{path}: expected grey images, found colours, whose average has less noise than photons; add ?channel=green to the \
-         path to take one channel"
-    )]
-    Colour {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The images are as dark as the offset.
-    #[error(
-        "the mean of the measurements must be above 0 photons, found {found}; check the offset against a dark image"
-    )]
-    Dark {
-        /// The mean, photons per pixel.
-        found: f64,
-    },
-    /// Training and test patches cannot come from different images.
-    #[error(
-        "{path}: expected 2 or more images, found {}; training and test patches need images of their own",
-        counted(*.found, "image")
-    )]
-    TooFewImages {
-        /// The file or folder.
-        path: PathBuf,
-        /// Images in it.
-        found: usize,
-    },
-    /// A bound that needs a design.
-    #[error("{estimator} needs objects that are known; choose gaussian, gaussian-full, pixelcnn, live or full")]
-    NeedsObjects {
-        /// Name of the estimator.
-        estimator: Estimator,
-    },
-    /// The file.
-    #[error(transparent)]
-    File(#[from] FormatError),
-    /// The patch.
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
-    /// More photons than a model takes.
-    #[error("photon counts up to {limit} can be modelled, found {found}; correct the gain or bin less")]
-    TooBright {
-        /// The first count beyond the limit.
-        found: f64,
-        /// The limit.
-        limit: f64,
-    },
-    /// The estimate.
-    #[error(transparent)]
-    Information(InformationError),
-}
-
-impl From<InformationError> for MeasuredError {
-    fn from(error: InformationError) -> Self {
-        match error {
-            InformationError::TooBright { found, limit } => Self::TooBright { found, limit },
-            other => Self::Information(other),
-        }
-    }
-}
-
-impl MeasuredError {
-    /// Whether whoever watched asked to stop.
-    pub fn is_cancelled(&self) -> bool {
-        matches!(self, Self::Information(InformationError::Cancelled))
-    }
-
-    /// Whether it is about a file that may be there another time.
-    pub fn may_pass(&self) -> bool {
-        matches!(self, Self::File(error) if error.may_pass())
-    }
-}
 
 /// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
