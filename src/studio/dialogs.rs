@@ -329,7 +329,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             speak(&told, Live::Assertive);
         }
         if let Some(of) = question.purpose.file_use() {
-            question.preview.show(ui, &mut question.path, of);
+            question.preview.show_in_place(ui, &mut question.path, of);
         }
         let mut action = question.purpose.action();
         if let Some(text) = Question::ask_to_replace(&question.replaced)

@@ -83,7 +83,7 @@ impl Dropped {
                 ui.label(text);
             }
             ui.add_space(4.0);
-            self.preview.show(ui, &mut self.text, FileUse::Measurements);
+            self.preview.show_in_place(ui, &mut self.text, FileUse::Measurements);
             ui.add_space(8.0);
             ui.horizontal(|ui| {
                 if ui.button("As objects").clicked() {

@@ -3,11 +3,14 @@
 use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
-use egui::Ui;
 use egui::accesskit::Live;
+use egui::{ScrollArea, Ui};
 
 use super::messages::speak;
 use crate::workbench::{FilePreview, FileUse};
+
+/// Room for a sentence of three lines and the buttons, points.
+const HEIGHT: f32 = 84.0;
 
 /// Looks at a file on a thread of its own, one at a time: of what is typed meanwhile the last is looked at next.
 #[derive(Default)]
@@ -19,6 +22,15 @@ pub struct Preview {
 }
 
 impl Preview {
+    /// [`Preview::show`] in a place of fixed height, so that buttons below stay where they are when an answer comes.
+    pub fn show_in_place(&mut self, ui: &mut Ui, text: &mut String, of: FileUse) {
+        let size = egui::vec2(ui.available_width(), HEIGHT);
+        ui.allocate_ui_with_layout(size, egui::Layout::top_down(egui::Align::Min), |ui| {
+            ui.set_min_size(size);
+            ScrollArea::vertical().max_height(HEIGHT).auto_shrink(false).show(ui, |ui| self.show(ui, text, of));
+        });
+    }
+
     /// Shows what is understood of the file that `text` names; a button puts another meaning into `text`.
     pub fn show(&mut self, ui: &mut Ui, text: &mut String, of: FileUse) {
         self.follow(ui.ctx(), text, of);

@@ -343,7 +343,7 @@ fn kept_designs_are_there_the_other_day() {
     click(&mut window, "Discard");
     drop(window);
     let mut window = at_home(folder.path());
-    window.get_by_label("1 kept designs could not be read; they are left as they are");
+    window.get_by_label("1 kept design could not be read; it is left as before");
     menu(&mut window, &["View", "Room", "Show Compare"]);
     window.get_by_label("PSF of Design 1");
     window.get_by_label(&format!("\u{2264} {bound:.3}"));
