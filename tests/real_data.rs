@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use lenslet_studio::formats::read_picture_or_array;
+use lenslet_studio::formats::read_stack;
 use lenslet_studio::information::{Estimate, Protocol};
 use lenslet_studio::optics::{Encoder, heuristic_layout};
 use lenslet_studio::sensor::Noise;
@@ -58,7 +58,7 @@ fn measurements_keep_the_photons_of_their_objects() {
             measure_into(folder.path(), &design, &simulator, 150, MeasurementFormat::Npy, &mut |_| {}).unwrap();
         assert_eq!(written.object_shape, [150, 96, 96]);
         assert_eq!(written.measurement_shape, [150, 65, 65]);
-        let read = |name: &str| read_picture_or_array(&folder.path().join(name)).unwrap().mapv(f64::from);
+        let read = |name: &str| read_stack(&folder.path().join(name)).unwrap().into_array().mapv(f64::from);
         let (objects, noiseless, noisy) = (read("objects.npy"), read("noiseless.npy"), read("measurements.npy"));
         let photons = objects.mean().unwrap();
         // 150 mosaics of 9 tiles: the mean over the set is met within the spread of its images.

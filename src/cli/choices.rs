@@ -110,9 +110,9 @@ impl EncoderChoice {
             Self::Random(count) => Encoder::Lenslets(random_layout(*count, seed)),
             Self::Depth(count) => Encoder::Lenslets(depth_layout(*count)),
             Self::Diffuser(aperture_px) => Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed }),
-            Self::Psf(path, side) => Encoder::Image(import_told(path, *side)?),
+            Self::Psf(path, side) => Encoder::Image(import_and_report(path, *side)?),
             Self::Fit(path, side) => {
-                let fitted = fit_lenslets(&Encoder::Image(import_told(path, *side)?))?;
+                let fitted = fit_lenslets(&Encoder::Image(import_and_report(path, *side)?))?;
                 output::tell(format_args!("{}: {}", path.display(), fitted.in_words()));
                 Encoder::Lenslets(fitted.array)
             }
@@ -122,7 +122,7 @@ impl EncoderChoice {
 }
 
 /// Reads a PSF and says what was understood of its file.
-fn import_told(path: &Path, side: Option<usize>) -> anyhow::Result<PsfImage> {
+fn import_and_report(path: &Path, side: Option<usize>) -> anyhow::Result<PsfImage> {
     let (image, understood) = import_psf(path, side)?;
     output::tell(format_args!("{}: {understood}", image.origin));
     Ok(image)

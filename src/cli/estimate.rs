@@ -269,7 +269,7 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
         );
     }
     let below = if knows_prior { "" } else { "; no lower bound is known" };
-    format!("at most {:.4} bits per pixel {above_95}, from the {from_above}{others}{below}", bracket.upper)
+    format!("at most {:.4} bits per pixel{above_95}, from the {from_above}{others}{below}", bracket.upper)
 }
 
 /// The same numbers for all pixels together: where the patch is the sensor, of a whole measurement.
@@ -296,7 +296,7 @@ fn lines_of(result: &Estimate) -> Vec<String> {
     lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
     if result.is_of_one_model() {
         lines.push(format!(
-            "{} {:.4} bits per pixel {}  {}{engine}, {} protocol",
+            "{} {:.4} bits per pixel{}  {}{engine}, {} protocol",
             result.relation(),
             result.bits_per_pixel,
             interval_behind(result.interval_95, DECIMALS),

@@ -5,8 +5,7 @@ use std::path::Path;
 
 use super::bytes::open;
 use super::kind::named_for_what_it_is;
-use super::samples::luma;
-use super::{Channel, FormatError, ImageFile, PixelStack, Samples, stack};
+use super::{FormatError, ImageFile, PixelStack, Samples};
 
 /// Rows and columns of a CIFAR image, px.
 const SIDE: usize = 32;
@@ -25,22 +24,16 @@ pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
 
 pub(super) fn read(found: &ImageFile) -> Result<PixelStack, FormatError> {
     let path = &found.path;
+    found.check_options(false, false)?;
     let (mut file, length) = open(path)?;
     if length == 0 || length % RECORD_BYTES as u64 != 0 {
         let expected = format!("a CIFAR-10 binary batch (records of {RECORD_BYTES} bytes)");
         return Err(named_for_what_it_is(path, &expected));
     }
-    let plane = match found.meaning.channel {
-        None | Some(Channel::Luma) => None,
-        Some(Channel::Red | Channel::Number(1)) => Some(0),
-        Some(Channel::Green | Channel::Number(2)) => Some(1),
-        Some(Channel::Blue | Channel::Number(3)) => Some(2),
-        Some(_) => return Err(found.cannot_mean("channel", "red, green and blue")),
-    };
     let pages = (length / RECORD_BYTES as u64) as usize;
-    let mut grey = Vec::new();
+    let mut colours = Vec::new();
     let failed = |error| FormatError::from_read(path, error);
-    grey.try_reserve_exact(pages * PLANE).map_err(|_| failed(std::io::ErrorKind::OutOfMemory.into()))?;
+    colours.try_reserve_exact(pages * 3 * PLANE).map_err(|_| failed(std::io::ErrorKind::OutOfMemory.into()))?;
     let mut record = [0; RECORD_BYTES];
     for page in 0..pages {
         file.read_exact(&mut record).map_err(failed)?;
@@ -49,19 +42,9 @@ pub(super) fn read(found: &ImageFile) -> Result<PixelStack, FormatError> {
             let wrong = format!("label {label} in record {}", page + 1);
             return Err(FormatError::malformed(path, "labels of 0 to 9", wrong, ADVICE));
         }
-        let value = |pixel: usize, plane: usize| f32::from(planes[plane * PLANE + pixel]);
-        match plane {
-            Some(plane) => grey.extend((0..PLANE).map(|pixel| value(pixel, plane))),
-            None => grey.extend((0..PLANE).map(|pixel| luma([0, 1, 2].map(|plane| value(pixel, plane))))),
-        }
+        colours.extend((0..PLANE).flat_map(|pixel| [0, 1, 2].map(|plane| planes[plane * PLANE + pixel])));
     }
-    let mut stack = PixelStack::new(pages, SIDE, SIDE, Samples::F32(grey));
-    stack.understood.numbers = Some("8 bits".into());
-    stack.note(match plane {
-        Some(plane) => format!("channel {} of 3", plane + 1),
-        None => "luma of red, green and blue (?channel=green takes one)".to_owned(),
-    });
-    stack::restrict(found, stack)
+    found.chosen_frame(PixelStack::interleaved(found, [pages, SIDE, SIDE], Samples::U8(colours), 3)?)
 }
 
 #[cfg(test)]

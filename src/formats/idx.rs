@@ -8,7 +8,7 @@ use flate2::read::MultiGzDecoder;
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, magic, open, read_values};
 use super::kind::named_for_what_it_is;
 use super::npy_header::element_count;
-use super::{FormatError, ImageFile, PixelStack, Samples, stack};
+use super::{FormatError, ImageFile, PixelStack, Samples};
 
 const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
 /// What is expected, for messages.
@@ -21,7 +21,8 @@ const IMAGES: &str = "IDX images (3 axes)";
 /// is not the one its header gives.
 pub fn read_idx(path: &Path) -> Result<PixelStack, FormatError> {
     let file = ImageFile::find(path)?;
-    stack::restrict(&file, read_images(&file.path)?)
+    file.check_options(false, false)?;
+    file.chosen_frame(read_images(&file)?)
 }
 
 /// Whether a gzip file begins like images.
@@ -31,18 +32,25 @@ pub(super) fn is_packed_images(path: &Path) -> bool {
     matches!((read, start), (Ok(Ok(())), [0, 0, _, 3]))
 }
 
-pub(super) fn read_images(path: &Path) -> Result<PixelStack, FormatError> {
+pub(super) fn read_images(source: &ImageFile) -> Result<PixelStack, FormatError> {
+    let path = &source.path;
     let is_packed = magic::<2>(path)? == [0x1f, 0x8b];
     let (file, length) = open(path)?;
     if is_packed {
         let most = length.saturating_mul(DEFLATE_RATIO).min(LARGEST_UNPACKED_BYTES);
-        read(path, &mut BufReader::new(MultiGzDecoder::new(BufReader::new(file))), most, false)
+        read(source, &mut BufReader::new(MultiGzDecoder::new(BufReader::new(file))), most, false)
     } else {
-        read(path, &mut BufReader::new(file), length, true)
+        read(source, &mut BufReader::new(file), length, true)
     }
 }
 
-fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) -> Result<PixelStack, FormatError> {
+fn read(
+    source: &ImageFile,
+    reader: &mut dyn Read,
+    most: u64,
+    length_is_certain: bool,
+) -> Result<PixelStack, FormatError> {
+    let path = &source.path;
     let malformed = |expected: &str, found: String| FormatError::malformed(path, expected, found, ADVICE);
     let mut start = [0; 16];
     match reader.read_exact(&mut start[..4]) {
@@ -98,7 +106,7 @@ fn read(path: &Path, reader: &mut dyn Read, most: u64, length_is_certain: bool) 
     .map_err(|error| FormatError::from_read(path, error))?;
     // One byte more tells a longer file, and makes a packed one compare its check sum.
     match reader.read(&mut [0]) {
-        Ok(0) => Ok(PixelStack::new(pages, rows, cols, samples)),
+        Ok(0) => PixelStack::interleaved(source, [pages, rows, cols], samples, 1),
         Ok(_) => Err(malformed("a file as long as its header says", format!("more than {} bytes", bytes + 16))),
         Err(error) => Err(FormatError::from_read(path, error)),
     }
@@ -164,7 +172,7 @@ mod tests {
             (header(8, u32::MAX, u32::MAX, u32::MAX), "fit into memory"),
             (header(8, 0, u32::MAX, u32::MAX), "fit into memory"),
             ([&[0, 0, 8, 1][..], &[0; 12]].concat(), "found IDX labels (1 axis)"),
-            (b"P5 28 28 255 and more".to_vec(), "found a PNM picture"),
+            (b"P5 28 28 255 and more".to_vec(), "found a PNM image"),
             (gzip(&gzip(&header(8, 1, 1, 1))), "gzipped twice"),
         ] {
             let error = read_idx(saved(&bytes).path()).unwrap_err().to_string();

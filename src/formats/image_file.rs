@@ -5,6 +5,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use super::{FormatError, PixelStack, cifar, stack};
+use crate::plural::counted;
 
 /// What may stand behind the question mark, for messages.
 const CHOICES: &str =
@@ -158,9 +159,29 @@ impl ImageFile {
         cifar::read(self)
     }
 
-    /// The error of a meaning that this file cannot have.
-    pub(super) fn cannot_mean(&self, option: &str, found: &str) -> FormatError {
-        FormatError::malformed(&self.path, format!("a file for which ?{option} has a meaning"), found, "leave it out")
+    /// Refuses options that have no meaning for the file: `axis` unless it is an array, `key` unless it is an archive.
+    pub(super) fn check_options(&self, is_array: bool, is_archive: bool) -> Result<(), FormatError> {
+        let refuse = |option: &str, found: &str| {
+            let expected = format!("a file for which ?{option} has a meaning");
+            Err(FormatError::malformed(&self.path, expected, found, "leave it out"))
+        };
+        match &self.meaning {
+            Meaning { axis: Some(_), .. } if !is_array => refuse("axis", "a file that is no array"),
+            Meaning { key: Some(_), .. } if !is_archive => refuse("key", "a file that is no archive of arrays"),
+            _ => Ok(()),
+        }
+    }
+
+    /// The image that the path asks for alone, or all.
+    pub(super) fn chosen_frame(&self, stack: PixelStack) -> Result<PixelStack, FormatError> {
+        match self.meaning.frame {
+            None => Ok(stack),
+            Some(frame) if frame <= stack.pages => Ok(stack.only(frame - 1)),
+            Some(frame) => {
+                let expected = format!("image {frame}, as ?frame={frame} asks for");
+                Err(FormatError::malformed(&self.path, expected, counted(stack.pages, "image"), "choose another"))
+            }
+        }
     }
 }
 

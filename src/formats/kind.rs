@@ -1,4 +1,4 @@
-//! What a file is, told from its content, for whoever expected another.
+//! What a file is by its content, for error sentences about a file of another kind.
 
 use std::fmt::Write as _;
 use std::io::Read;
@@ -28,7 +28,7 @@ fn kind(what: impl Into<String>, advice: &'static str) -> Kind {
 
 /// The error of a file that is not what was expected: names it for what it is, and tells what to do.
 ///
-/// A file that cannot be looked at is told as such.
+/// The error says so where the file cannot be read at all.
 pub fn named_for_what_it_is(path: &Path, expected: &str) -> FormatError {
     let head = || {
         let (file, length) = open(path)?;
@@ -49,34 +49,26 @@ pub fn named_for_what_it_is(path: &Path, expected: &str) -> FormatError {
 const SIGNATURES: &[(usize, &[u8], &str, &str)] = &[
     (0, b"\x93NUMPY", "a NumPy array (NPY)", NUMPY),
     (0, b"PK\x03\x04", "a zip archive", "unpack it first"),
-    (0, b"\x89PNG", "a PNG picture", PICTURE),
-    (0, b"\xff\xd8\xff", "a JPEG picture", PICTURE),
-    (0, b"II*\0", "a TIFF picture", PICTURE),
-    (0, b"MM\0*", "a TIFF picture", PICTURE),
-    (0, b"II+\0", "a BigTIFF picture", PICTURE),
-    (0, b"MM\0+", "a BigTIFF picture", PICTURE),
-    (0, b"GIF8", "a GIF picture", AS_PNG),
-    (8, b"WEBP", "a WebP picture", AS_PNG),
-    (4, b"ftypheic", "a HEIC picture", AS_PNG),
-    (4, b"ftypmif1", "a HEIF picture", AS_PNG),
-    (4, b"ftypavif", "an AVIF picture", AS_PNG),
+    (0, b"\x89PNG", "a PNG image", IMAGE),
+    (0, b"\xff\xd8\xff", "a JPEG image", IMAGE),
+    (0, b"II*\0", "a TIFF image", IMAGE),
+    (0, b"MM\0*", "a TIFF image", IMAGE),
+    (0, b"II+\0", "a BigTIFF image", IMAGE),
+    (0, b"MM\0+", "a BigTIFF image", IMAGE),
+    (0, b"GIF8", "a GIF image", AS_PNG),
+    (8, b"WEBP", "a WebP image", AS_PNG),
+    (4, b"ftypheic", "a HEIC image", AS_PNG),
+    (4, b"ftypmif1", "a HEIF image", AS_PNG),
+    (4, b"ftypavif", "an AVIF image", AS_PNG),
     (4, b"ftypcrx", "a raw photograph (Canon CR3)", RAW),
     (4, b"ftyp", "a film (MP4 or MOV)", "save its frames as PNG or TIFF"),
-    (0, b"\0\0\0\x0cjP  ", "a JPEG 2000 picture", AS_PNG),
-    (0, b"\xff\x4f\xff\x51", "a JPEG 2000 picture", AS_PNG),
-    (0, b"\xff\x0a", "a JPEG XL picture", AS_PNG),
-    (0, b"\0\0\0\x0cJXL ", "a JPEG XL picture", AS_PNG),
-    (0, b"8BPS", "a Photoshop picture", AS_PNG),
-    (0, b"\x76\x2f\x31\x01", "an OpenEXR picture", "save it as 32-bit float TIFF"),
-    (0, b"#?RADIANCE", "a Radiance HDR picture", "save it as 32-bit float TIFF"),
-    (0, b"P1", "a PNM picture", AS_PNG),
-    (0, b"P2", "a PNM picture", AS_PNG),
-    (0, b"P3", "a PNM picture", AS_PNG),
-    (0, b"P4", "a PNM picture", AS_PNG),
-    (0, b"P5", "a PNM picture", AS_PNG),
-    (0, b"P6", "a PNM picture", AS_PNG),
-    (0, b"Pf", "a PFM picture", "save it as 32-bit float TIFF"),
-    (0, b"PF", "a PFM picture", "save it as 32-bit float TIFF"),
+    (0, b"\0\0\0\x0cjP  ", "a JPEG 2000 image", AS_PNG),
+    (0, b"\xff\x4f\xff\x51", "a JPEG 2000 image", AS_PNG),
+    (0, b"\xff\x0a", "a JPEG XL image", AS_PNG),
+    (0, b"\0\0\0\x0cJXL ", "a JPEG XL image", AS_PNG),
+    (0, b"8BPS", "a Photoshop image", AS_PNG),
+    (0, b"\x76\x2f\x31\x01", "an OpenEXR image", AS_FLOAT),
+    (0, b"#?RADIANCE", "a Radiance HDR image", AS_FLOAT),
     (0, b"FUJIFILMCCD-RAW", "a raw photograph (Fujifilm)", RAW),
     (0, b"IIRO", "a raw photograph (Olympus)", RAW),
     (0, b"IIU\0", "a raw photograph (Panasonic)", RAW),
@@ -100,12 +92,13 @@ const SIGNATURES: &[(usize, &[u8], &str, &str)] = &[
     (0, b"\x1aE\xdf\xa3", "a film (Matroska or WebM)", "save its frames as PNG or TIFF"),
     (0, b"SQLite format 3", "an SQLite database", OTHER),
     (0, b"\x7fELF", "a program", OTHER),
-    (0, b"MZ", "a program", OTHER),
+    (0, b"MZ\x90\0", "a program", OTHER),
     (0, b"\0\x05\x16\x07", "what macOS keeps beside a file (its name begins with ._)", "take the file itself"),
 ];
 
 const NUMPY: &str = "choose it where arrays are read";
-const PICTURE: &str = "choose it where pictures are read";
+const IMAGE: &str = "choose it where images are read";
+const AS_FLOAT: &str = "save it as 32-bit float TIFF";
 const AS_PNG: &str = "save it as PNG or TIFF";
 const RAW: &str = "convert it to TIFF without changing its values";
 const OTHER: &str = "choose another file";
@@ -133,6 +126,11 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
     }
     if let Some((_, _, what, advice)) = SIGNATURES.iter().find(is_there) {
         return kind(*what, advice);
+    }
+    match head {
+        [b'P', b'1'..=b'6', blank, ..] if blank.is_ascii_whitespace() => return kind("a PNM image", AS_PNG),
+        [b'P', b'f' | b'F', blank, ..] if blank.is_ascii_whitespace() => return kind("a PFM image", AS_FLOAT),
+        _ => {}
     }
     // Protocol 2 and later begin with the opcode PROTO.
     if let [0x80, 2..=5, ..] = head {
@@ -221,10 +219,10 @@ mod tests {
 
     use super::*;
 
-    fn told(bytes: &[u8]) -> String {
+    fn sentence_for(bytes: &[u8]) -> String {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
-        named_for_what_it_is(file.path(), "a picture").to_string()
+        named_for_what_it_is(file.path(), "a image").to_string()
     }
 
     fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -252,9 +250,12 @@ mod tests {
             (b"\x80\x04K\x01.", "found a Python pickle; save the array with numpy.save"),
             (b"\x89HDF\r\n\x1a\n....", "found an HDF5 file"),
             (b"GIF89a", "found a GIF picture; save it as PNG or TIFF"),
-            (b"RIFF....WEBPVP8 ", "found a WebP picture"),
-            (b"....ftypheic", "found a HEIC picture"),
+            (b"RIFF....WEBPVP8 ", "found a WebP image"),
+            (b"....ftypheic", "found a HEIC image"),
             (b"%PDF-1.7", "found a PDF document"),
+            (b"P5 28 28 255 ", "found a PNM image"),
+            (b"P53 is a protein", "found a text"),
+            (b"PFAS", "found a text"),
             (b"1.5, 2e-3\n3, 4\n", "a table of numbers as text"),
             (b"{\"format\": 1}", "found a JSON text"),
             ("ein sch\u{f6}ner Text".as_bytes(), "found a text"),
@@ -262,14 +263,14 @@ mod tests {
             (&[1, 2, 3, 0xfe, 9], "an unknown file of 5 bytes that begins with 01 02 03 fe"),
         ];
         for (bytes, expected) in cases {
-            let sentence = told(bytes);
-            assert!(sentence.contains("expected a picture, found") && sentence.contains(expected), "{sentence}");
+            let sentence = sentence_for(bytes);
+            assert!(sentence.contains("expected an image, found") && sentence.contains(expected), "{sentence}");
         }
     }
 
     #[test]
-    fn what_cannot_be_looked_at_is_told() {
-        let error = named_for_what_it_is(Path::new("/none/a.npy"), "a picture");
+    fn a_missing_file_is_not_found() {
+        let error = named_for_what_it_is(Path::new("/none/a.npy"), "a image");
         assert!(matches!(error, FormatError::NotFound { .. }), "{error}");
     }
 }

@@ -35,7 +35,7 @@ pub use npy::{ArrayWriter, read_array, write_array};
 pub use npz::{read_npz, read_npz_f64};
 pub use picture::{complete_png_rgb, complete_png8, complete_png16, read_grey, write_png_rgb, write_png8, write_png16};
 pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
-pub use stack::{read_picture_or_array, read_stack};
+pub use stack::read_stack;
 pub use tables::{complete_csv, complete_json, read_json, write_csv, write_csv_text, write_json};
 pub use tiff_pages::read_pages;
 pub use tiff_write::{PageWriter, write_tiff};

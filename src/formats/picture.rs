@@ -11,7 +11,7 @@ use ndarray::{Array2, ArrayView2, ArrayView3};
 
 use super::bytes::{open, read_bytes};
 use super::jpeg::has_its_end;
-use super::{Channel, CompleteFile, FormatError, PixelStack, Samples, complete_file, read_stack};
+use super::{CompleteFile, FormatError, ImageFile, PixelStack, Samples, complete_file, read_stack};
 
 /// Longest side of a picture, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
@@ -40,7 +40,8 @@ pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
 }
 
 /// Reads a PNG, JPEG or BMP picture, which must not be larger than its file can hold.
-pub(super) fn read_page(path: &Path, channel: Option<Channel>) -> Result<PixelStack, FormatError> {
+pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
+    let (source, path) = (file, &file.path);
     let damaged = |error: ImageError| match error {
         ImageError::IoError(error) => FormatError::from_read(path, error),
         ImageError::Limits(_) => FormatError::malformed(
@@ -90,9 +91,7 @@ pub(super) fn read_page(path: &Path, channel: Option<Channel>) -> Result<PixelSt
             return Err(FormatError::malformed(path, "grey or RGB pixels of 8, 16 or 32 bits", found, ADVICE));
         }
     };
-    let size = (1, height as usize, width as usize);
-    let stack = PixelStack::interleaved(size, samples, channels, channel)
-        .map_err(|found| FormatError::malformed(path, "the channel that ?channel= names", found, "choose another"))?;
+    let stack = PixelStack::interleaved(source, [1, height as usize, width as usize], samples, channels)?;
     Ok(stack.turned(orientation))
 }
 
@@ -205,7 +204,7 @@ mod tests {
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 128.0, 255.0], [0.0, 255.0, 0.0]]));
         write_png16(&path, picture.view(), 0.0, 1.0).unwrap();
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 32768.0, 65535.0], [0.0, 65535.0, 0.0]]));
-        assert_eq!(read_page(&path, None).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
+        assert_eq!(read_stack(&path).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use ndarray::{Array2, Array3, ArrayView, IxDyn};
 
-use super::{Channel, Understood};
+use super::{Channel, FormatError, ImageFile, Understood};
+use crate::plural::counted;
 
 /// Rec. ITU-R BT.709 luma weights of red, green and blue.
 pub const GREY_WEIGHTS: [f64; 3] = [0.2126, 0.7152, 0.0722];
@@ -171,7 +172,7 @@ impl Samples {
 }
 
 /// Rec. 709 luma of red, green and blue in the same unit.
-pub(super) fn luma(rgb: [f32; 3]) -> f32 {
+fn luma(rgb: [f32; 3]) -> f32 {
     rgb.iter().zip(GREY_WEIGHTS).map(|(&value, weight)| f64::from(value) * weight).sum::<f64>() as f32
 }
 
@@ -201,20 +202,32 @@ impl PixelStack {
         Self { pages, rows, cols, white: samples.white(), samples, from_colour: false, understood }
     }
 
-    /// Pictures of shape (pages, rows, cols) from samples of interleaved `channels`: the chosen one, grey without its
-    /// opacity, or the luma of red, green and blue where they differ.
+    /// Pictures of shape [pages, rows, cols] of a file from samples of interleaved `channels`: the channel that its path
+    /// chooses, grey without its opacity, or the luma of red, green and blue where they differ.
     ///
-    /// The error is what was found where the choice is impossible or has to be made.
+    /// # Errors
+    /// [`FormatError`] where there is no such channel, or none was chosen of more than four.
     pub(super) fn interleaved(
-        (pages, rows, cols): (usize, usize, usize),
+        file: &ImageFile,
+        [pages, rows, cols]: [usize; 3],
         samples: Samples,
         channels: usize,
-        choice: Option<Channel>,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, FormatError> {
         let white = samples.white();
+        let refuse = |expected: &str, advice: &str| {
+            FormatError::malformed(&file.path, expected, counted(channels, "channel"), advice)
+        };
+        // The luma is what up to four channels become anyway.
+        let choice = file.meaning.channel.filter(|&choice| choice != Channel::Luma || channels > 4);
         let chosen = match choice {
-            Some(choice) => chosen(choice, channels)?,
-            None if channels > 4 => return Err(format!("{channels} channels and no choice among them")),
+            Some(choice) => {
+                let index = chosen(choice, channels);
+                Some(index.ok_or_else(|| refuse("the channel that ?channel= names", "choose another"))?)
+            }
+            None if channels > 4 => {
+                let advice = "tell which one: add ?channel=1 to the path";
+                return Err(refuse("one channel, or red, green and blue", advice));
+            }
             None => None,
         };
         if let Some(index) = chosen {
@@ -294,21 +307,21 @@ impl PixelStack {
     }
 }
 
-/// Index of a channel among `channels`; none for the luma of several.
-fn chosen(choice: Channel, channels: usize) -> Result<Option<usize>, String> {
-    let has_colours = matches!(channels, 3 | 4);
-    // Grey images have the same red, green and blue.
-    let colour = |index: usize| Some(if has_colours { index } else { 0 });
-    let found = || Err(format!("{channels} channel{}", if channels == 1 { "" } else { "s" }));
+/// Index of a channel among `channels`, if there is such a one.
+fn chosen(choice: Channel, channels: usize) -> Option<usize> {
+    let colour = |index: usize| match channels {
+        // Grey images have the same red, green and blue.
+        1 | 2 => Some(0),
+        3 | 4 => Some(index),
+        _ => None,
+    };
     match choice {
-        Channel::Number(number) if number <= channels => Ok(Some(number - 1)),
-        Channel::Alpha if matches!(channels, 2 | 4) => Ok(Some(channels - 1)),
-        Channel::Number(_) | Channel::Alpha => found(),
-        _ if channels > 4 => found(),
-        Channel::Red => Ok(colour(0)),
-        Channel::Green => Ok(colour(1)),
-        Channel::Blue => Ok(colour(2)),
-        Channel::Luma => Ok(if has_colours { None } else { Some(0) }),
+        Channel::Number(number) => (number <= channels).then(|| number - 1),
+        Channel::Alpha => matches!(channels, 2 | 4).then(|| channels - 1),
+        Channel::Red => colour(0),
+        Channel::Green => colour(1),
+        Channel::Blue => colour(2),
+        Channel::Luma => None,
     }
 }
 

@@ -2,12 +2,9 @@
 
 use std::path::Path;
 
-use ndarray::Array3;
-
 use super::bytes::magic;
 use super::kind::named_for_what_it_is;
-use super::{FormatError, ImageFile, PixelStack, Samples, Understood, idx, npy, npz, picture, tiff_pages};
-use crate::plural::counted;
+use super::{FormatError, ImageFile, Meaning, PixelStack, Samples, Understood, idx, npy, npz, picture, tiff_pages};
 
 /// The first two axes of a colour picture are longer than this, so that a stack of a few narrow pages is not one.
 const COLOUR_PICTURE_PX: usize = 4;
@@ -24,60 +21,101 @@ pub(super) struct RawArray {
     pub(super) understood: Understood,
 }
 
-/// Reads a file of pictures as grey pages of shape (pages, rows, cols), in the counts of the file.
+/// Reads a file of images as grey pages, in the number type and the counts of the file, with what was understood.
 ///
 /// The first bytes, not the name, tell the kind: NPY, NPZ, TIFF (all pages), PNG, JPEG, BMP, IDX (gzipped, too). The
-/// path may tell what the file means: see [`ImageFile::find`]. Axes of arrays, unless told otherwise: (rows, cols),
-/// (images, rows, cols), (rows, cols, 1), (rows, cols, 3 or 4) colour with rows and cols above 4, (images, rows, cols,
-/// 3 or 4) colour; other axes of length 1 are left out. Colour becomes Rec. 709 luma.
+/// path may say what the file means: see [`ImageFile::find`]. Axes of arrays, unless it does: (rows, cols), (images,
+/// rows, cols), (rows, cols, 1), (rows, cols, 3 or 4) colour with rows and cols above 4, (images, rows, cols, 3 or 4)
+/// colour; other axes of length 1 are left out. Colour becomes Rec. 709 luma.
 ///
 /// # Errors
 /// [`FormatError`] if the file is missing, damaged, of another kind, or an array of other axes.
-pub fn read_picture_or_array(path: &Path) -> Result<Array3<f32>, FormatError> {
-    Ok(read_stack(path)?.into_array())
-}
-
-/// [`read_picture_or_array`] in the number type of the file, with what was understood.
 pub fn read_stack(path: &Path) -> Result<PixelStack, FormatError> {
     ImageFile::find(path)?.read()
 }
 
 pub(super) fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let path = &file.path;
-    let is_array = |axes: RawArray| from_array(file, axes);
-    let stack = match magic::<4>(path)? {
-        [0x93, b'N', b'U', b'M'] => is_array(npy::read_raw(path)?)?,
-        [b'P', b'K', 3 | 5, 4 | 6] => is_array(npz::read_raw(path, file.meaning.key.as_deref())?)?,
-        [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => {
-            tiff_pages::read_equal_pages(path, file.meaning.channel)?
-        }
-        [0x89, b'P', b'N', b'G'] | [0xFF, 0xD8, 0xFF, _] | [b'B', b'M', ..] => {
-            picture::read_page(path, file.meaning.channel)?
-        }
-        [0, 0, _, 3] => idx::read_images(path)?,
-        [0x1f, 0x8b, ..] if idx::is_packed_images(path) => idx::read_images(path)?,
+    let start = magic::<4>(path)?;
+    let (is_npy, is_archive) = (start == *b"\x93NUM", matches!(start, [b'P', b'K', 3 | 5, 4 | 6]));
+    file.check_options(is_npy || is_archive, is_archive)?;
+    let stack = match start {
+        _ if is_npy => from_array(file, npy::read_raw(path)?)?,
+        _ if is_archive => from_array(file, npz::read_raw(path, file.meaning.key.as_deref())?)?,
+        [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => tiff_pages::read_equal_pages(file)?,
+        [0x89, b'P', b'N', b'G'] | [0xFF, 0xD8, 0xFF, _] | [b'B', b'M', ..] => picture::read_page(file)?,
+        [0, 0, _, 3] => idx::read_images(file)?,
+        [0x1f, 0x8b, ..] if idx::is_packed_images(path) => idx::read_images(file)?,
         _ => return Err(named_for_what_it_is(path, KINDS)),
     };
-    restrict(file, stack)
+    file.chosen_frame(stack)
 }
 
-/// Takes the image that was asked for alone, and refuses what has no meaning for the file.
-pub(super) fn restrict(file: &ImageFile, stack: PixelStack) -> Result<PixelStack, FormatError> {
-    let start = magic::<4>(&file.path)?;
-    let (is_npy, is_npz) = (start == *b"\x93NUM", start[..2] == *b"PK");
-    if file.meaning.axis.is_some() && !(is_npy || is_npz) {
-        return Err(file.cannot_mean("axis", "a file that is no array"));
-    }
-    if file.meaning.key.is_some() && !is_npz {
-        return Err(file.cannot_mean("key", "a file that is no archive of arrays"));
-    }
-    match file.meaning.frame {
-        None => Ok(stack),
-        Some(frame) if frame <= stack.pages => Ok(stack.only(frame - 1)),
-        Some(frame) => {
-            let expected = format!("image {frame}, as ?frame={frame} asks for");
-            Err(FormatError::malformed(&file.path, expected, counted(stack.pages, "image"), "choose another"))
+/// Axes of an array by their numbers from 0. Axes that are not named here have length 1.
+struct Axes {
+    /// The one that counts images.
+    frames: Option<usize>,
+    rows: usize,
+    cols: usize,
+    /// The one that holds colours.
+    colours: Option<usize>,
+}
+
+impl Axes {
+    /// The axes of a shape, as the path says or their lengths suggest. The error is what to do.
+    fn of(shape: &[usize], meaning: &Meaning) -> Result<Self, &'static str> {
+        const RESHAPE: &str = "reshape it to one of these";
+        let chosen = match meaning.axis {
+            Some(axis) => Some(axis.index(shape.len()).ok_or("correct the number behind ?axis=")?),
+            None => None,
+        };
+        // Single layers are left out, the last axis first where it makes an image of one.
+        let mut axes: Vec<usize> = (0..shape.len()).collect();
+        while axes.len() > 3
+            && let Some(layer) = axes.iter().position(|&axis| shape[axis] == 1 && Some(axis) != chosen)
+        {
+            axes.remove(layer);
         }
+        if axes.len() == 3 && chosen.is_none() && shape[axes[2]] == 1 {
+            axes.pop();
+        }
+        axes.retain(|&axis| Some(axis) != chosen);
+        let is_wide = |one: usize, other: usize| shape[one].min(shape[other]) > COLOUR_PICTURE_PX;
+        let is_told = meaning.channel.is_some();
+        let is_colour = |axis: usize| matches!(shape[axis], 3 | 4) || (is_told && shape[axis] == 2);
+        let axes = match axes[..] {
+            [rows, cols] => Self { frames: chosen, rows, cols, colours: None },
+            [rows, cols, colours] if is_colour(colours) && (is_wide(rows, cols) || chosen.is_some() || is_told) => {
+                Self { frames: chosen, rows, cols, colours: Some(colours) }
+            }
+            [colours, rows, cols] if is_told && is_colour(colours) => {
+                Self { frames: chosen, rows, cols, colours: Some(colours) }
+            }
+            [frames, rows, cols] if chosen.is_none() && !is_told => {
+                Self { frames: Some(frames), rows, cols, colours: None }
+            }
+            [frames, rows, cols, colours] if chosen.is_none() && is_colour(colours) => {
+                Self { frames: Some(frames), rows, cols, colours: Some(colours) }
+            }
+            [frames, colours, rows, cols] if chosen.is_none() && is_colour(colours) && is_told => {
+                Self { frames: Some(frames), rows, cols, colours: Some(colours) }
+            }
+            [_, colours, _, _] if chosen.is_none() && is_colour(colours) => {
+                return Err("add ?channel=luma or ?channel=1 if axis 2 holds colours, or reshape it");
+            }
+            [_, _, _] | [_, _, _, _] => {
+                return Err("reshape it, or add ?axis=last or ?axis=2 if that axis counts images");
+            }
+            _ => return Err(RESHAPE),
+        };
+        Ok(axes)
+    }
+
+    /// The order in which images, rows, columns and colours follow each other.
+    fn order(&self, count: usize) -> Vec<usize> {
+        let named = || self.frames.into_iter().chain([self.rows, self.cols]).chain(self.colours);
+        let single = (0..count).filter(|&axis| named().all(|other| other != axis));
+        single.chain(named()).collect()
     }
 }
 
@@ -85,81 +123,39 @@ pub(super) fn restrict(file: &ImageFile, stack: PixelStack) -> Result<PixelStack
 fn from_array(file: &ImageFile, array: RawArray) -> Result<PixelStack, FormatError> {
     let RawArray { shape, samples, understood } = array;
     let meaning = &file.meaning;
-    let refuse = |advice: &str| {
+    let axes = Axes::of(&shape, meaning).map_err(|advice| {
         let expected = "an array of shape (rows, cols), (images, rows, cols) or (rows, cols, 3)";
-        Err(FormatError::malformed(&file.path, expected, format!("shape {shape:?}"), advice))
-    };
-    let chosen = match meaning.axis.map(|axis| axis.index(shape.len())) {
-        Some(None) => return refuse("correct the number behind ?axis="),
-        Some(index) => index,
-        None => None,
-    };
-    // Axes by their numbers in the file, those of one layer left out.
-    let mut axes: Vec<usize> = (0..shape.len()).collect();
-    while axes.len() > 3
-        && let Some(layer) = axes.iter().position(|&axis| shape[axis] == 1 && Some(axis) != chosen)
-    {
-        axes.remove(layer);
-    }
-    if let ([_, _, last], None) = (axes.as_slice(), chosen)
-        && shape[*last] == 1
-    {
-        axes.pop();
-    }
-    // The axis that counts images comes first, that of colours last.
-    let frames = chosen.and_then(|chosen| axes.iter().position(|&axis| axis == chosen)).map(|at| axes.remove(at));
-    let length = |at: usize| axes.get(at).map_or(0, |&axis| shape[axis]);
-    let is_wide = |one: usize, other: usize| length(one).min(length(other)) > COLOUR_PICTURE_PX;
-    let is_colour = |at: usize| matches!(length(at), 3 | 4) || (meaning.channel.is_some() && length(at) == 2);
-    let (frames, colours) = match (axes.len(), frames) {
-        (2, frames) => (frames, None),
-        (3, frames) if is_colour(2) && (is_wide(0, 1) || frames.is_some() || meaning.channel.is_some()) => {
-            (frames, Some(2))
-        }
-        (3, frames) if meaning.channel.is_some() && is_colour(0) => (frames, Some(0)),
-        (3, None) if meaning.channel.is_none() => (Some(axes[0]), None),
-        (4, None) if is_colour(3) => (Some(axes[0]), Some(3)),
-        (4, None) if meaning.channel.is_some() && is_colour(1) => (Some(axes[0]), Some(1)),
-        (4, None) if is_colour(1) => {
-            return refuse("add ?channel=luma or ?channel=1 if axis 2 holds colours, or reshape it");
-        }
-        (3 | 4, _) => return refuse("reshape it, or tell by ?axis=last or ?axis=2 which axis counts images"),
-        _ => return refuse("reshape it to one of these"),
-    };
-    let colours = colours.map(|at| axes[at]);
-    let rest: Vec<usize> = axes.iter().copied().filter(|&axis| Some(axis) != frames && Some(axis) != colours).collect();
-    let &[rows, cols] = rest.as_slice() else { return refuse("reshape it first") };
-    let left_out = (0..shape.len()).filter(|axis| !axes.contains(axis) && Some(*axis) != frames);
-    let order: Vec<usize> = left_out.chain(frames).chain([rows, cols]).chain(colours).collect();
-    let samples = if order.is_sorted() { samples } else { samples.permuted(&shape, &order) };
-    let channels = colours.map_or(1, |axis| shape[axis]);
-    let size = (frames.map_or(1, |axis| shape[axis]), shape[rows], shape[cols]);
-    let mut stack = PixelStack::interleaved(size, samples, channels, meaning.channel).map_err(|found| {
-        FormatError::malformed(&file.path, "the channel that ?channel= names", found, "choose another")
+        FormatError::malformed(&file.path, expected, format!("shape {shape:?}"), advice)
     })?;
-    // A single layer counts nothing, unless it was told to.
-    stack.understood.axis = frames.filter(|&axis| shape[axis] != 1 || chosen.is_some()).map(|axis| axis + 1);
+    let order = axes.order(shape.len());
+    let samples = if order.is_sorted() { samples } else { samples.permuted(&shape, &order) };
+    let size = [axes.frames.map_or(1, |axis| shape[axis]), shape[axes.rows], shape[axes.cols]];
+    let mut stack = PixelStack::interleaved(file, size, samples, axes.colours.map_or(1, |axis| shape[axis]))?;
+    // A single layer counts nothing, unless the path names it.
+    let counts = axes.frames.filter(|&axis| shape[axis] != 1 || meaning.axis.is_some());
+    stack.understood.axis = counts.map(|axis| axis + 1);
     stack.understood.key = understood.key;
     stack.understood.numbers = understood.numbers.or(stack.understood.numbers);
-    if let Some(colours) = colours {
+    if let Some(colours) = axes.colours {
         stack.note(format!("axis {} holds colours", colours + 1));
     }
-    for note in understood.notes {
-        stack.note(note);
-    }
-    let last = shape.len() - 1;
-    let is_guess = meaning.axis.is_none() && frames == Some(0) && shape.len() == 3 && colours.is_none();
-    if is_guess && shape[last] < shape[0].min(shape[1]) {
-        stack.note(format!("if axis {} counts them, add ?axis=last", last + 1));
-    }
-    if is_guess {
-        stack.understood.choices.extend(["axis=2", "axis=last"].map(Into::into));
-    }
-    if meaning.axis.is_none() && meaning.channel.is_none() && shape.len() == 3 && colours == Some(last) {
-        stack.note("if the last axis counts images, add ?axis=last");
-        stack.understood.choices.push("axis=last".into());
+    if meaning.axis.is_none() && shape.len() == 3 {
+        suggest_axes(&mut stack, &axes, &shape);
     }
     Ok(stack)
+}
+
+/// Says what else three axes could mean.
+fn suggest_axes(stack: &mut PixelStack, axes: &Axes, shape: &[usize]) {
+    if axes.colours == Some(2) && stack.from_colour {
+        stack.note("if the last axis counts images, add ?axis=last");
+        stack.understood.choices.push("axis=last".into());
+    } else if axes.colours.is_none() && axes.frames == Some(0) {
+        if shape[2] < shape[0].min(shape[1]) {
+            stack.note("if axis 3 counts them, add ?axis=last");
+        }
+        stack.understood.choices.extend(["axis=2", "axis=last"].map(Into::into));
+    }
 }
 
 #[cfg(test)]
@@ -188,7 +184,7 @@ mod tests {
             (&[7, 9][..], Some((1, 7, 9)), None),
             (&[7, 9, 3], Some((1, 7, 9)), None),
             (&[7, 9, 4], Some((1, 7, 9)), None),
-            (&[7, 9, 5], Some((7, 7 + 2, 5)), Some(1)),
+            (&[7, 9, 5], Some((7, 9, 5)), Some(1)),
             (&[2, 9, 3], Some((2, 9, 3)), Some(1)),
             (&[0, 9, 9], Some((0, 9, 9)), Some(1)),
             (&[1, 9, 8], Some((1, 9, 8)), None),
@@ -230,9 +226,15 @@ mod tests {
         let colours = read_stack(&with(&counting(&folder, &[6, 5, 3, 4]), "axis=last&channel=red")).unwrap();
         assert_eq!((colours.understood.axis, colours.samples.value(1)), (Some(4), 12.0));
         counting(&folder, &[6, 5, 3]);
-        for wrong in ["axis=4", "axis=1&axis=9", "key=a", "channel=alpha", "frame=7"] {
-            let error = read_stack(&with(&path, wrong)).err().map(|error| error.to_string());
-            assert!(error.is_some(), "{wrong} was understood");
+        for (wrong, told) in [
+            ("axis=4", "correct the number behind ?axis="),
+            ("axis=1&axis=9", "correct the number behind ?axis="),
+            ("key=a", "a file that is no archive of arrays"),
+            ("channel=alpha", "found 3 channels"),
+            ("frame=7", "found 1 image;"),
+        ] {
+            let error = read_stack(&with(&path, wrong)).unwrap_err().to_string();
+            assert!(error.contains(told), "{wrong}: {error}");
         }
     }
 
@@ -274,14 +276,14 @@ mod tests {
     #[test]
     fn other_files_are_named_with_what_would_do() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let error = read_picture_or_array(file.path()).unwrap_err().to_string();
+        let error = read_stack(file.path()).unwrap_err().to_string();
         assert!(
             error.contains("expected an NPY, NPZ, TIFF, PNG, JPEG, BMP or IDX file, found an empty file"),
             "{error}"
         );
-        let error = read_picture_or_array(Path::new("/none/a.npy")).unwrap_err();
+        let error = read_stack(Path::new("/none/a.npy")).unwrap_err();
         assert!(matches!(error, FormatError::NotFound { .. }), "{error}");
-        let error = read_picture_or_array(&std::env::temp_dir()).unwrap_err().to_string();
+        let error = read_stack(&std::env::temp_dir()).unwrap_err().to_string();
         assert!(error.contains("found a folder"), "{error}");
     }
 }

@@ -42,6 +42,8 @@ pub(super) struct PageTags {
 pub(super) struct Directories {
     pub(super) big_endian: bool,
     pub(super) pages: Vec<PageTags>,
+    /// Where directories begin, and values of theirs that lie elsewhere.
+    places: Vec<u64>,
 }
 
 impl Directories {
@@ -50,6 +52,11 @@ impl Directories {
         let mut directories = Self::default();
         let _ = directories.collect(reader);
         directories
+    }
+
+    /// Where pixels that begin at `start` end at the latest: at the next place that is known to hold something else.
+    pub(super) fn end_of_pixels(&self, start: u64) -> Option<u64> {
+        self.places.iter().copied().filter(|&place| place > start).min()
     }
 
     fn collect(&mut self, reader: &mut (impl Read + Seek)) -> io::Result<()> {
@@ -61,6 +68,7 @@ impl Directories {
         let mut next = if is_big { self.number_at(reader, 8, 8)? } else { self.number(&start[4..8]) };
         let mut seen = HashSet::new();
         while next != 0 && self.pages.len() < MOST_PAGES && seen.insert(next) {
+            self.places.push(next);
             let (count_bytes, entry_bytes, pointer_bytes) = if is_big { (8, 20, 8) } else { (2, 12, 4) };
             let entries = self.number_at(reader, next, count_bytes)?.min(LONGEST_VALUE_BYTES / entry_bytes);
             let first = next.saturating_add(count_bytes);
@@ -76,7 +84,7 @@ impl Directories {
     }
 
     /// Takes up one entry: tag and type of 2 bytes each, then count and value of `pointer` bytes each.
-    fn entry(&self, reader: &mut (impl Read + Seek), at: u64, pointer: u64, page: &mut PageTags) -> io::Result<()> {
+    fn entry(&mut self, reader: &mut (impl Read + Seek), at: u64, pointer: u64, page: &mut PageTags) -> io::Result<()> {
         let tag = self.number_at(reader, at, 2)?;
         let width = match self.number_at(reader, at + 2, 2)? {
             1 | 2 | 6 | 7 => 1,
@@ -89,6 +97,9 @@ impl Directories {
         let bytes = count.saturating_mul(width).min(LONGEST_VALUE_BYTES);
         let inline = at + 4 + pointer;
         let place = if bytes <= pointer { inline } else { self.number_at(reader, inline, pointer)? };
+        if place != inline {
+            self.places.push(place);
+        }
         let first = |reader: &mut _| self.number_at(reader, place, width);
         match tag {
             254 => page.is_reduced = first(reader)? & 1 == 1,

@@ -25,7 +25,7 @@ const ADVICE: &str = "save it as uncompressed grey or RGB TIFF";
 pub fn read_pages(path: &Path) -> Result<Vec<Array2<f32>>, FormatError> {
     let file = ImageFile::find(path)?;
     let mut pages = Vec::new();
-    for_each_page(&file.path, file.meaning.channel, |stack| {
+    for_each_page(&file, |stack| {
         pages.extend((0..stack.pages).map(|page| stack.picture(page)));
         Ok(())
     })?;
@@ -33,9 +33,10 @@ pub fn read_pages(path: &Path) -> Result<Vec<Array2<f32>>, FormatError> {
 }
 
 /// Reads a TIFF file whose pages are all of one shape, in the number type of the file.
-pub(super) fn read_equal_pages(path: &Path, channel: Option<Channel>) -> Result<PixelStack, FormatError> {
+pub(super) fn read_equal_pages(source: &ImageFile) -> Result<PixelStack, FormatError> {
+    let path = &source.path;
     let mut stack: Option<PixelStack> = None;
-    for_each_page(path, channel, |page| {
+    for_each_page(source, |page| {
         let Some(stack) = stack.as_mut() else {
             stack = Some(page);
             return Ok(());
@@ -60,10 +61,10 @@ pub(super) fn read_equal_pages(path: &Path, channel: Option<Channel>) -> Result<
 
 /// Gives the pages in turn; a page that stands for several images gives them all.
 fn for_each_page(
-    path: &Path,
-    channel: Option<Channel>,
+    source: &ImageFile,
     mut take: impl FnMut(PixelStack) -> Result<(), FormatError>,
 ) -> Result<(), FormatError> {
+    let path = &source.path;
     let damaged = |error: TiffError| match error {
         TiffError::IoError(error) => FormatError::from_read(path, error),
         error => FormatError::malformed(path, "an undamaged TIFF file", error.to_string(), ADVICE),
@@ -98,7 +99,7 @@ fn for_each_page(
             let channels = channels_of(path, colour)?;
             let mut decoded = DecodingResult::U8(Vec::new());
             let layout = decoder.read_image_to_buffer(&mut decoded).map_err(damaged)?;
-            let page = Page { path, tags: &tags, rows: height as usize, cols: width as usize, channels, channel };
+            let page = Page { source, tags: &tags, rows: height as usize, cols: width as usize, channels };
             let (numbers, samples) = samples(decoded);
             let samples = match colour.bit_depth() {
                 bits @ (1 | 2 | 4) => page.unpacked(&samples, bits),
@@ -110,7 +111,7 @@ fn for_each_page(
                 return Err(FormatError::malformed(path, format!("{channels} values per pixel"), found, ADVICE));
             }
             let (others, note) = match directories.pages.len() {
-                1 if layout.planes <= 1 => page.others(&file, length, directories.big_endian)?,
+                1 if layout.planes <= 1 => page.others(&file, length, &directories)?,
                 pages => (None, page.missing(pages as u64)),
             };
             let mut stack = page.stack(samples, others)?;
@@ -177,12 +178,11 @@ fn channels_of(path: &Path, colour: ColorType) -> Result<usize, FormatError> {
 
 /// One page and how it is to be understood.
 struct Page<'a> {
-    path: &'a Path,
+    source: &'a ImageFile,
     tags: &'a PageTags,
     rows: usize,
     cols: usize,
     channels: usize,
-    channel: Option<Channel>,
 }
 
 impl Page<'_> {
@@ -220,7 +220,7 @@ impl Page<'_> {
         &self,
         mut file: &File,
         length: u64,
-        big_endian: bool,
+        directories: &Directories,
     ) -> Result<(Option<Samples>, Option<String>), FormatError> {
         let none = |found| Ok((None, self.missing(found)));
         let Some(described) = self.tags.described_images(self.pixels() as u64).filter(|&count| count > 1) else {
@@ -230,12 +230,14 @@ impl Page<'_> {
         if self.tags.compression != 1 || image_bytes == 0 {
             return none(1);
         }
-        let there = (length.saturating_sub(self.tags.offset) / image_bytes).min(described);
+        // Pixels end where a directory or what belongs to one begins.
+        let end = directories.end_of_pixels(self.tags.offset).unwrap_or(length).min(length);
+        let there = (end.saturating_sub(self.tags.offset) / image_bytes).min(described);
         if there < 2 {
             return none(1);
         }
         let start = self.tags.offset + image_bytes;
-        let failed = |error| FormatError::from_read(self.path, error);
+        let failed = |error| FormatError::from_read(&self.source.path, error);
         file.seek(SeekFrom::Start(start)).map_err(failed)?;
         let values = (there - 1) as usize * self.pixels() * self.channels;
         let mut reader = BufReader::new(file);
@@ -244,7 +246,11 @@ impl Page<'_> {
                 let convert = |bytes: &[u8]| {
                     let mut value = [0; size_of::<$type>()];
                     value.copy_from_slice(bytes);
-                    let value = if big_endian { <$type>::from_be_bytes(value) } else { <$type>::from_le_bytes(value) };
+                    let value = if directories.big_endian {
+                        <$type>::from_be_bytes(value)
+                    } else {
+                        <$type>::from_le_bytes(value)
+                    };
                     $convert(value)
                 };
                 read_values(&mut reader, values, size_of::<$type>(), true, convert).map($variant)
@@ -270,23 +276,17 @@ impl Page<'_> {
             samples.append(others);
         }
         let pages = samples.len() / (self.pixels() * self.channels).max(1);
-        let size = (pages, self.rows, self.cols);
         let palette = self.palette(&samples);
-        let (samples, channels) = match &palette {
-            Some(Ok(colours)) => (colours.clone(), 3),
-            _ => (samples, self.channels),
+        let (samples, channels, note) = match palette {
+            Some(Ok(colours)) => {
+                (colours, 3, Some("colours of its colour table (?channel=1 takes the stored numbers)"))
+            }
+            Some(Err(note)) => (samples, self.channels, Some(note)),
+            None => (samples, self.channels, None),
         };
-        let mut stack = PixelStack::interleaved(size, samples, channels, self.channel).map_err(|found| {
-            let advice = match self.channel {
-                None => "tell which one: add ?channel=1 to the path",
-                Some(_) => "choose another channel",
-            };
-            FormatError::malformed(self.path, "one channel, or red, green and blue", found, advice)
-        })?;
-        match palette {
-            Some(Ok(_)) => stack.note("colours of its colour table (?channel=1 takes the stored numbers)"),
-            Some(Err(note)) => stack.note(note),
-            None => {}
+        let mut stack = PixelStack::interleaved(self.source, [pages, self.rows, self.cols], samples, channels)?;
+        if let Some(note) = note {
+            stack.note(note);
         }
         match self.tags.photometric {
             Some(photometric::WHITE_IS_ZERO) => stack.note("stored values, though they are marked white-is-zero"),
@@ -308,11 +308,12 @@ impl Page<'_> {
         let entries = 1_usize << self.tags.bits.min(16);
         let [red, green, blue] = [0, 1, 2].map(|table| self.tags.palette.get(table * entries..(table + 1) * entries));
         let (true, Some(red), Some(green), Some(blue)) = (is_palette, red, green, blue) else { return None };
-        if self.channel == Some(Channel::Number(1)) {
+        let channel = self.source.meaning.channel;
+        if channel == Some(Channel::Number(1)) {
             return Some(Err("stored numbers, without its colour table"));
         }
         // A table of ImageJ colours measured values; photographs are saved with their colours in the table.
-        if self.tags.is_imagej() && self.channel.is_none() {
+        if self.tags.is_imagej() && channel.is_none() {
             return Some(Err("stored values, without its colour table (LUT)"));
         }
         // Tables of 8 bits stand in the upper bytes, by the standard, or in the lower ones.

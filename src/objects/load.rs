@@ -11,7 +11,7 @@ use crate::plural::{counted, one_or_many};
 
 use super::ObjectError;
 use super::clean::clean;
-use super::set::{Observer, Progress, Told};
+use super::set::{FileReport, Observer, Progress};
 
 /// Files read at a time.
 const BATCH_FILES: usize = 8;
@@ -50,7 +50,7 @@ impl Item {
 pub(super) fn load(
     path: &Path,
     field: (usize, usize),
-    told: &mut Told,
+    report: &mut FileReport,
     observer: Observer,
 ) -> Result<Loaded, ObjectError> {
     let files = image_files(path)?;
@@ -96,8 +96,8 @@ pub(super) fn load(
         let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ pictures";
         return Err(FormatError::malformed(path, expected, found, "choose a folder with pictures").into());
     }
-    told.understood = understood.map(|understood| understood.to_string());
-    let notices = &mut told.notices;
+    report.understood = understood.map(|understood| understood.to_string());
+    let notices = &mut report.notices;
     let more = cleaned.len().saturating_sub(NAMED_FILES);
     notices.extend(cleaned.into_iter().take(NAMED_FILES));
     notices.extend((more > 0).then(|| format!("the same in {}", counted(more, "more file"))));
@@ -271,15 +271,15 @@ mod tests {
         let deep = |value: u16| item(PixelStack::new(1, 20, 20, Samples::U16(vec![value; 400])), (96, 96));
         let shallow = |side: usize| item(PixelStack::new(1, side, side, Samples::U8(vec![255; side * side])), (96, 96));
         let mut items = vec![shallow(20), deep(65_535), deep(300), shallow(60)];
-        let told = same_white(&mut items).unwrap();
-        assert_eq!(told, "2 8-bit files were brought to the range of the 16-bit ones among them (times 257)");
+        let report = same_white(&mut items).unwrap();
+        assert_eq!(report, "2 8-bit files were brought to the range of the 16-bit ones among them (times 257)");
         let firsts: Vec<f32> = items.iter_mut().map(|item| item.stack().samples.value(0)).collect();
         assert_eq!(firsts, [65_535.0, 65_535.0, 300.0, 65_535.0]);
         assert_eq!(same_white(&mut [shallow(20), shallow(60)]), None);
         assert_eq!(same_white(&mut [deep(9), deep(5)]), None);
         let float = || item(picture(20, 20, |_, _| 0.5), (96, 96));
-        let told = mixed_levels(&mut [shallow(20), float(), deep(9)]).unwrap();
-        assert!(told.starts_with("1 of 3 files holds values without a range"), "{told}");
+        let report = mixed_levels(&mut [shallow(20), float(), deep(9)]).unwrap();
+        assert!(report.starts_with("1 of 3 files holds values without a range"), "{report}");
         assert_eq!((mixed_levels(&mut [float(), float()]), mixed_levels(&mut [shallow(20), deep(9)])), (None, None));
     }
 

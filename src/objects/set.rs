@@ -68,9 +68,9 @@ impl Progress {
     }
 }
 
-/// What the user is told of files.
+/// What the user should know of files.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Told {
+pub(super) struct FileReport {
     /// What was understood of them.
     pub(super) understood: Option<String>,
     /// What was left out or changed.
@@ -118,7 +118,7 @@ pub struct ObjectSet {
     content: Content,
     field: (usize, usize),
     mean: f64,
-    told: Told,
+    report: FileReport,
     fingerprint: String,
 }
 
@@ -143,20 +143,20 @@ impl ObjectSet {
     ) -> Result<Self, ObjectError> {
         check(options)?;
         let observer = Observer(progress);
-        let mut told = Told::default();
+        let mut report = FileReport::default();
         let beads = |density, planes, scale| Beads::new(density, planes, options.field, scale).map(Content::Beads);
         let mean = options.mean_photons;
         let content = match source {
             ObjectSource::Beads { density } => beads(*density, 1, BeadScale::Mean(mean))?,
             ObjectSource::BeadsMax { density } => beads(*density, 1, BeadScale::PerBead)?,
             ObjectSource::Volume { planes, density } => beads(*density, *planes, BeadScale::Mean(mean))?,
-            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut told, observer)?], mean)?,
-            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut told, observer)?], mean)?,
-            ObjectSource::Images(path) => match load(path, options.field, &mut told, observer)? {
+            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut report, observer)?], mean)?,
+            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut report, observer)?], mean)?,
+            ObjectSource::Images(path) => match load(path, options.field, &mut report, observer)? {
                 Loaded::Tiles(stacks) => mosaic(path, stacks, mean)?,
                 Loaded::Whole(stack) => whole(path, stack, mean)?,
             },
-            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut told, observer)?, mean)?,
+            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut report, observer)?, mean)?,
         };
         let (field, mean) = match &content {
             Content::Beads(beads) => (beads.field(), beads.mean()),
@@ -164,10 +164,10 @@ impl ObjectSet {
             Content::Whole(pictures, _) => (pictures.field(), mean),
         };
         let fingerprint = fingerprint(source, &content, field, mean);
-        if let Some(understood) = &told.understood {
+        if let Some(understood) = &report.understood {
             observer.tell(Progress { done: 1, total: 1, understood: Some(format!("{source}: {understood}")) })?;
         }
-        Ok(Self { source: source.clone(), content, field, mean, told, fingerprint })
+        Ok(Self { source: source.clone(), content, field, mean, report, fingerprint })
     }
 
     /// The training part as a set of its own, with the same light, of which a tenth of the base images is for testing: for what
@@ -250,12 +250,12 @@ impl ObjectSet {
 
     /// What the user should know about the files: those left out, pixels changed.
     pub fn notices(&self) -> &[String] {
-        &self.told.notices
+        &self.report.notices
     }
 
     /// What was understood of the files: how many images of which shape, number type and range. None of beads.
     pub fn understood(&self) -> Option<&str> {
-        self.told.understood.as_deref()
+        self.report.understood.as_deref()
     }
 
     /// BLAKE3 sum, in hexadecimal, of the pixels and everything else that decides what objects are drawn, for run
@@ -432,13 +432,13 @@ fn check(options: &ObjectOptions) -> Result<(), ObjectError> {
 fn one_file(
     path: &Path,
     read: impl Fn(&Path) -> Result<PixelStack, FormatError>,
-    told: &mut Told,
+    report: &mut FileReport,
     observer: Observer,
 ) -> Result<PixelStack, ObjectError> {
     observer.tell(Progress::files(0, 1))?;
     let mut stack = read(path)?;
-    told.understood = Some(ImageSummary::of(&stack).to_string());
-    told.notices.extend(clean(path, &mut stack)?);
+    report.understood = Some(ImageSummary::of(&stack).to_string());
+    report.notices.extend(clean(path, &mut stack)?);
     observer.tell(Progress::files(1, 1))?;
     Ok(stack)
 }

@@ -49,13 +49,12 @@ impl ObjectSource {
     /// What a file or folder most likely holds, by its name: for people who drop or type a path. A wrong guess is found
     /// out when the file is read. A path that names the kind as the command line does, `stack:FILE`, is taken at its word.
     pub fn guess(path: &Path) -> Self {
-        if ImageFile::find(path).is_err()
-            && let Ok(named) = Self::from_os(path.as_os_str())
-        {
-            return named;
-        }
-        // Where there is no such file, its name is as good as any.
-        let file = ImageFile::find(path).map_or_else(|_| path.to_path_buf(), |found| found.path);
+        let file = match (ImageFile::find(path), Self::from_os(path.as_os_str())) {
+            (Ok(found), _) => found.path,
+            (Err(_), Ok(named)) => return named,
+            // Where there is no such file, its name is as good as any.
+            (Err(_), Err(_)) => path.to_path_buf(),
+        };
         let name = file.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
         let is_picture = file.is_dir() || ends(&[".png", ".jpg", ".jpeg", ".bmp"]);

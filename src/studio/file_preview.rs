@@ -7,7 +7,7 @@ use egui::accesskit::Live;
 use egui::{ScrollArea, Ui};
 
 use super::messages::speak;
-use crate::workbench::{FilePreview, FileUse};
+use crate::workbench::{FilePreview, FileUse, with_option};
 
 /// Room for a sentence of three lines and the buttons, points.
 const HEIGHT: f32 = 84.0;
@@ -56,9 +56,7 @@ impl Preview {
             });
         }
         if let Some(choice) = chosen {
-            let mark = if text.contains('?') { '&' } else { '?' };
-            text.push(mark);
-            text.push_str(&choice);
+            *text = with_option(text.trim(), of, &choice);
         }
     }
 

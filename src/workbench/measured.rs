@@ -17,7 +17,7 @@ use super::estimation::network_trial;
 use super::kept_estimate::KeptEstimate;
 use super::measured_error::MeasuredError;
 use super::patch_source::LARGEST_PATCHES_BYTES;
-use super::progress::{Watch, in_trial, tell, tell_understood};
+use super::progress::{Watch, in_trial, report_understood, tell};
 use crate::design::derived_seed;
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
@@ -206,7 +206,7 @@ impl MeasuredImages {
         }
         let understood = understood.map(|understood| format!("{}: {understood}", path.display()));
         if let Some(understood) = &understood {
-            tell_understood(watch, understood)?;
+            report_understood(watch, understood)?;
         }
         let mut notes: Vec<String> = understood.into_iter().chain([calibration.describe()]).collect();
         let negative = photons.iter().filter(|value| **value < 0.0).count();

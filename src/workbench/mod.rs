@@ -69,7 +69,7 @@ pub use live_bounds::{Draws, SensorBounds};
 pub use live_record::{LiveNumbers, LiveRecord, Repeated};
 pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use measured_error::MeasuredError;
-pub use preview::{FilePreview, FileUse};
+pub use preview::{FilePreview, FileUse, with_option};
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use pulls::Pull;
 pub use record::{Record, RecordError};

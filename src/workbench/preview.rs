@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, image_files};
+use crate::formats::{FormatError, ImageFile, ImageSummary, Meaning, PixelStack, image_files, path_text};
 use crate::objects::ObjectSource;
 use crate::optics::psf_file;
 use crate::plural::counted;
@@ -38,6 +38,18 @@ impl FilePreview {
             Err(sentence) => Self { understood: Err(sentence), choices: Vec::new() },
         }
     }
+}
+
+/// The text of a path with one more option, such as `axis=last`; the side of a PSF (`FILE@32`) stays at the end.
+pub fn with_option(text: &str, of: FileUse, option: &str) -> String {
+    let (path, side) = match of {
+        FileUse::Psf => psf_file(Path::new(text)).unwrap_or((text.into(), None)),
+        FileUse::Objects | FileUse::Measurements => (text.into(), None),
+    };
+    let has_options = ImageFile::find(&path).is_ok_and(|file| file.meaning != Meaning::default());
+    let mark = if has_options { '&' } else { '?' };
+    let side = side.map_or_else(String::new, |side| format!("@{side}"));
+    format!("{}{mark}{option}{side}", path_text(&path))
 }
 
 fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
@@ -92,6 +104,16 @@ mod tests {
         assert!(preview.understood.unwrap().starts_with("2 files, the first: 9 images of 8 x 5 px"));
         let psf = FilePreview::of(Path::new(&format!("{}@4", path.display())), FileUse::Psf);
         assert!(psf.understood.is_ok(), "{psf:?}");
+        for (name, option, expected) in [
+            ("a.npy", "axis=last", "a.npy?axis=last"),
+            ("a.npy@4", "channel=red", "a.npy?channel=red@4"),
+            ("a.npy?axis=last@4", "frame=2", "a.npy?axis=last&frame=2@4"),
+            ("odd?.npy", "axis=2", "odd?.npy?axis=2"),
+        ] {
+            std::fs::write(folder.path().join("odd?.npy"), "").unwrap();
+            let text = |name: &str| folder.path().join(name).display().to_string();
+            assert_eq!(with_option(&text(name), FileUse::Psf, option), text(expected));
+        }
         for (name, of) in [("none.npy", FileUse::Psf), ("", FileUse::Psf)] {
             assert!(FilePreview::of(&folder.path().join(name), of).understood.is_err(), "{name}");
         }

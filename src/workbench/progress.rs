@@ -88,7 +88,7 @@ pub(super) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> R
 }
 
 /// Tells what was understood of the files that were read.
-pub(super) fn tell_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
+pub(super) fn report_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
     let understood = Some(understood.to_owned());
     notify(watch, &EstimateProgress { step: "Files are read".into(), done: 1, total: 1, fit: None, understood })
 }

@@ -27,13 +27,17 @@ wait_for 20 focus
 held() { xclip -o -selection clipboard >"$work/held" && grep -q "$1" "$work/held"; }
 titled() { [[ "$(xdotool getwindowname "$window")" == "$1"* ]]; }
 
+copy_command_line() {
+  xdotool key --window "$window" ctrl+k
+  sleep 1
+  xdotool type --delay 15 "Copy command line"
+  sleep 1
+  xdotool key Return
+  wait_for 30 held '^lenslet-studio '
+}
+
 # Out, by a button: the command line, which another program runs.
-xdotool key --window "$window" ctrl+k
-sleep 1
-xdotool type --delay 15 "Copy command line"
-sleep 1
-xdotool key Return
-wait_for 30 held '^lenslet-studio '
+copy_command_line
 copied=$(cat "$work/held")
 
 # In: a path that another program copied is opened.
@@ -51,12 +55,7 @@ xdotool key Return
 wait_for 30 titled "pasted, 0,46.json"
 
 # A text that the window holds ends with it on a display without a clipboard manager; the window does not wait for one.
-xdotool key --window "$window" ctrl+k
-sleep 1
-xdotool type --delay 15 "Copy command line"
-sleep 1
-xdotool key Return
-wait_for 30 held '^lenslet-studio '
+copy_command_line
 xdotool key --window "$window" ctrl+q
 gone() { ! kill -0 "$app" 2>/dev/null; }
 wait_for 30 gone

@@ -171,13 +171,22 @@ fn images_behind_a_single_page_are_found() {
         assert!(told(&path).starts_with("4 images of 1 x 2 px, 16 bits, range 0 to 7"), "{}", told(&path));
         assert_eq!(read_pages(&path).unwrap().len(), 4);
     }
-    // The directory and the description lie behind the pixels, so that a few more images seem to be there.
-    let path = stack(1, "ImageJ=1.11a\nimages=900\n");
-    let sentence = told(&path);
-    assert!(sentence.contains("its description counts 900 images; the other"), "{sentence}");
-    let path = Handmade::grey(2, 1, 8, vec![1, 2]).with(259, SHORT, &[8]).described("ImageJ=1\nimages=3\n");
-    let tags = path.entries.clone();
-    assert_eq!(tags.iter().find(|(tag, ..)| *tag == 259).unwrap().2, [8]);
+    // The directory and the description, which lie behind the pixels, are no images.
+    for (count, missing) in [(1, "other 899 were"), (3, "other 897 were")] {
+        let path = stack(count, "ImageJ=1.11a\nimages=900\n");
+        assert_eq!(values(&path).len(), 2 * usize::from(count));
+        assert!(told(&path).contains(&format!("counts 900 images; the {missing} not found")), "{}", told(&path));
+    }
+}
+
+#[test]
+fn images_behind_a_packed_page_are_missed_in_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    // PackBits: two bytes as they are.
+    let file = Handmade::grey(2, 1, 8, vec![1, 10, 20]).with(259, SHORT, &[32_773]);
+    let path = file.described("ImageJ=1\nimages=2\n").save(&folder);
+    assert_eq!(values(&path), [10.0, 20.0]);
+    assert!(told(&path).ends_with("counts 2 images; the other 1 was not found in the file"), "{}", told(&path));
 }
 
 #[test]
