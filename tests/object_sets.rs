@@ -207,9 +207,12 @@ fn a_folder_tells_what_it_left_out_and_can_be_cancelled() {
     let source = ObjectSource::Images(folder.path().to_path_buf());
     let set = ObjectSet::open(&source, &ObjectOptions::default()).unwrap();
     assert_eq!(set.base_images(), Some(2));
-    let [left_out, mixed] = set.notices() else { panic!("{:?}", set.notices()) };
-    assert_eq!(left_out, "1 unreadable files were left out: c.tif");
-    assert!(mixed.starts_with("1 of 2 files hold values without a range"), "{mixed}");
+    let [left_out, mixed, scaled] = set.notices() else { panic!("{:?}", set.notices()) };
+    assert_eq!(left_out, "1 unreadable file was left out: c.tif");
+    assert!(mixed.starts_with("1 of 2 files holds values without a range"), "{mixed}");
+    assert_eq!(scaled, "objects are scaled from 100 x 100 px to 96 x 96 px");
+    let understood = "2 images of 100 x 100 px in 2 files, several number types, range 0 to 198";
+    assert_eq!(set.understood(), Some(understood));
     let cancelled = ObjectSet::open_with(&source, &ObjectOptions::default(), &|_| ControlFlow::Break(()));
     assert!(matches!(cancelled, Err(ObjectError::Cancelled)));
 
@@ -321,7 +324,9 @@ fn real_captures_and_photographs_become_objects() {
     let Some(captures) = shared("data/captures/diffuser") else { return };
     let set = open(&format!("images:{}", captures.display()));
     assert_eq!((set.base_images(), set.field()), (Some(9), (96, 96)));
-    assert!(set.notices().iter().all(|notice| notice.contains("slightly negative pixels")), "{:?}", set.notices());
+    let (fitted, cleaned) = set.notices().split_last().unwrap();
+    assert_eq!(fitted, "objects are the middle 270 x 270 of 270 x 480 px, scaled to 96 x 96 px");
+    assert!(cleaned.iter().all(|notice| notice.contains("slightly negative pixels")), "{cleaned:?}");
     let objects = set.objects(Split::All, 9, 0).unwrap();
     assert!((objects.mapv(f64::from).mean().unwrap() - 100.0).abs() < 1e-3);
     assert!(objects.iter().all(|&photons| photons >= 0.0));

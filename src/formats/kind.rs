@@ -222,7 +222,7 @@ mod tests {
     fn sentence_for(bytes: &[u8]) -> String {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
-        named_for_what_it_is(file.path(), "a image").to_string()
+        named_for_what_it_is(file.path(), "an image").to_string()
     }
 
     fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn a_missing_file_is_not_found() {
-        let error = named_for_what_it_is(Path::new("/none/a.npy"), "a image");
+        let error = named_for_what_it_is(Path::new("/none/a.npy"), "an image");
         assert!(matches!(error, FormatError::NotFound { .. }), "{error}");
     }
 }

@@ -49,11 +49,13 @@ impl ObjectSource {
     /// What a file or folder most likely holds, by its name: for people who drop or type a path. A wrong guess is found
     /// out when the file is read. A path that names the kind as the command line does, `stack:FILE`, is taken at its word.
     pub fn guess(path: &Path) -> Self {
-        let file = match (ImageFile::find(path), Self::from_os(path.as_os_str())) {
-            (Ok(found), _) => found.path,
-            (Err(_), Ok(named)) => return named,
+        let file = match ImageFile::find(path) {
+            Ok(found) => found.path,
             // Where there is no such file, its name is as good as any.
-            (Err(_), Err(_)) => path.to_path_buf(),
+            Err(_) => match Self::from_os(path.as_os_str()) {
+                Ok(named) => return named,
+                Err(_) => path.to_path_buf(),
+            },
         };
         let name = file.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
