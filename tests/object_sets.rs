@@ -211,7 +211,7 @@ fn a_folder_tells_what_it_left_out_and_can_be_cancelled() {
     assert_eq!(left_out, "1 unreadable file was left out: c.tif");
     assert!(mixed.starts_with("1 of 2 files holds values without a range"), "{mixed}");
     assert_eq!(scaled, "objects are scaled from 100 x 100 px to 96 x 96 px");
-    let understood = "2 images of 100 x 100 px in 2 files, several number types, range 0 to 198";
+    let understood = "2 images of 100 x 100 px in 2 files, several number types, range 0 to 252";
     assert_eq!(set.understood(), Some(understood));
     let cancelled = ObjectSet::open_with(&source, &ObjectOptions::default(), &|_| ControlFlow::Break(()));
     assert!(matches!(cancelled, Err(ObjectError::Cancelled)));

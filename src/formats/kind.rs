@@ -249,7 +249,7 @@ mod tests {
             (b"\x80\x02}q\0(X\x0b\0\0\0batch_labelq", "the Python version of CIFAR-10; use the binary version"),
             (b"\x80\x04K\x01.", "found a Python pickle; save the array with numpy.save"),
             (b"\x89HDF\r\n\x1a\n....", "found an HDF5 file"),
-            (b"GIF89a", "found a GIF picture; save it as PNG or TIFF"),
+            (b"GIF89a", "found a GIF image; save it as PNG or TIFF"),
             (b"RIFF....WEBPVP8 ", "found a WebP image"),
             (b"....ftypheic", "found a HEIC image"),
             (b"%PDF-1.7", "found a PDF document"),

@@ -412,7 +412,8 @@ fn a_failure_in_the_row_of_the_density_model_wraps_and_leaves_the_gauge_in_sight
     let row = window.get_by_label_contains(failure).rect();
     let gauge = window.get_by_role_and_label(Role::Meter, &meter_name(&window)).rect();
     let seen = window.ctx.content_rect();
-    assert!(row.height() > 30.0 && seen.contains_rect(row), "{row:?} in {seen:?}");
+    let line = window.get_by_label("Gaussian bound").rect().height();
+    assert!(row.height() > 1.5 * line && seen.contains_rect(row), "{row:?} in {seen:?}, lines of {line}");
     assert!(seen.contains_rect(gauge) && gauge.right() > row.left(), "{gauge:?} in {seen:?}");
 }
 
