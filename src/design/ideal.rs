@@ -9,6 +9,7 @@ mod search;
 use std::ops::ControlFlow;
 
 use ndarray::Array4;
+use serde_json::json;
 
 use super::error::IdealError;
 use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide, Valued};
@@ -18,6 +19,7 @@ use super::movement::project;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Doing, Frame, IdealEvent, IdealProgress, IdealState};
 use super::watched::Watched;
+use crate::formats::{content_key, json_of};
 use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLowerBound};
 use crate::network::read_detail;
 use crate::objects::Split;
@@ -89,7 +91,7 @@ impl<'a> Ideal<'a> {
     pub fn resumed(mut self, bytes: &[u8]) -> Result<Self, IdealError> {
         let other = |reason: String| IdealError::OtherRun { reason };
         let key = read_detail(bytes, "key").map_err(|error| other(error.to_string()))?;
-        if key != self.key() {
+        if key != self.key() && key != self.earlier_key() {
             return Err(other("it was started from another mask, scene or setting, or by another version".into()));
         }
         let state = Self::state_in(bytes)?;
@@ -129,10 +131,23 @@ impl<'a> Ideal<'a> {
 
     /// Tells runs apart that would go another way; their length may change.
     fn key(&self) -> String {
-        let settings = IdealSettings { steps: 0, ..self.settings.clone() };
-        let start = &self.start;
+        content_key(&json!([NUMBERS_VERSION, {
+            "settings": self.settings.identity(),
+            "start": json_of(&self.start),
+            "limits": json_of(&self.limits),
+            "objects": self.imaging.set.fingerprint(),
+            "bias_photons": self.imaging.bias,
+            "noise": self.imaging.noise.to_string(),
+            "patch": [self.patch.0, self.patch.1],
+        }]))
+    }
+
+    /// The key of the same run by the program before it hashed JSON. It holds the version of the numbers, so that it can go with their
+    /// next change.
+    fn earlier_key(&self) -> String {
+        let (settings, start) = (self.settings.earlier_identity(), &self.start);
         let imaging = (self.imaging.set.fingerprint(), self.imaging.bias, self.imaging.noise, self.patch);
-        blake3::hash(format!("{NUMBERS_VERSION} {settings:?} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
+        blake3::hash(format!("{NUMBERS_VERSION} {settings} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
             .to_hex()
             .to_string()
     }

@@ -6,6 +6,7 @@
 
 mod bytes;
 mod cifar;
+mod document;
 mod error;
 mod folder;
 mod idx;
@@ -27,6 +28,7 @@ mod write;
 
 pub use bytes::read_bytes;
 pub use cifar::read_cifar;
+pub use document::{DocumentKind, Listed, Mismatch, content_key, json_of};
 pub use error::FormatError;
 pub use folder::image_files;
 pub use idx::read_idx;

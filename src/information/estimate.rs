@@ -5,13 +5,12 @@ use serde::{Deserialize, Serialize};
 use super::{
     BeadBounds, Bracket, EngineChoice, Estimator, InformationError, NamedBound, PosteriorBound, Protocol, Trial,
 };
+use crate::formats::DocumentKind;
 use crate::plural::counted;
 use crate::sensor::Noise;
 
-/// Value of the `format` field.
-const FORMAT: &str = "lenslet-studio/estimate";
-/// Newest `format_version` this program writes and reads.
-const FORMAT_VERSION: u32 = 1;
+/// The kind of its JSON.
+const ESTIMATE: DocumentKind = DocumentKind::new("lenslet-studio/estimate", "an estimate");
 
 /// Where the measurements of an estimate come from, and what is known about the truth.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,7 +37,7 @@ pub struct Estimate {
     /// Always "lenslet-studio/estimate".
     pub format: String,
     /// Version of the fields.
-    pub format_version: u32,
+    pub format_version: u64,
     /// The smallest of the trials, bits per pixel: all are upper bounds, so the smallest is the best.
     pub bits_per_pixel: f64,
     /// 95 % interval (low, high) of that trial, bits per pixel; it covers the choice of test patches only.
@@ -132,8 +131,8 @@ impl Estimate {
             ));
         }
         Ok(Self {
-            format: FORMAT.to_owned(),
-            format_version: FORMAT_VERSION,
+            format: ESTIMATE.format.to_owned(),
+            format_version: ESTIMATE.version,
             bits_per_pixel: best.bits_per_pixel(),
             bits_per_patch: best.bits_per_pixel() * (settings.patch.0 * settings.patch.1) as f64,
             interval_95: best.interval_95(),
@@ -350,26 +349,17 @@ impl Estimate {
     /// # Errors
     /// When the text is not an estimate, or one of a newer format than this program knows.
     pub fn from_json(text: &str) -> Result<Self, InformationError> {
-        #[derive(Deserialize)]
-        struct Header {
-            format: String,
-            format_version: u32,
-        }
         let wrong = |error: serde_json::Error| InformationError::Format { reason: error.to_string() };
-        let header: Header = serde_json::from_str(text).map_err(wrong)?;
-        if header.format != FORMAT {
-            let reason = format!("expected the format \"{FORMAT}\", found \"{}\"", header.format);
-            return Err(InformationError::Format { reason });
-        }
-        if header.format_version == 0 || header.format_version > FORMAT_VERSION {
-            let found = header.format_version;
-            let reason = format!(
-                "format version {found} is not known to this program, which reads up to {FORMAT_VERSION}; use a newer \
-                 Lenslet Studio"
-            );
-            return Err(InformationError::Format { reason });
-        }
-        serde_json::from_str(text).map_err(wrong)
+        let value = serde_json::from_str(text).map_err(wrong)?;
+        ESTIMATE.version_of(&value).map_err(|found| InformationError::Format {
+            reason: format!(
+                "expected the format \"{}\" up to version {}, found {found}; {}",
+                ESTIMATE.format,
+                ESTIMATE.version,
+                found.advice()
+            ),
+        })?;
+        serde_json::from_value(value).map_err(wrong)
     }
 }
 

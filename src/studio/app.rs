@@ -96,6 +96,9 @@ impl Studio {
     /// takes up what is there. Where that fails, a message says so.
     pub fn live_in(&mut self, ctx: &egui::Context, folder: &Path) {
         let (preferences, layout) = Home::read(folder);
+        for sentence in Home::newer_files(folder) {
+            self.state.messages.push(Severity::Failure, sentence);
+        }
         ctx.set_theme(preferences.theme);
         ctx.set_zoom_factor(preferences.zoom);
         self.state.bench.set_live(preferences.live);

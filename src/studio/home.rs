@@ -13,7 +13,7 @@ use thiserror::Error;
 
 use super::layout::{Pane, restored};
 use super::window::RendererChoice;
-use crate::formats::{FormatError, read_json, write_json, write_safely};
+use crate::formats::{DocumentKind, FormatError, read_json, write_safely};
 use crate::information::EngineChoice;
 use crate::workbench::{FileChange, FileText};
 
@@ -26,6 +26,10 @@ pub const THREADS: std::ops::RangeInclusive<usize> = 1..=256;
 /// The files.
 const PREFERENCES: &str = "preferences.json";
 const LAYOUT: &str = "layout.json";
+/// Their kinds.
+const PREFERENCES_KIND: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/preferences", "the preferences of the window");
+const LAYOUT_KIND: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/layout", "a layout of the window");
 /// Where eframe keeps size and place of the window.
 const GEOMETRY: &str = "app.ron";
 /// The folder of designs that were put aside.
@@ -119,12 +123,12 @@ pub struct Home {
 impl Home {
     /// What is remembered in a folder; files that cannot be read are as good as none.
     pub fn read(folder: &Path) -> (Preferences, Option<Tree<Pane>>) {
-        let mut preferences: Preferences = read_json(&folder.join(PREFERENCES)).unwrap_or_default();
+        let mut preferences: Preferences = PREFERENCES_KIND.read(&folder.join(PREFERENCES)).unwrap_or_default();
         if !ZOOM.contains(&preferences.zoom) {
             preferences.zoom = 1.0;
         }
         preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
-        (preferences, read_json(&folder.join(LAYOUT)).ok().and_then(restored))
+        (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(restored))
     }
 
     /// A folder whose files hold these preferences and this layout.
@@ -161,16 +165,24 @@ impl Home {
         Ok(Self {
             folder: folder.to_owned(),
             preferences: preferences.clone(),
-            layout: layout.and_then(|layout| text_of(layout).ok()).unwrap_or_default(),
+            layout: layout.and_then(|layout| layout_text(layout).ok()).unwrap_or_default(),
             orders: Some(orders),
             failures,
             thread: Some(thread.map_err(refused)?),
         })
     }
 
+    /// A sentence for each file of a folder that a newer program has written. Such files are neither used nor overwritten.
+    pub fn newer_files(folder: &Path) -> Vec<String> {
+        let is_newer = |(kind, name): &(DocumentKind, &str)| kind.is_newer(&folder.join(name));
+        let files = [(PREFERENCES_KIND, PREFERENCES), (LAYOUT_KIND, LAYOUT)];
+        let refused = |(kind, name): (DocumentKind, &str)| kind.read::<Value>(&folder.join(name)).err();
+        files.into_iter().filter(is_newer).filter_map(refused).map(|error| error.to_string()).collect()
+    }
+
     /// What is to draw the window, by the preferences of a folder.
     pub fn renderer(folder: &Path) -> Option<RendererChoice> {
-        read_json::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
+        PREFERENCES_KIND.read::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
     }
 
     /// Forgets layout and preferences of a folder, but neither recent files nor where unsaved changes are kept: what a crash
@@ -184,8 +196,9 @@ impl Home {
             let _ = std::fs::remove_file(folder.join(name));
         }
         let path = folder.join(PREFERENCES);
-        let Ok(known) = read_json::<Preferences>(&path) else { return Ok(()) };
-        write_json(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })
+        let Ok(known) = PREFERENCES_KIND.read::<Preferences>(&path) else { return Ok(()) };
+        PREFERENCES_KIND
+            .write(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })
     }
 
     /// Writes what has changed, on another thread; the layout where it is given. Returns why an earlier attempt failed,
@@ -197,16 +210,23 @@ impl Home {
             match (serde_json::to_value(before), serde_json::to_value(preferences.storable())) {
                 (Ok(before), Ok(now)) => {
                     let file = path.clone();
-                    self.order(path, Some(Box::new(move || text_of(&changed(&file, &before, now)).ok())));
+                    let text = move || {
+                        let is_newer = PREFERENCES_KIND.is_newer(&file);
+                        let text = || text_of(&PREFERENCES_KIND.marked(&changed(&file, &before, now))).ok();
+                        if is_newer { None } else { text() }
+                    };
+                    self.order(path, Some(Box::new(text)));
                 }
                 (Err(error), _) | (_, Err(error)) => return Some(format!("the preferences were not kept: {error}")),
             }
         }
-        if let Some(Ok(text)) = layout.map(text_of)
+        if let Some(Ok(text)) = layout.map(layout_text)
             && text != self.layout
         {
             self.layout.clone_from(&text);
-            self.write(LAYOUT, text);
+            let path = self.folder.join(LAYOUT);
+            let file = path.clone();
+            self.order(path, Some(Box::new(move || (!LAYOUT_KIND.is_newer(&file)).then_some(text))));
         }
         self.failures.try_recv().ok()
     }
@@ -216,10 +236,6 @@ impl Home {
         for (name, text) in changes {
             self.order(self.folder.join(KEPT).join(name), text);
         }
-    }
-
-    fn write(&self, name: &str, text: String) {
-        self.order(self.folder.join(name), Some(Box::new(|| Some(text))));
     }
 
     fn order(&self, path: PathBuf, text: Option<FileText>) {
@@ -246,7 +262,16 @@ fn changed(path: &Path, before: &Value, now: Value) -> Value {
         let value = if name == "recent" { with_others(value, file.get(name)) } else { value.clone() };
         file.insert(name.clone(), value);
     }
+    // They are written anew in front of the content.
+    for mark in ["format", "format_version"] {
+        file.remove(mark);
+    }
     Value::Object(file)
+}
+
+/// The text of the file of a layout.
+fn layout_text(layout: &Tree<Pane>) -> serde_json::Result<String> {
+    text_of(&LAYOUT_KIND.marked(layout))
 }
 
 /// The recent files of this window, and those that another has opened besides; none where they were to be forgotten.

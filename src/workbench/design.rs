@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::formats::{CompleteFile, FormatError, complete_json, read_json};
+use crate::formats::{CompleteFile, DocumentKind, FormatError, Mismatch, read_json};
 use crate::objects::ObjectSource;
 use crate::optics::{Diffuser, Encoder, Lenslet, LensletError, Limits, heuristic_layout};
 use crate::sensor::{DEFAULT_BIAS, Noise};
@@ -131,23 +131,13 @@ impl Design {
     pub fn from_value(value: serde_json::Value, path: &str) -> Result<Self, DesignFileError> {
         let refuse =
             |found: String, advice: &'static str| DesignFileError::Refused { path: path.to_owned(), found, advice };
-        match value.get("format").and_then(serde_json::Value::as_str) {
-            Some(FORMAT) => {}
-            Some(other) => {
-                return Err(refuse(format!("format {other:?}"), "choose a file saved as a design"));
-            }
-            None => return Err(refuse("no format entry".into(), "choose a file saved as a design")),
-        }
-        match value.get("format_version").and_then(serde_json::Value::as_u64) {
-            Some(FORMAT_VERSION) => {}
-            Some(newer) if newer > FORMAT_VERSION => {
-                return Err(refuse(
-                    format!("version {newer}, written by a newer Lenslet Studio"),
-                    "update this program to open it",
-                ));
-            }
-            _ => return Err(refuse("no usable format_version".into(), "restore it from a backup")),
-        }
+        DESIGN.version_of(&value).map_err(|mismatch| {
+            let advice = match mismatch {
+                Mismatch::OtherKind(_) => "choose a file saved as a design",
+                _ => mismatch.advice(),
+            };
+            refuse(mismatch.to_string(), advice)
+        })?;
         // The mask is read as a whole, so that what is wrong with one lenslet would not tell which.
         if let Some(found) = wrong_lenslet(&value) {
             return Err(refuse(found, "correct the entry or restore the file from a backup"));
@@ -175,7 +165,7 @@ impl Design {
     pub(super) fn complete_file(&self, path: &Path) -> Result<CompleteFile, DesignFileError> {
         let psf = self.psf(1)?;
         let written = (psf.len() <= MOST_PSF_NUMBERS).then(|| rows_of(&psf));
-        Ok(complete_json(path, &DesignFile::new(self, written))?)
+        Ok(DESIGN.complete(path, &DesignFile { design: self, psf: written })?)
     }
 
     /// The text of a design file on one line, without the PSF.
@@ -184,10 +174,12 @@ impl Design {
     /// [`DesignFileError`] where the design cannot be computed.
     pub fn to_json(&self) -> Result<String, DesignFileError> {
         self.check()?;
-        serde_json::to_string(&DesignFile::new(self, None)).map_err(|error| DesignFileError::Refused {
-            path: "the design".into(),
-            found: error.to_string(),
-            advice: "correct the entry",
+        serde_json::to_string(&DESIGN.marked(&DesignFile { design: self, psf: None })).map_err(|error| {
+            DesignFileError::Refused {
+                path: "the design".into(),
+                found: error.to_string(),
+                advice: "correct the entry",
+            }
         })
     }
 
@@ -215,26 +207,18 @@ fn wrong_lenslet(design: &serde_json::Value) -> Option<String> {
     })
 }
 
-const FORMAT: &str = "lenslet-studio/design";
+/// The kind of the file.
+const DESIGN: DocumentKind = DocumentKind::new("lenslet-studio/design", "a design");
 /// Most numbers of a PSF that are written into a design file.
 const MOST_PSF_NUMBERS: usize = 1 << 20;
-const FORMAT_VERSION: u64 = 1;
 
 /// What stands in a design file. The PSF is for other programs: opening renders it anew from the encoder.
 #[derive(Serialize)]
 struct DesignFile<'a> {
-    format: &'static str,
-    format_version: u64,
     #[serde(flatten)]
     design: &'a Design,
     #[serde(skip_serializing_if = "Option::is_none")]
     psf: Option<Vec<Vec<Vec<f64>>>>,
-}
-
-impl<'a> DesignFile<'a> {
-    fn new(design: &'a Design, psf: Option<Vec<Vec<Vec<f64>>>>) -> Self {
-        Self { format: FORMAT, format_version: FORMAT_VERSION, design, psf }
-    }
 }
 
 fn rows_of(psf: &Array3<f64>) -> Vec<Vec<Vec<f64>>> {

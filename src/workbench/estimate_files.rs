@@ -13,7 +13,7 @@ use super::estimate_request::EstimateRequest;
 use super::measured::MeasuredOrder;
 use super::progress::FitPoint;
 use super::worker::Live;
-use crate::formats::{FormatError, create_folder, lock_folder, read_json, write_json};
+use crate::formats::{DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::information::{Estimate, NUMBERS_VERSION};
 
 /// An estimate that was asked for.
@@ -100,8 +100,21 @@ pub(super) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), desig
 #[derive(Clone, Debug)]
 pub(super) struct EstimateFolder {
     folder: PathBuf,
-    /// Held so that no other program takes up the order in hand; none where another one holds it.
+    /// Held so that no other program takes up the order in hand; none where another one holds it, and where a newer one wrote it.
     lock: Option<Arc<Option<File>>>,
+}
+
+/// The kinds of the files.
+const FINISHED: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/finished-estimate", "a finished estimate");
+const PENDING: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/pending-estimate", "an estimate in progress");
+const WAITING_ORDERS: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/waiting-estimates", "a list of waiting estimates");
+
+/// The orders that wait, as they stand in their file.
+#[derive(Serialize)]
+struct Waiting {
+    entries: Vec<EstimateOrder>,
 }
 
 /// An order in hand as it stands in its file.
@@ -122,7 +135,12 @@ impl EstimateFolder {
     /// A folder that is there.
     pub fn open(folder: PathBuf) -> Self {
         let lock = lock_folder(&folder).ok().map(Arc::new);
-        Self { folder, lock }
+        let mut found = Self { folder, lock };
+        if PENDING.is_newer(&found.pending().join(ORDER)) || WAITING_ORDERS.is_newer(&found.folder.join(WAITING)) {
+            // They are left for the newer program that wrote them.
+            found.lock = None;
+        }
+        found
     }
 
     /// The newest finished estimates, oldest first. What cannot be read is left as it is.
@@ -139,7 +157,7 @@ impl EstimateFolder {
         files.sort();
         let newest = files.iter().skip(files.len().saturating_sub(Self::MOST));
         let read = |path: &PathBuf| {
-            let estimate: FinishedEstimate = read_json(path).ok()?;
+            let estimate: FinishedEstimate = FINISHED.read(path).ok()?;
             estimate.order.design.check().ok()?;
             Some(FinishedEstimate { file: Some(path.file_name()?.to_string_lossy().into_owned()), ..estimate })
         };
@@ -153,7 +171,7 @@ impl EstimateFolder {
     pub fn keep(&self, estimate: &mut FinishedEstimate) -> Result<(), FormatError> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("{:024}-{}.json", now.as_nanos(), std::process::id());
-        write_json(&self.folder.join(&name), estimate)?;
+        FINISHED.write(&self.folder.join(&name), estimate)?;
         estimate.file = Some(name);
         Ok(())
     }
@@ -207,11 +225,11 @@ impl EstimateFolder {
     }
 
     fn read_pending(&self) -> Option<Pending> {
-        read_json(&self.pending().join(ORDER)).ok()
+        PENDING.read(&self.pending().join(ORDER)).ok()
     }
 
     fn write_pending(&self, pending: &Pending) -> Option<()> {
-        write_json(&self.pending().join(ORDER), pending).ok()
+        PENDING.write(&self.pending().join(ORDER), pending).ok()
     }
 
     /// Notes which orders wait for the one in hand.
@@ -224,15 +242,15 @@ impl EstimateFolder {
         if orders.is_empty() {
             let _ = std::fs::remove_file(file);
         } else {
-            let orders: Vec<EstimateOrder> = orders.iter().map(EstimateOrder::absolute).collect();
-            let _ = write_json(&file, &orders);
+            let entries: Vec<EstimateOrder> = orders.iter().map(EstimateOrder::absolute).collect();
+            let _ = WAITING_ORDERS.write(&file, &Waiting { entries });
         }
     }
 
     /// The orders that waited when the last program ended.
     pub fn waiting(&self) -> Vec<EstimateOrder> {
-        let orders: Vec<EstimateOrder> =
-            self.lock.as_ref().and_then(|_| read_json(&self.folder.join(WAITING)).ok()).unwrap_or_default();
+        let read = |_| WAITING_ORDERS.read::<Listed<EstimateOrder>>(&self.folder.join(WAITING)).ok();
+        let orders = self.lock.as_ref().and_then(read).map(Listed::into_entries).unwrap_or_default();
         orders.into_iter().filter(|order| order.design.check().is_ok()).collect()
     }
 

@@ -4,8 +4,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use super::kept_estimate;
+use crate::formats::path_text;
 use crate::information::{
     Beginning, EngineChoice, Estimator, FitLength, InformationError, Protocol, check_causal_patch,
 };
@@ -87,6 +89,49 @@ impl DensityModel {
         }
     }
 
+    /// What it is and how long its fits are, by names that stay.
+    fn identity(&self) -> Value {
+        let name = match self {
+            Self::Stationary => "gaussian",
+            Self::Full => "gaussian-full",
+            Self::Analytic => "gaussian-analytic",
+            Self::PixelCnn { .. } => "pixelcnn",
+            Self::Causal { .. } => "causal",
+            Self::Bracket { .. } => "bracket",
+        };
+        let engine = if let Self::PixelCnn { engine, .. } = self { Some(engine.to_string()) } else { None };
+        let length = self.length().map(|length| match length {
+            FitLength::Time(time) => json!({ "seconds": time.as_secs_f64() }),
+            FitLength::Steps(steps) => json!({ "steps": steps }),
+        });
+        json!({ "name": name, "engine": engine, "length": length })
+    }
+
+    /// The texts that stood for it in keys before that.
+    fn earlier_names(&self) -> Vec<String> {
+        let length = |length: FitLength| match length {
+            FitLength::Time(time) => format!("Time({time:?})"),
+            FitLength::Steps(steps) => format!("Steps({steps})"),
+        };
+        match *self {
+            Self::Stationary => vec!["Stationary".to_owned()],
+            Self::Full => vec!["Full".to_owned()],
+            Self::Analytic => vec!["Analytic".to_owned()],
+            Self::PixelCnn { budget, engine } => {
+                let engine = match engine {
+                    EngineChoice::Cpu => "Cpu".to_owned(),
+                    EngineChoice::Burn(device) => format!("Burn({device:?})"),
+                };
+                vec![format!("PixelCnn {{ budget: {budget:?}, engine: {engine} }}")]
+            }
+            Self::Causal { length: of, .. } => {
+                let named = |name| format!("Causal {{ estimator: {name}, length: {} }}", length(of));
+                ["Live", "Full"].map(named).into()
+            }
+            Self::Bracket { length: of } => vec![format!("Bracket {{ length: {} }}", length(of))],
+        }
+    }
+
     /// The name that its estimates go by.
     pub fn estimator(&self) -> Estimator {
         match self {
@@ -156,10 +201,37 @@ impl EstimateRequest {
         Some(if repetitions > 1 { by_clock.min(all.mul_f64((1.0 - share).max(0.0))) } else { by_clock })
     }
 
-    /// All that decides the parts of an estimate; how many trials are taken decides none of them.
-    pub(super) fn determined_by(&self) -> impl std::fmt::Debug {
+    /// All that decides the parts of an estimate, by names that stay; how many trials are taken decides none of them.
+    pub(super) fn identity(&self) -> Value {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
-        format!("{model:?} {protocol:?} {patch:?} {patches_train} {patches_test} {fresh} {weights:?}")
+        let path = |file: &Option<PathBuf>| file.as_deref().map(path_text);
+        json!({
+            "model": model.identity(),
+            "protocol": match protocol {
+                Protocol::Default => "default",
+                Protocol::Paper => "paper",
+            },
+            "patch": patch.map(|(rows, cols)| [rows, cols]),
+            "patches_train": patches_train,
+            "patches_test": patches_test,
+            "fresh": fresh,
+            "weights": { "from": path(&weights.from), "to": path(&weights.to) },
+        })
+    }
+
+    /// The texts that stood for the same before that: see [`Identity::earlier`](kept_estimate::Identity::earlier).
+    pub(super) fn earlier_identities(&self) -> Vec<String> {
+        let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
+        let protocol = match protocol {
+            Protocol::Default => "Default",
+            Protocol::Paper => "Paper",
+        };
+        let text = |model: String| {
+            let WeightsFiles { from, to } = weights;
+            let weights = format!("WeightsFiles {{ from: {from:?}, to: {to:?} }}");
+            format!("{model} {protocol} {patch:?} {patches_train} {patches_test} {fresh} {weights}")
+        };
+        model.earlier_names().into_iter().map(text).collect()
     }
 
     /// What a causal density model begins with.

@@ -4,17 +4,20 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
 
+use serde_json::json;
+
 use super::bead_bounds::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
 };
 use super::design::Design;
 use super::estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
 use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_estimate::KeptEstimate;
+use super::kept_estimate::{Identity, KeptEstimate};
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, in_trial, tell};
 use super::simulation::{imaging, notices_of, open_set_with};
 use crate::design::{Imaging, derived_seed, mean_measurement};
+use crate::formats::json_of;
 use crate::information::{
     CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
@@ -95,7 +98,13 @@ pub(super) fn estimate_on_patches(
         let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
         return Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 }.into());
     }
-    let mut kept = KeptEstimate::open(request.keep.as_deref(), &(design, set.fingerprint(), request.determined_by()))?;
+    let mut kept = KeptEstimate::open(request.keep.as_deref(), || {
+        let objects = set.fingerprint();
+        let content = json!({ "design": json_of(design), "objects": objects, "request": request.identity() });
+        let earlier = request.earlier_identities();
+        let earlier = earlier.into_iter().map(|text| format!("{:#?}", (design, &objects, text))).collect();
+        Identity { content, earlier }
+    })?;
     let mut trials = Vec::with_capacity(repetitions);
     let mut seconds = 0.0;
     for index in 0..repetitions {

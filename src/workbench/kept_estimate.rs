@@ -1,14 +1,14 @@
 //! What an estimate has come to, in files, so that it goes on where it was stopped.
 
 use std::ffi::OsString;
-use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use super::estimation::tells_of_unwritten_weights;
-use crate::formats::{NameLock, lock_name, read_if_there, remove_if_there, write_safely};
+use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
@@ -23,11 +23,27 @@ pub(super) struct KeptEstimate {
     goes_on: bool,
 }
 
+/// The kind of the file.
+const ESTIMATE_CHECKPOINT: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/estimate-checkpoint", "the state of an estimate");
+
+/// What decides an estimate completely, apart from the version of the program's numbers.
+pub(super) struct Identity {
+    /// The entries by fixed names, which no change of the code renames.
+    pub content: Value,
+    /// The texts by which the program told estimates apart before it had such entries. Files of that time know the estimate by one of
+    /// them; none of another version of the numbers is ever resumed, so they can go with the next change of these.
+    pub earlier: Vec<String>,
+}
+
 /// What stands in the file.
 #[derive(Default, Serialize, Deserialize)]
 struct Parts {
     /// Says which estimate it is.
     key: String,
+    /// The key that fits beside it were begun with by an earlier program, where there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    earlier_key: Option<String>,
     trials: Vec<Trial>,
     /// What a decoder told, and its weights as a safetensors file.
     decoder: Option<(LowerBound, Vec<u8>)>,
@@ -40,7 +56,7 @@ struct Parts {
 
 impl Parts {
     fn hold_nothing(&self) -> bool {
-        let Self { key: _, trials, decoder, below, above, seconds: _ } = self;
+        let Self { key: _, earlier_key: _, trials, decoder, below, above, seconds: _ } = self;
         trials.is_empty() && decoder.is_none() && below.is_none() && above.is_none()
     }
 
@@ -53,29 +69,38 @@ impl Parts {
 }
 
 impl KeptEstimate {
-    /// What `path` holds of the estimate that `what` describes completely.
+    /// What `path` holds of the estimate of this identity.
     ///
     /// # Errors
     /// Where the file cannot be read, is that of another estimate, or another one goes on with it.
-    pub fn open(path: Option<&Path>, what: &dyn Debug) -> Result<Self, InformationError> {
-        // A mask may be a picture of millions of numbers, which nobody need write out where nothing is kept.
+    pub fn open(path: Option<&Path>, identity: impl FnOnce() -> Identity) -> Result<Self, InformationError> {
+        // A mask may be an image of millions of numbers, which nobody need write out where nothing is kept.
         let Some(path) = path else {
             return Ok(Self { path: None, _lock: None, since: Instant::now(), parts: Parts::default(), goes_on: true });
         };
         let lock = lock_name(path, &fit_file(path, LOCK))?;
-        let key = key_of(what);
+        let Identity { content, earlier } = identity();
+        let key = content_key(&json!([NUMBERS_VERSION, content]));
         let refused = |reason: String| failed(path, &reason);
         let found = read_if_there(path)?;
         if found.is_none() {
             // States beside it are of an estimate that somebody has given up.
             forget_fits(path)?;
         }
-        let parts = match found {
-            Some(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
-                refused(format!("expected the state of an estimate, found another file ({error}); choose another name"))
-            })?,
+        let another = |found: String| {
+            refused(format!("expected the state of an estimate, found another file ({found}); choose another name"))
+        };
+        let mut parts = match found {
+            Some(bytes) => {
+                let value: Value = serde_json::from_slice(&bytes).map_err(|error| another(error.to_string()))?;
+                ESTIMATE_CHECKPOINT.version_of(&value).map_err(|found| another(found.to_string()))?;
+                serde_json::from_value::<Parts>(value).map_err(|error| another(error.to_string()))?
+            }
             None => Parts { key: key.clone(), ..Parts::default() },
         };
+        if earlier.iter().any(|text| earlier_key(text) == parts.key) {
+            parts.earlier_key = Some(std::mem::replace(&mut parts.key, key.clone()));
+        }
         // One that was refused before anything came of it is in nobody's way.
         let parts = match parts.key == key {
             true => parts,
@@ -191,14 +216,19 @@ impl KeptEstimate {
     fn store(&mut self) -> Result<(), InformationError> {
         let Some(path) = &self.path else { return Ok(()) };
         self.parts.seconds += std::mem::replace(&mut self.since, Instant::now()).elapsed().as_secs_f64();
-        let text = serde_json::to_vec(&self.parts).map_err(|error| failed(path, &error.to_string()))?;
+        let text = serde_json::to_vec(&ESTIMATE_CHECKPOINT.marked(&self.parts))
+            .map_err(|error| failed(path, &error.to_string()))?;
         Ok(write_safely(path, |out| out.write_all(&text))?)
     }
 
     /// The state of the fit of a part, in a file of its own.
     fn fit(&self, part: &str) -> Option<KeptFit> {
         let path = fit_file(self.path.as_ref()?, part);
-        Some(KeptFit { path, key: key_of(&(&self.parts.key, part)) })
+        let key = match &self.parts.earlier_key {
+            Some(earlier) => earlier_key(&format!("(\n    {earlier:?},\n    {part:?},\n)")),
+            None => content_key(&json!([self.parts.key, part])),
+        };
+        Some(KeptFit { path, key })
     }
 }
 
@@ -259,9 +289,9 @@ fn keeper(fit: Option<&KeptFit>) -> Option<&dyn FitKeeper> {
     fit.map(|fit| fit as _)
 }
 
-/// The alternate form writes out arrays of any length.
-fn key_of(what: &dyn Debug) -> String {
-    blake3::hash(format!("{NUMBERS_VERSION} {what:#?}").as_bytes()).to_hex().to_string()
+/// A key as the program made it before it hashed JSON.
+fn earlier_key(text: &str) -> String {
+    blake3::hash(format!("{NUMBERS_VERSION} {text}").as_bytes()).to_hex().to_string()
 }
 
 fn failed(path: &Path, reason: &str) -> InformationError {
@@ -304,15 +334,28 @@ mod tests {
     use ndarray::Array2;
 
     use super::*;
+    use crate::formats::json_of;
     use crate::information::{DecoderKind, Estimator, Protocol, TrialSettings};
+    use crate::optics::{Encoder, PsfImage};
     use crate::sensor::Noise;
+    use crate::workbench::Design;
 
     #[test]
-    fn what_differs_in_the_middle_of_a_picture_is_another_fit() {
-        let mut picture = Array2::<f32>::zeros((64, 64));
-        let dark = key_of(&picture);
-        picture[[32, 32]] = 1.0;
-        assert_ne!(dark, key_of(&picture));
+    fn estimates_of_psf_images_that_differ_in_one_pixel_have_different_keys() {
+        let mut psf = Array2::<f32>::zeros((64, 64));
+        psf[[1, 1]] = 1.0;
+        let design = |psf: &Array2<f32>| Design {
+            encoder: Encoder::Image(PsfImage { psf: psf.clone(), origin: "psf".into() }),
+            ..Design::default()
+        };
+        let key = |psf: &Array2<f32>| content_key(&json_of(&design(psf)));
+        let first = key(&psf);
+        psf[[32, 32]] = 1.0;
+        assert_ne!(first, key(&psf));
+    }
+
+    fn named(name: &str) -> Identity {
+        Identity { content: json!(name), earlier: Vec::new() }
     }
 
     #[cfg(target_os = "linux")]
@@ -320,14 +363,15 @@ mod tests {
     fn two_estimates_do_not_share_a_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("kept");
-        let kept = KeptEstimate::open(Some(&path), &"one").unwrap();
-        let told = KeptEstimate::open(Some(&path), &"one").err().unwrap().to_string();
+        let open = || KeptEstimate::open(Some(&path), || named("one"));
+        let kept = open().unwrap();
+        let told = open().err().unwrap().to_string();
         assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
         // Nor does one remove what another goes on with.
         end(&path);
         assert!(path.exists());
         drop(kept);
-        assert!(KeptEstimate::open(Some(&path), &"one").is_ok());
+        assert!(open().is_ok());
         end(&path);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
@@ -336,7 +380,7 @@ mod tests {
     fn parts_that_are_there_are_not_computed_again() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("kept");
-        let open = |what: &str| KeptEstimate::open(Some(&path), &what);
+        let open = |what: &str| KeptEstimate::open(Some(&path), || named(what));
         let bound = |bits_per_pixel| PosteriorBound {
             bits_per_pixel,
             interval_95: [0.1, 1.0 / 3.0],

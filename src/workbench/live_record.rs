@@ -5,12 +5,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
-use super::record::{FORMAT_VERSION, LIVE_FORMAT};
+use super::record::LIVE_ESTIMATE;
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
-use crate::formats::{FormatError, create_folder, write_json};
+use crate::formats::{FormatError, content_key, create_folder, json_of, write_json};
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::Progress;
 use crate::optics::Encoder;
@@ -97,8 +98,8 @@ impl LiveRecord {
     /// The record of an estimate of a design before a scene.
     pub fn new(design: &Design, scene: &Scene, live: &LiveEstimate) -> Self {
         Self {
-            format: LIVE_FORMAT.to_owned(),
-            format_version: FORMAT_VERSION,
+            format: LIVE_ESTIMATE.format.to_owned(),
+            format_version: LIVE_ESTIMATE.version,
             program_version: NUMBERS_VERSION.to_owned(),
             design: Design { objects: design.objects.absolute(), ..design.clone() },
             objects_fingerprint: scene.set.fingerprint(),
@@ -122,14 +123,18 @@ impl LiveRecord {
 
     /// A name for its file: records of the same numbers have the same, others have others.
     pub fn file_name(&self) -> String {
-        let mut hasher = blake3::Hasher::new();
-        let [design, before] = [serde_json::to_string(&self.design), serde_json::to_string(&self.before)];
-        let (design, before) = (design.unwrap_or_default(), before.unwrap_or_default());
-        hasher.update(format!("{} {design} {:?} {before}", self.objects_fingerprint, self.recipe).as_bytes());
+        let mut weights = blake3::Hasher::new();
         for weight in self.start.iter().flat_map(CausalStart::weights) {
-            hasher.update(&weight.to_le_bytes());
+            weights.update(&weight.to_le_bytes());
         }
-        format!("live-{}.json", &hasher.finalize().to_hex()[..16])
+        let key = content_key(&json!({
+            "objects": self.objects_fingerprint,
+            "design": json_of(&self.design),
+            "before": json_of(&self.before),
+            "recipe": json_of(&self.recipe),
+            "weights": weights.finalize().to_hex().to_string(),
+        }));
+        format!("live-{}.json", &key[..16])
     }
 
     /// The record, if it is one that a window may have written; what was found otherwise.
@@ -334,9 +339,10 @@ mod tests {
     fn other_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("record.json");
-        let mut texts = vec!["{}".to_owned(), "[]".into(), format!("{{\"format\": \"{LIVE_FORMAT}\"}}")];
-        texts.push(format!("{{\"format\": \"{LIVE_FORMAT}\", \"format_version\": 2}}"));
-        texts.push(format!("{{\"format\": \"{LIVE_FORMAT}\", \"format_version\": 1, \"recipe\": 3}}"));
+        let format = LIVE_ESTIMATE.format;
+        let mut texts = vec!["{}".to_owned(), "[]".into(), format!("{{\"format\": \"{format}\"}}")];
+        texts.push(format!("{{\"format\": \"{format}\", \"format_version\": 2}}"));
+        texts.push(format!("{{\"format\": \"{format}\", \"format_version\": 1, \"recipe\": 3}}"));
         for text in texts {
             std::fs::write(&path, &text).unwrap();
             let refusal = open(&path).unwrap_err().to_string();

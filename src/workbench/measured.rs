@@ -10,11 +10,12 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use super::calibration::Calibration;
 use super::estimate_request::{DensityModel, EstimateRequest};
 use super::estimation::network_trial;
-use super::kept_estimate::KeptEstimate;
+use super::kept_estimate::{Identity, KeptEstimate};
 use super::measured_error::MeasuredError;
 use super::patch_source::LARGEST_PATCHES_BYTES;
 use super::progress::{Watch, in_trial, report_understood, tell};
@@ -269,8 +270,17 @@ impl MeasuredImages {
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
         let parts = order.split_at(test_images);
         let fingerprint = self.fingerprint();
-        let what = (&fingerprint, noise, seed, request.determined_by());
-        let mut kept = KeptEstimate::open(request.keep.as_deref(), &what)?;
+        let mut kept = KeptEstimate::open(request.keep.as_deref(), || {
+            let content = json!({
+                "measurements": fingerprint,
+                "noise": noise.to_string(),
+                "seed": seed,
+                "request": request.identity(),
+            });
+            let earlier = request.earlier_identities();
+            let earlier = earlier.into_iter().map(|text| format!("{:#?}", (&fingerprint, noise, seed, text))).collect();
+            Identity { content, earlier }
+        })?;
         let (mut trials, repetitions, mut seconds) = (Vec::new(), request.repetitions(), 0.0);
         for index in 0..repetitions {
             let seeds = (test_seed, seed.wrapping_add(index as u64));

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::design::Design;
 use super::threads::lock;
-use crate::formats::{FormatError, TEMPORARY_PREFIX, create_folder, read_json, write_json};
+use crate::formats::{DocumentKind, FormatError, TEMPORARY_PREFIX, create_folder};
 
 /// Least time between two files.
 const EVERY: Duration = Duration::from_secs(5);
@@ -30,6 +30,10 @@ pub struct Recovered {
     /// Held so that no second program offers the same.
     lock: File,
 }
+
+/// The kind of the files.
+const UNSAVED_DESIGN: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/unsaved-design", "an unsaved design");
 
 /// The contents of a file.
 #[derive(Serialize, Deserialize)]
@@ -212,7 +216,7 @@ fn write(file: &Path, design: &Design, path: Option<PathBuf>) -> Result<(), Form
     // JSON holds Unicode alone: without its path the design is kept all the same.
     let path = path.filter(|path| path.to_str().is_some());
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
-    write_json(file, &Kept { design, path, seconds })
+    UNSAVED_DESIGN.write(file, &Kept { design, path, seconds })
 }
 
 /// Files whose owners no longer run.
@@ -230,7 +234,7 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
             }
             let lock = File::options().create(true).truncate(false).write(true).open(file.with_extension(LOCK_ENDING));
             let lock = lock.ok().filter(|lock| lock.try_lock().is_ok())?;
-            let kept: Kept = read_json(&file).ok()?;
+            let kept: Kept = UNSAVED_DESIGN.read(&file).ok()?;
             kept.design.check().ok()?;
             let kept_at = UNIX_EPOCH.checked_add(Duration::from_secs(kept.seconds))?;
             Some(Recovered { design: kept.design, path: kept.path, kept_at, file, lock })
@@ -342,7 +346,7 @@ mod tests {
         assert!(told.unwrap().contains("a folder or device"));
         // It is tried again, whether or not anything changes.
         std::fs::remove_dir(&name).unwrap();
-        until(|| read_json::<Kept>(&name).is_ok());
+        until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok());
         assert_eq!(autosave.note(&design, (2, true), None), None);
     }
 
@@ -356,7 +360,7 @@ mod tests {
         let path = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
         assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
         let name = autosave.lock_file.with_extension(ENDING);
-        until(|| read_json::<Kept>(&name).is_ok_and(|kept| kept.design == *design && kept.path.is_none()));
+        until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok_and(|kept| kept.design == *design && kept.path.is_none()));
         assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
     }
 
@@ -370,6 +374,6 @@ mod tests {
             std::thread::sleep(Duration::from_millis(20));
         }
         let name = autosave.lock_file.with_extension(ENDING);
-        until(|| read_json::<Kept>(&name).is_ok_and(|kept| kept.design.seed == 5));
+        until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok_and(|kept| kept.design.seed == 5));
     }
 }

@@ -15,7 +15,7 @@ use super::evaluation::Optics;
 use super::export::Curve;
 use super::worker::Live;
 use crate::design::merged;
-use crate::formats::{FormatError, create_folder, read_json};
+use crate::formats::{DocumentKind, FormatError, create_folder};
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -142,6 +142,9 @@ impl Snapshot {
     }
 }
 
+/// The kind of the files.
+const SNAPSHOT: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/snapshot", "a snapshot of a design");
+
 /// A snapshot as it stands in its file.
 #[derive(Serialize, Deserialize)]
 struct Kept {
@@ -231,7 +234,7 @@ impl Snapshots {
         let mut all = Self::default();
         let unlisted = found.saturating_sub(Self::MOST);
         for path in files.iter().skip(unlisted) {
-            let Ok(Kept { name, design, program_version, numbers }) = read_json(path) else { continue };
+            let Ok(Kept { name, design, program_version, numbers }) = SNAPSHOT.read(path) else { continue };
             let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
             all.last += 1;
             let numbers = Some(numbers).filter(|_| program_version == NUMBERS_VERSION);
@@ -290,7 +293,7 @@ impl Snapshots {
             let text = move || {
                 let numbers = serde_json::to_value(numbers).ok()?;
                 let program_version = NUMBERS_VERSION.to_owned();
-                serde_json::to_string(&Kept { name, design, program_version, numbers }).ok()
+                serde_json::to_string(&SNAPSHOT.marked(&Kept { name, design, program_version, numbers })).ok()
             };
             changes.push((snapshot.file.clone(), Some(Box::new(text))));
         }

@@ -11,7 +11,7 @@ use crate::formats::{FormatError, write_json};
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::Progress;
 use crate::optics::Encoder;
-use crate::workbench::record::{FORMAT_VERSION, RUN_FORMAT};
+use crate::workbench::record::RUN;
 use crate::workbench::study::Machine;
 use crate::workbench::{Curve, Design, EvaluationError};
 
@@ -50,8 +50,8 @@ impl IdealRecord {
     pub fn new(start: &Design, ideal: &Ideal<'_>) -> Self {
         let state = ideal.state();
         Self {
-            format: RUN_FORMAT.into(),
-            format_version: FORMAT_VERSION,
+            format: RUN.format.into(),
+            format_version: RUN.version,
             program_version: NUMBERS_VERSION.into(),
             machine: Machine::here(),
             start: start.clone(),

@@ -11,7 +11,7 @@ use super::record::IdealRecord;
 use super::score::is_about;
 use crate::design::{Ideal, IdealSettings, Imaging, Objective, OnIdeal};
 use crate::formats::{
-    FormatError, check_writable, create_folder, lock_folder, read_if_there, read_json, write_json, write_safely,
+    DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
 };
 use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray, render_psf};
@@ -85,6 +85,9 @@ pub(super) fn start_of(design: &Design) -> Result<&LensletArray, EvaluationError
     design.encoder.lenslets().ok_or_else(|| EvaluationError::NoLenslets { mask: design.encoder.describe() })
 }
 
+/// The kind of the file of an order.
+const RUN_ORDER: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/run-order", "an order of runs");
+
 /// Ending of the files of states.
 const STATE: &str = "safetensors";
 
@@ -139,10 +142,14 @@ impl KeptRun {
     /// The run in `folder`, which is made if need be.
     ///
     /// # Errors
-    /// Where the folder cannot be made.
+    /// Where the folder cannot be made, and where a newer program has written the order in it.
     pub fn in_folder(folder: &Path) -> Result<Self, EvaluationError> {
         create_folder(folder)?;
-        Ok(Self { folder: folder.to_path_buf() })
+        let run = Self { folder: folder.to_path_buf() };
+        if RUN_ORDER.is_newer(&run.order()) {
+            RUN_ORDER.read::<KeptOrder>(&run.order())?;
+        }
+        Ok(run)
     }
 
     /// Keeps other programs out of it while the file is there, which would write their states over those of this one.
@@ -224,7 +231,7 @@ impl KeptRun {
     /// # Errors
     /// Where the file cannot be written; the last note is then still there.
     pub fn note(&self, order: &KeptOrder) -> Result<(), EvaluationError> {
-        Ok(write_json(&self.order(), order)?)
+        Ok(RUN_ORDER.write(&self.order(), order)?)
     }
 
     /// Forgets the run.
@@ -240,7 +247,7 @@ impl KeptRun {
 
     /// What was ordered here last, and the states of its starts, as far as they got; none where files are missing or broken.
     pub fn last(&self) -> Option<(KeptOrder, Vec<Option<Vec<u8>>>)> {
-        let mut order: KeptOrder = read_json(&self.order()).ok()?;
+        let mut order: KeptOrder = RUN_ORDER.read(&self.order()).ok()?;
         let sound = order.at < order.starts.len()
             && order.starts.iter().all(|start| start.design.check().is_ok())
             && order.ranked.iter().all(|result| result.design.check().is_ok());

@@ -9,11 +9,11 @@ use super::machine::Machine;
 use super::published::Published;
 use super::settings::{PlannedCell, StudySettings, patch_name};
 use super::summary::StudySummary;
-use crate::formats::{FormatError, read_json, write_json};
+use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
 use crate::information::{Estimate, NUMBERS_VERSION, PairedDifference};
 
-const FORMAT: &str = "lenslet-studio/study";
-const FORMAT_VERSION: u64 = 1;
+/// The kind of the file.
+const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study");
 
 /// A study as it stands in its file. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -159,8 +159,8 @@ impl StudyRecord {
     pub(super) fn new(settings: StudySettings) -> Self {
         let summary = StudySummary::of(&settings, &[]);
         Self {
-            format: FORMAT.into(),
-            format_version: FORMAT_VERSION,
+            format: STUDY.format.into(),
+            format_version: STUDY.version,
             program_version: NUMBERS_VERSION.into(),
             settings,
             notices: Vec::new(),
@@ -179,21 +179,14 @@ impl StudyRecord {
 
     fn from_value(path: &Path, value: serde_json::Value) -> Result<Self, StudyError> {
         let refused =
-            |found: String, advice| StudyError::Refused { path: path.into(), version: FORMAT_VERSION, found, advice };
-        let another = "choose another folder";
-        match value.get("format").and_then(serde_json::Value::as_str) {
-            Some(FORMAT) => {}
-            Some(other) => return Err(refused(format!("format {other:?}"), another)),
-            None => return Err(refused("no format entry".into(), another)),
-        }
-        match value.get("format_version").and_then(serde_json::Value::as_u64) {
-            Some(FORMAT_VERSION) => {}
-            Some(newer) if newer > FORMAT_VERSION => {
-                let found = format!("version {newer}, written by a newer Lenslet Studio");
-                return Err(refused(found, "update this program, or choose another folder"));
-            }
-            _ => return Err(refused("no usable format_version".into(), another)),
-        }
+            |found: String, advice| StudyError::Refused { path: path.into(), version: STUDY.version, found, advice };
+        STUDY.version_of(&value).map_err(|mismatch| {
+            let advice = match mismatch {
+                Mismatch::Newer(_) => "update this program, or choose another folder",
+                Mismatch::OtherKind(_) | Mismatch::NoVersion => "choose another folder",
+            };
+            refused(mismatch.to_string(), advice)
+        })?;
         let mut record: Self = serde_path_to_error::deserialize(value)
             .map_err(|error| refused(error.to_string(), "restore it from a backup, or choose another folder"))?;
         record.summary = StudySummary::of(&record.settings, &record.cells);
