@@ -1,63 +1,13 @@
 //! The window: it shows the workbench and sends it commands; everything that computes lives below.
+//!
+//! Sub-folders from the lowest to the highest; an import only goes down.
 
-mod actions;
-mod app;
-mod capture;
-mod clipboard;
-mod compare_panel;
-mod dialogs;
-#[cfg(target_os = "linux")]
-mod display;
-mod dropped;
-mod estimates_panel;
-mod file_preview;
-mod fit_length;
-mod glyphs;
-mod hand;
-mod history_panel;
-mod home;
-mod image_view;
-mod images_form;
-mod information_map_panel;
-mod information_overlay;
-mod information_panel;
-mod jobs_window;
-mod known;
-mod layout;
-mod leaving;
-mod lenslet_menu;
-mod lenslet_table;
-mod levels;
-mod links;
-mod locks;
-mod mask_canvas;
-mod menus;
-mod messages;
-mod modal;
-mod mtf_panel;
-mod number;
-mod number_field;
-mod optimize_panel;
-mod overlays;
-mod pace;
-mod palette;
-mod past_edits;
-mod picture_menu;
-mod recovery;
-mod run_strip;
-mod run_view;
-mod sample_panels;
-mod scene_panel;
-mod sheets;
-mod spectrum_plot;
-mod state;
-mod status_bar;
-mod system_dialog;
-mod tamura_gauge;
-mod trails;
-mod viewport;
-mod welcome;
-mod window;
+pub(crate) mod app;
+pub(crate) mod canvas;
+pub(crate) mod dialogs;
+pub(crate) mod panels;
+pub(crate) mod state;
+pub(crate) mod widgets;
 
-pub use app::Studio;
-pub use window::{RendererChoice, WindowError, open_window};
+pub use app::studio::Studio;
+pub use app::window::{RendererChoice, WindowError, open_window};

@@ -1,0 +1,446 @@
+//! What menus and shortcuts do: one list for both.
+
+use std::borrow::Cow;
+
+use egui::{Event, Key, KeyboardShortcut, Modifiers};
+
+use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
+use crate::plural::counted;
+use crate::studio::app::layout::Pane;
+use crate::studio::dialogs::palette::Palette;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::dialogs::settings_dialogs::Sheet;
+use crate::studio::panels::information;
+use crate::studio::panels::optimize;
+use crate::studio::state::app_state::{Arrange, State};
+use crate::workbench::{Command, DesignRun, Job, Workbench, look_command, repeat_command};
+
+/// Arrangements of rooms that can be remembered.
+const LAYOUTS: usize = 2;
+
+/// Something that a menu entry or a shortcut does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Starts from the default design.
+    New,
+    /// Opens a design file.
+    Open,
+    /// Saves to the design's file, or asks for one.
+    Save,
+    /// Asks for a file and saves.
+    SaveAs,
+    /// Opens objects.
+    OpenObjects,
+    /// Imports a PSF.
+    ImportPsf,
+    /// Fits lenslets to the PSF of a mask that has none.
+    FitLenslets,
+    /// Exports PSF and design.
+    ExportDesign,
+    /// Exports objects and measurements.
+    ExportMeasurements,
+    /// Goes one step back.
+    Undo,
+    /// Goes one step forth again.
+    Redo,
+    /// Selects every lenslet.
+    SelectAll,
+    /// Deletes the selection.
+    Delete,
+    /// Adds a lenslet in the middle.
+    AddLenslet,
+    /// Starts the run that the Optimize room asks for.
+    StartRun,
+    /// Ends the run; it can go on later.
+    StopRun,
+    /// Accepts the mask of the run that is shown: in place of the design, or as a design of its own.
+    Accept,
+    /// Opens that mask as a design of its own.
+    OpenMask,
+    /// Shows the open design again, in place of a mask of the run.
+    LookAway,
+    /// Puts the open design aside, to compare it.
+    KeepDesign,
+    /// Puts another mask in place.
+    Preset(Preset),
+    /// Brings a room to the front.
+    Show(Pane),
+    /// Arranges the rooms as in a new window.
+    ResetLayout,
+    /// Remembers the arrangement of the rooms under a number.
+    RememberLayout(usize),
+    /// Arranges the rooms as was remembered.
+    RecallLayout(usize),
+    /// Lets the room under the pointer fill the window, or all rooms come back.
+    Maximise,
+    /// Finds actions by what they are called.
+    Palette,
+    /// Shows keys and gestures.
+    Shortcuts,
+    /// Shows what a person can choose.
+    Settings,
+    /// Asks what to start from.
+    Welcome,
+    /// Shows what can be done, step by step.
+    Tour,
+    /// Shows versions and the machine.
+    About,
+    /// Puts the numbers of the open design into the clipboard, as JSON.
+    CopyNumbers,
+    /// Puts the command line for them into the clipboard.
+    CopyCommand,
+    /// Writes a record from which the live estimate can be computed again.
+    ExportLive,
+    /// Shows what is done beside the edits.
+    Jobs,
+    /// Shows all messages.
+    Messages,
+    /// Closes the window.
+    Quit,
+}
+
+/// A mask to start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// So many heuristic lenslets, 1 to 9.
+    Heuristic(usize),
+    /// 25 lenslets, drawn from the design's seed; others every time.
+    Random,
+    /// 5 lenslets, each focused on a plane of its own.
+    Depth,
+    /// A diffuser with an aperture of so many pixels.
+    Diffuser(usize),
+}
+
+impl Preset {
+    fn all() -> impl Iterator<Item = Self> {
+        let diffusers = DIFFUSER_APERTURES.into_iter().map(Self::Diffuser);
+        (1..=9).map(Self::Heuristic).chain([Self::Random, Self::Depth]).chain(diffusers)
+    }
+
+    /// Its name in its menu.
+    pub fn label(self) -> String {
+        match self {
+            Self::Heuristic(count) => counted(count, "lenslet"),
+            Self::Random => "25 random lenslets".into(),
+            Self::Depth => "5 lenslets in depth".into(),
+            Self::Diffuser(aperture_px) => format!("Aperture {aperture_px} px"),
+        }
+    }
+
+    /// Its name where its menu does not stand above it.
+    fn full_label(self) -> String {
+        match self {
+            Self::Heuristic(_) => format!("Mask: {}, heuristic", self.label()),
+            Self::Random | Self::Depth => format!("Mask: {}", self.label()),
+            Self::Diffuser(aperture_px) => format!("Mask: diffuser, aperture {aperture_px} px"),
+        }
+    }
+
+    /// Puts it in place.
+    pub fn put(self, state: &mut State) {
+        let seed = state.bench.design().seed;
+        let (name, encoder) = match self {
+            Self::Heuristic(count) => (counted(count, "heuristic lenslet"), Encoder::Lenslets(heuristic_layout(count))),
+            Self::Random => {
+                let draw = state.next_random_start(seed);
+                (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))
+            }
+            Self::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5))),
+            Self::Diffuser(aperture_px) => {
+                (format!("diffuser, aperture {aperture_px} px"), Encoder::Diffuser(Diffuser { aperture_px, seed }))
+            }
+        };
+        state.send(&Command::ReplaceEncoder { name, encoder });
+    }
+}
+
+impl Action {
+    /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
+    const WITH_SHORTCUT: [Self; 20] = [
+        Self::SaveAs,
+        Self::Palette,
+        Self::CopyCommand,
+        Self::Shortcuts,
+        Self::KeepDesign,
+        Self::Jobs,
+        Self::Maximise,
+        Self::RecallLayout(1),
+        Self::RecallLayout(2),
+        Self::Settings,
+        Self::New,
+        Self::Open,
+        Self::Save,
+        Self::OpenObjects,
+        Self::ExportDesign,
+        Self::Quit,
+        Self::Redo,
+        Self::Undo,
+        Self::SelectAll,
+        Self::Delete,
+    ];
+
+    /// Every action, as the palette lists them.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let plain = [
+            Self::New,
+            Self::Open,
+            Self::Save,
+            Self::SaveAs,
+            Self::OpenObjects,
+            Self::ImportPsf,
+            Self::FitLenslets,
+            Self::ExportDesign,
+            Self::ExportMeasurements,
+            Self::Undo,
+            Self::Redo,
+            Self::SelectAll,
+            Self::Delete,
+            Self::AddLenslet,
+            Self::StartRun,
+            Self::StopRun,
+            Self::Accept,
+            Self::OpenMask,
+            Self::LookAway,
+            Self::KeepDesign,
+            Self::Maximise,
+            Self::Shortcuts,
+            Self::Settings,
+            Self::Welcome,
+            Self::Tour,
+            Self::About,
+            Self::CopyNumbers,
+            Self::CopyCommand,
+            Self::ExportLive,
+            Self::Jobs,
+            Self::Messages,
+            Self::Quit,
+        ];
+        plain.into_iter().chain(Self::layouts()).chain(Preset::all().map(Self::Preset)).chain(Pane::ALL.map(Self::Show))
+    }
+
+    /// What can be done with the arrangement of the rooms.
+    pub fn layouts() -> impl Iterator<Item = Self> {
+        let numbers = 1..=LAYOUTS;
+        let remember = numbers.clone().map(Self::RememberLayout);
+        numbers.map(Self::RecallLayout).chain(remember).chain([Self::ResetLayout])
+    }
+
+    /// Text of the menu entry.
+    pub fn label(self) -> Cow<'static, str> {
+        Cow::Borrowed(match self {
+            Self::New => "New design",
+            Self::Open => "Open design...",
+            Self::Save => "Save design",
+            Self::SaveAs => "Save design as...",
+            Self::OpenObjects => "Open objects...",
+            Self::ImportPsf => "Import PSF...",
+            Self::FitLenslets => "Fit lenslets to this PSF",
+            Self::ExportDesign => "Export design...",
+            Self::ExportMeasurements => "Export measurements...",
+            Self::Undo => "Undo",
+            Self::Redo => "Redo",
+            Self::SelectAll => "Select all lenslets",
+            Self::Delete => "Delete selected lenslets",
+            Self::Preset(preset) => return preset.full_label().into(),
+            Self::Show(pane) => return format!("Show {}", pane.title()).into(),
+            Self::AddLenslet => "Add a lenslet",
+            Self::StartRun => "Start a run that optimizes the mask",
+            Self::StopRun => "Stop the run",
+            Self::Accept => "Accept this mask",
+            Self::OpenMask => "Open as new design",
+            Self::LookAway => "Back to the design",
+            Self::KeepDesign => "Keep this design to compare",
+            Self::ResetLayout => "Reset layout",
+            Self::RememberLayout(number) => return format!("Remember as layout {number}").into(),
+            Self::RecallLayout(number) => return format!("Use layout {number}").into(),
+            Self::Maximise => "Fill the window with a room, or back",
+            Self::Palette => "Find an action...",
+            Self::Shortcuts => "Keys and gestures",
+            Self::Settings => "Settings...",
+            Self::Welcome => "Welcome and samples...",
+            Self::Tour => "Take the tour",
+            Self::About => "About Lenslet Studio",
+            Self::CopyNumbers => "Copy numbers as JSON",
+            Self::CopyCommand => "Copy command line",
+            Self::ExportLive => "Export record of the live estimate...",
+            Self::Jobs => "Jobs",
+            Self::Messages => "Messages",
+            Self::Quit => "Quit",
+        })
+    }
+
+    /// Whether it can be done now.
+    pub fn is_possible(self, state: &State) -> bool {
+        match self {
+            Self::Undo => state.bench.undoes().is_some(),
+            Self::Redo => state.bench.redoes().is_some(),
+            Self::SelectAll | Self::AddLenslet => state.lenslet_count() > 0,
+            Self::StartRun => optimize::can_start(state),
+            Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
+            Self::Accept | Self::OpenMask | Self::LookAway => state.bench.is_looking(),
+            Self::Delete => !state.selection.is_empty(),
+            Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
+            Self::FitLenslets => !state.bench.is_looking() && state.bench.design().encoder.lenslets().is_none(),
+            Self::ExportMeasurements => state.current_measurements().is_some(),
+            Self::ExportLive => state.live_estimate().is_some(),
+            _ => true,
+        }
+    }
+
+    /// Its shortcut.
+    pub fn shortcut(self) -> Option<KeyboardShortcut> {
+        let command = Modifiers::COMMAND;
+        let (modifiers, key) = match self {
+            Self::New => (command, Key::N),
+            Self::Open => (command, Key::O),
+            Self::Save => (command, Key::S),
+            Self::SaveAs => (command | Modifiers::SHIFT, Key::S),
+            Self::OpenObjects => (command, Key::L),
+            Self::ExportDesign => (command, Key::E),
+            Self::SelectAll => (command, Key::A),
+            Self::Delete => (Modifiers::NONE, Key::Delete),
+            Self::Undo => (command, Key::Z),
+            Self::Redo => (command | Modifiers::SHIFT, Key::Z),
+            Self::Quit => (command, Key::Q),
+            Self::Palette => (command | Modifiers::SHIFT, Key::P),
+            Self::KeepDesign => (command, Key::D),
+            Self::CopyCommand => (command | Modifiers::SHIFT, Key::C),
+            Self::Jobs => (command, Key::J),
+            Self::Maximise => (command, Key::M),
+            Self::RecallLayout(1) => (command, Key::Num1),
+            Self::RecallLayout(2) => (command, Key::Num2),
+            Self::Settings => (command, Key::Comma),
+            Self::Shortcuts => (Modifiers::NONE, Key::F1),
+            _ => return None,
+        };
+        Some(KeyboardShortcut::new(modifiers, key))
+    }
+
+    /// The actions whose shortcuts were pressed since the last frame, in that order: a slow frame may bring several.
+    pub fn pressed(ctx: &egui::Context) -> Vec<Self> {
+        let focused = ctx.memory(egui::Memory::focused);
+        let typing = focused.is_some_and(|id| egui::TextEdit::load_state(ctx, id).is_some());
+        let mut pressed = Vec::new();
+        ctx.input_mut(|input| {
+            input.events.retain(|event| {
+                let Event::Key { key, modifiers, pressed: true, .. } = event else { return true };
+                let action = Self::of_key(*modifiers, *key, typing);
+                pressed.extend(action);
+                action.is_none()
+            });
+        });
+        pressed
+    }
+
+    /// The action of a key, if any; `typing` where a text field has the keyboard.
+    fn of_key(modifiers: Modifiers, key: Key, typing: bool) -> Option<Self> {
+        let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
+        // What browsers and editors have taught people to press.
+        if is(Modifiers::COMMAND, Key::K) {
+            return Some(Self::Palette);
+        }
+        // A keyboard without a Delete key has this one.
+        if !typing && is(Modifiers::NONE, Key::Backspace) {
+            return Some(Self::Delete);
+        }
+        let mut by_shortcut = Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text());
+        by_shortcut
+            .find(|action| action.shortcut().is_some_and(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
+    }
+
+    /// Whether a text field does this to its own text.
+    fn is_for_text(self) -> bool {
+        matches!(self, Self::Undo | Self::Redo | Self::SelectAll | Self::Delete)
+    }
+
+    /// Does it.
+    pub fn run(self, ctx: &egui::Context, state: &mut State) {
+        let beside = state.bench.path().map(ToOwned::to_owned);
+        let mut ask = |purpose| state.dialogs.ask(purpose, beside.as_deref());
+        match self {
+            Self::New => state.guard(ctx, crate::studio::state::app_state::Leave::New),
+            Self::Open => state.guard(ctx, crate::studio::state::app_state::Leave::Open),
+            Self::Save => match &beside {
+                Some(path) => state.bench.save_to(path.clone()),
+                None => ask(Purpose::SaveAs),
+            },
+            Self::SaveAs => ask(Purpose::SaveAs),
+            Self::OpenObjects => ask(Purpose::OpenObjects),
+            Self::ImportPsf => ask(Purpose::ImportPsf),
+            Self::FitLenslets => state.bench.fit_lenslets(),
+            Self::ExportDesign => ask(Purpose::ExportDesign),
+            Self::ExportMeasurements => ask(Purpose::ExportMeasurements),
+            Self::Undo => state.go(Workbench::undo),
+            Self::Redo => state.go(Workbench::redo),
+            Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
+            Self::Delete => state.delete_selection(),
+            Self::AddLenslet => state.add_lenslet(),
+            Self::StartRun => {
+                state.guard(ctx, crate::studio::state::app_state::Leave::Run);
+                state.arrange = Some(Arrange::Show(Pane::Optimize));
+            }
+            Self::StopRun => state.bench.stop_run(),
+            Self::Accept => {
+                // What is shown is what was meant, however the run goes on.
+                state.bench.follow_run(false);
+                if !state.bench.accept() {
+                    state.guard(ctx, crate::studio::state::app_state::Leave::Accept);
+                }
+            }
+            Self::OpenMask => {
+                state.bench.follow_run(false);
+                state.guard(ctx, crate::studio::state::app_state::Leave::Accept);
+            }
+            Self::LookAway => state.go(Workbench::look_away),
+            Self::KeepDesign => {
+                state.keep_snapshot();
+                state.arrange = Some(Arrange::Show(Pane::Compare));
+            }
+            Self::Preset(preset) => preset.put(state),
+            Self::Show(pane) => state.arrange = Some(Arrange::Show(pane)),
+            Self::ResetLayout => state.arrange = Some(Arrange::Reset),
+            Self::RememberLayout(number) => state.arrange = Some(Arrange::Remember(number)),
+            Self::RecallLayout(number) => state.arrange = Some(Arrange::Recall(number)),
+            Self::Maximise => maximise(ctx, state),
+            Self::Palette => state.palette = Some(Palette::default()),
+            Self::Shortcuts => state.sheet = Some(Sheet::Shortcuts),
+            Self::Settings => state.sheet = Some(Sheet::Settings),
+            Self::Welcome => state.guide.welcome = true,
+            Self::Tour => {
+                state.guide.tour = Some(0);
+                state.arrange = Some(Arrange::Show(Pane::Mask));
+            }
+            Self::About => state.sheet = Some(Sheet::About),
+            Self::CopyNumbers => information::copy_numbers(ctx, state),
+            Self::CopyCommand => {
+                let command = match (state.live_record(), &state.folder) {
+                    (Some(record), Some(folder)) => {
+                        let path = folder.join("records").join(record.file_name());
+                        let command = repeat_command(&path);
+                        state.bench.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
+                        Ok(command)
+                    }
+                    _ => look_command(state.bench.design()),
+                };
+                state.copy_command(ctx, command);
+            }
+            Self::ExportLive => {
+                if let Some(record) = state.live_record() {
+                    state.dialogs.ask(Purpose::ExportLive(Box::new(record)), beside.as_deref());
+                }
+            }
+            Self::Jobs => state.jobs.open = true,
+            Self::Messages => state.messages.log_open = true,
+            Self::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+        }
+    }
+}
+
+/// Lets the room under the pointer fill the window; the mask where there is none; all rooms where one fills it.
+fn maximise(ctx: &egui::Context, state: &mut State) {
+    let pointer = ctx.pointer_latest_pos();
+    let under = state.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
+    let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
+    state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
+}

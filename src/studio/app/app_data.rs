@@ -1,0 +1,388 @@
+//! What the window remembers from one day to the next: preferences, the arrangement of its rooms, and designs that were put
+//! aside, each in a file of its own.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+
+use egui_tiles::Tree;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use thiserror::Error;
+
+use crate::formats::{DocumentKind, FormatError, read_json, write_safely};
+use crate::information::EngineChoice;
+use crate::studio::app::layout::{Pane, restored};
+use crate::studio::app::window::RendererChoice;
+use crate::workbench::{FileChange, FileText};
+
+/// Designs that are remembered.
+const RECENT: usize = 10;
+/// Sizes of everything that one can see and read.
+pub const ZOOM: std::ops::RangeInclusive<f32> = 0.5..=4.0;
+/// Threads that one can choose.
+pub const THREADS: std::ops::RangeInclusive<usize> = 1..=256;
+/// The files.
+const PREFERENCES: &str = "preferences.json";
+const LAYOUT: &str = "layout.json";
+/// Their kinds.
+const PREFERENCES_KIND: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/preferences", "the preferences of the window");
+const LAYOUT_KIND: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/layout", "a layout of the window");
+/// Where eframe keeps size and place of the window.
+const GEOMETRY: &str = "app.ron";
+/// The folder of designs that were put aside.
+pub const KEPT: &str = "kept";
+
+/// What a person has chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Preferences {
+    /// Design files, the newest first.
+    pub recent: Vec<PathBuf>,
+    /// Light, dark, or that of the system.
+    pub theme: egui::ThemePreference,
+    /// Size of everything.
+    pub zoom: f32,
+    /// Whether live estimates are computed.
+    pub live: bool,
+    /// What draws the window from the next start on.
+    pub renderer: RendererChoice,
+    /// Whether object and measurement show the same place.
+    pub link_views: bool,
+    /// Whether the first window has asked what to start from.
+    pub welcomed: bool,
+    /// Arrangements of rooms that are remembered, by number.
+    pub layouts: BTreeMap<usize, Tree<Pane>>,
+    /// Threads for everything that computes; as many as there are cores where none is chosen.
+    pub threads: Option<usize>,
+    /// What computes networks of the published kind.
+    pub engine: EngineChoice,
+    /// Folder for unsaved changes in place of the usual one.
+    pub unsaved: Option<PathBuf>,
+}
+
+impl Default for Preferences {
+    fn default() -> Self {
+        Self {
+            recent: Vec::new(),
+            theme: egui::ThemePreference::System,
+            zoom: 1.0,
+            live: true,
+            renderer: RendererChoice::default(),
+            link_views: true,
+            welcomed: false,
+            layouts: BTreeMap::new(),
+            threads: None,
+            engine: EngineChoice::default(),
+            unsaved: None,
+        }
+    }
+}
+
+impl Preferences {
+    /// Puts a design file first.
+    pub fn remember(&mut self, path: &Path) {
+        // A path that is relative today means another file tomorrow.
+        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        self.recent.retain(|known| *known != path);
+        self.recent.insert(0, path);
+        self.recent.truncate(RECENT);
+    }
+
+    /// What of them JSON can hold: not paths that are no Unicode.
+    fn storable(&self) -> Self {
+        let is_text = |path: &PathBuf| path.to_str().is_some();
+        let mut storable = self.clone();
+        storable.recent.retain(is_text);
+        storable.unsaved = storable.unsaved.filter(is_text);
+        storable
+    }
+}
+
+/// Why a folder keeps nothing.
+#[derive(Debug, Error)]
+#[error("{} cannot be written ({reason})", folder.display())]
+pub struct HomeError {
+    folder: PathBuf,
+    reason: std::io::Error,
+}
+
+/// The folder of those files, and the thread that writes them.
+pub struct Home {
+    folder: PathBuf,
+    /// What the files hold.
+    preferences: Preferences,
+    layout: String,
+    orders: Option<Sender<(PathBuf, Option<FileText>)>>,
+    failures: Receiver<String>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Home {
+    /// What is remembered in a folder; files that cannot be read are as good as none.
+    pub fn read(folder: &Path) -> (Preferences, Option<Tree<Pane>>) {
+        let mut preferences: Preferences = PREFERENCES_KIND.read(&folder.join(PREFERENCES)).unwrap_or_default();
+        if !ZOOM.contains(&preferences.zoom) {
+            preferences.zoom = 1.0;
+        }
+        preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
+        (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(restored))
+    }
+
+    /// A folder whose files hold these preferences and this layout.
+    ///
+    /// # Errors
+    /// Where nothing can be written there, or the operating system gives no thread.
+    pub fn in_folder(folder: &Path, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Result<Self, HomeError> {
+        let refused = |reason| HomeError { folder: folder.to_owned(), reason };
+        std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).map_err(refused)?;
+        let (orders, ordered) = channel::<(PathBuf, Option<FileText>)>();
+        let (tell, failures) = channel();
+        let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
+            let write = |path: &Path, text: &str| write_safely(path, |file| file.write_all(text.as_bytes()));
+            // What could not be written is tried again when something else could, and in the end.
+            let mut failed: BTreeMap<PathBuf, String> = BTreeMap::new();
+            for (path, text) in ordered {
+                failed.remove(&path);
+                let Some(text) = text else {
+                    // It may never have been written.
+                    let _ = std::fs::remove_file(&path);
+                    continue;
+                };
+                let Some(text) = text() else { continue };
+                if let Err(error) = write(&path, &text) {
+                    // Without a window nobody listens.
+                    let _ = tell.send(error.to_string());
+                    failed.insert(path, text);
+                } else {
+                    failed.retain(|path, text| write(path, text).is_err());
+                }
+            }
+            failed.retain(|path, text| write(path, text).is_err());
+        });
+        Ok(Self {
+            folder: folder.to_owned(),
+            preferences: preferences.clone(),
+            layout: layout.and_then(|layout| layout_text(layout).ok()).unwrap_or_default(),
+            orders: Some(orders),
+            failures,
+            thread: Some(thread.map_err(refused)?),
+        })
+    }
+
+    /// A sentence for each file of a folder that a newer program has written. Such files are neither used nor overwritten.
+    pub fn newer_files(folder: &Path) -> Vec<String> {
+        let is_newer = |(kind, name): &(DocumentKind, &str)| kind.is_newer(&folder.join(name));
+        let files = [(PREFERENCES_KIND, PREFERENCES), (LAYOUT_KIND, LAYOUT)];
+        let refused = |(kind, name): (DocumentKind, &str)| kind.read::<Value>(&folder.join(name)).err();
+        files.into_iter().filter(is_newer).filter_map(refused).map(|error| error.to_string()).collect()
+    }
+
+    /// What is to draw the window, by the preferences of a folder.
+    pub fn renderer(folder: &Path) -> Option<RendererChoice> {
+        PREFERENCES_KIND.read::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
+    }
+
+    /// Forgets layout and preferences of a folder, but neither recent files nor where unsaved changes are kept: what a crash
+    /// left there is still to be offered.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
+    pub fn reset(folder: &Path) -> Result<(), FormatError> {
+        for name in [LAYOUT, GEOMETRY] {
+            // It may never have been there.
+            let _ = std::fs::remove_file(folder.join(name));
+        }
+        let path = folder.join(PREFERENCES);
+        let Ok(known) = PREFERENCES_KIND.read::<Preferences>(&path) else { return Ok(()) };
+        PREFERENCES_KIND
+            .write(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })
+    }
+
+    /// Writes what has changed, on another thread; the layout where it is given. Returns why an earlier attempt failed,
+    /// once.
+    pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
+        if self.preferences != *preferences {
+            let before = std::mem::replace(&mut self.preferences, preferences.clone()).storable();
+            let path = self.folder.join(PREFERENCES);
+            match (serde_json::to_value(before), serde_json::to_value(preferences.storable())) {
+                (Ok(before), Ok(now)) => {
+                    let file = path.clone();
+                    let text = move || {
+                        let is_newer = PREFERENCES_KIND.is_newer(&file);
+                        let text = || text_of(&PREFERENCES_KIND.marked(&changed(&file, &before, now))).ok();
+                        if is_newer { None } else { text() }
+                    };
+                    self.order(path, Some(Box::new(text)));
+                }
+                (Err(error), _) | (_, Err(error)) => return Some(format!("the preferences were not kept: {error}")),
+            }
+        }
+        if let Some(Ok(text)) = layout.map(layout_text)
+            && text != self.layout
+        {
+            self.layout.clone_from(&text);
+            let path = self.folder.join(LAYOUT);
+            let file = path.clone();
+            self.order(path, Some(Box::new(move || (!LAYOUT_KIND.is_newer(&file)).then_some(text))));
+        }
+        self.failures.try_recv().ok()
+    }
+
+    /// Writes and removes files of kept designs, on another thread.
+    pub fn keep_designs(&self, changes: Vec<FileChange>) {
+        for (name, text) in changes {
+            self.order(self.folder.join(KEPT).join(name), text);
+        }
+    }
+
+    fn order(&self, path: PathBuf, text: Option<FileText>) {
+        if let Some(orders) = &self.orders {
+            // The thread ends with this.
+            let _ = orders.send((path, text));
+        }
+    }
+}
+
+impl Drop for Home {
+    fn drop(&mut self) {
+        self.orders = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What a file of preferences is to hold where they have changed from `before` to `now`: another window may have changed others.
+fn changed(path: &Path, before: &Value, now: Value) -> Value {
+    let (Ok(Value::Object(mut file)), Value::Object(now)) = (read_json(path), &now) else { return now };
+    for (name, value) in now.iter().filter(|&(name, value)| before.get(name) != Some(value)) {
+        let value = if name == "recent" { with_others(value, file.get(name)) } else { value.clone() };
+        file.insert(name.clone(), value);
+    }
+    // They are written anew in front of the content.
+    for mark in ["format", "format_version"] {
+        file.remove(mark);
+    }
+    Value::Object(file)
+}
+
+/// The text of the file of a layout.
+fn layout_text(layout: &Tree<Pane>) -> serde_json::Result<String> {
+    text_of(&LAYOUT_KIND.marked(layout))
+}
+
+/// The recent files of this window, and those that another has opened besides; none where they were to be forgotten.
+fn with_others(own: &Value, known: Option<&Value>) -> Value {
+    match (own.as_array(), known.and_then(Value::as_array)) {
+        (Some(own), Some(known)) if !own.is_empty() => {
+            let others = known.iter().filter(|path| !own.contains(path));
+            own.iter().chain(others).take(RECENT).cloned().collect()
+        }
+        _ => own.clone(),
+    }
+}
+
+/// JSON with sorted keys, so that equal values are equal texts.
+fn text_of(value: &impl Serialize) -> serde_json::Result<String> {
+    let value = serde_json::to_value(value)?;
+    Ok(format!("{value:#}\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::studio::app::layout::default_layout;
+
+    /// A folder, with what is remembered there.
+    fn home_in(folder: &Path) -> (Home, Preferences, Option<Tree<Pane>>) {
+        let (preferences, layout) = Home::read(folder);
+        (Home::in_folder(folder, &preferences, layout.as_ref()).unwrap(), preferences, layout)
+    }
+
+    #[test]
+    fn what_is_chosen_comes_back_and_broken_files_do_no_harm() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut home, mut preferences, layout) = home_in(folder.path());
+        assert!(preferences == Preferences::default() && layout.is_none());
+        preferences.zoom = 1.5;
+        preferences.remember(Path::new("/a/one.json"));
+        preferences.remember(Path::new("/a/two.json"));
+        preferences.remember(Path::new("/a/one.json"));
+        let arranged = default_layout();
+        assert_eq!(home.keep(&preferences, Some(&arranged)), None);
+        drop(home);
+        let (home, known, layout) = home_in(folder.path());
+        assert_eq!(known, preferences);
+        assert_eq!(known.recent, [Path::new("/a/one.json"), Path::new("/a/two.json")]);
+        assert_eq!(text_of(&layout.unwrap()).unwrap(), text_of(&arranged).unwrap());
+        drop(home);
+        Home::reset(folder.path()).unwrap();
+        let (_, reset, layout) = home_in(folder.path());
+        assert_eq!((reset.recent.len(), reset.zoom), (2, 1.0));
+        assert!(layout.is_none());
+        for name in [PREFERENCES, LAYOUT] {
+            std::fs::write(folder.path().join(name), b"{\"zoom\": 1e9, \"root\": 3").unwrap();
+        }
+        let (_, known, layout) = home_in(folder.path());
+        assert!(known == Preferences::default() && layout.is_none());
+    }
+
+    #[test]
+    fn two_windows_keep_what_either_has_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut one, mut chosen, _) = home_in(folder.path());
+        let (mut other, mut zoomed, _) = home_in(folder.path());
+        chosen.unsaved = Some("/a/safe".into());
+        chosen.remember(Path::new("/a/one.json"));
+        assert_eq!(one.keep(&chosen, None), None);
+        drop(one);
+        zoomed.zoom = 1.5;
+        zoomed.remember(Path::new("/a/other.json"));
+        assert_eq!(other.keep(&zoomed, None), None);
+        drop(other);
+        let (mut next, mut known, _) = home_in(folder.path());
+        chosen.remember(Path::new("/a/other.json"));
+        assert_eq!(known, Preferences { zoom: 1.5, ..chosen });
+        known.recent.clear();
+        assert_eq!(next.keep(&known, None), None);
+        drop(next);
+        assert!(home_in(folder.path()).1.recent.is_empty(), "they were to be forgotten");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_path_that_json_cannot_hold_costs_no_other_preference() {
+        use std::os::unix::ffi::OsStrExt;
+        let odd = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
+        assert!(text_of(&odd).is_err());
+        let folder = tempfile::tempdir().unwrap();
+        let (mut home, mut preferences, _) = home_in(folder.path());
+        preferences.zoom = 1.5;
+        preferences.remember(Path::new("/a/one.json"));
+        preferences.remember(odd);
+        preferences.unsaved = Some(odd.to_owned());
+        assert_eq!(home.keep(&preferences, None), None);
+        drop(home);
+        let (_, known, _) = home_in(folder.path());
+        let recent = vec![PathBuf::from("/a/one.json")];
+        assert_eq!(known, Preferences { zoom: 1.5, recent, ..Preferences::default() });
+        assert_eq!(preferences.recent[0], odd, "this window can open it again");
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_is_refused_in_one_sentence() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, b"").unwrap();
+        for place in [file.clone(), file.join("below"), "/proc/nowhere".into()] {
+            let (preferences, layout) = Home::read(&place);
+            let Err(error) = Home::in_folder(&place, &preferences, layout.as_ref()) else { panic!("{place:?}") };
+            let told = error.to_string();
+            assert!(told.starts_with(&place.display().to_string()) && told.contains("cannot be written"), "{told}");
+            assert!(!told.contains("make the folder"), "{told}");
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! Pictures of rooms as they are on the screen, for reports.
+
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+use egui::{Rect, Ui};
+use ndarray::Array3;
+
+use crate::studio::app::layout::Pane;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::state::app_state::State;
+
+/// Frames between the wish for a picture and the picture: menus and tooltips go away meanwhile.
+const FRAMES: u8 = 8;
+
+/// A picture that is being made.
+#[derive(Default)]
+pub struct Capture {
+    wanted: Option<Wanted>,
+}
+
+struct Wanted {
+    name: &'static str,
+    rect: Rect,
+    /// Frames to wait.
+    wait: u8,
+    picture: Option<Receiver<Array3<u8>>>,
+}
+
+/// Makes a picture of a room that is seen, and then asks for a file.
+pub fn take(state: &mut State, pane: Pane) {
+    if let Some(&(_, rect)) = state.rooms.iter().find(|(room, _)| *room == pane) {
+        state.capture.wanted = Some(Wanted { name: pane.title(), rect, wait: FRAMES, picture: None });
+    }
+}
+
+/// Goes on with the picture that was asked for. To be called for every frame.
+pub fn go_on(ctx: &egui::Context, state: &mut State) {
+    let Some(wanted) = &mut state.capture.wanted else { return };
+    if wanted.wait > 0 {
+        wanted.wait -= 1;
+        ctx.request_repaint();
+        return;
+    }
+    let Some(picture) = &wanted.picture else {
+        let (sender, receiver) = channel();
+        let (rect, scale, repaint) = (wanted.rect, ctx.pixels_per_point(), ctx.clone());
+        wanted.picture = Some(receiver);
+        ctx.request_screenshot(move |screen| {
+            // Whoever closed the window in between wants no picture.
+            let _ = sender.send(cut(&screen, rect, scale));
+            repaint.request_repaint();
+        });
+        return;
+    };
+    match picture.try_recv() {
+        Ok(image) => {
+            let name = wanted.name;
+            state.capture.wanted = None;
+            state.dialogs.ask(Purpose::ExportPicture { name, image }, state.bench.path());
+        }
+        Err(TryRecvError::Empty) => {}
+        Err(TryRecvError::Disconnected) => state.capture.wanted = None,
+    }
+}
+
+/// A part of the screen, shape (rows, cols, 3); `scale` is in pixels per point.
+fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
+    let [width, height] = screen.size;
+    let place = |at: f32, most: usize| ((at * scale).round().max(0.0) as usize).min(most);
+    let (left, right) = (place(rect.left(), width), place(rect.right(), width));
+    let (top, bottom) = (place(rect.top(), height), place(rect.bottom(), height));
+    let shape = (bottom.saturating_sub(top), right.saturating_sub(left), 3);
+    Array3::from_shape_fn(shape, |(row, col, channel)| {
+        screen.pixels[(top + row) * width + left + col].to_array()[channel]
+    })
+}
+
+/// One entry for each room that is seen.
+pub fn menu(ui: &mut Ui, state: &mut State) {
+    let mut wanted = None;
+    for &(pane, _) in &state.rooms {
+        let response = ui.button(pane.title());
+        name_widget(&response, &format!("Picture of {}", pane.title()));
+        if response.clicked() {
+            wanted = Some(pane);
+            ui.close();
+        }
+    }
+    if let Some(pane) = wanted {
+        take(state, pane);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui::{Color32, ColorImage, pos2};
+
+    use super::*;
+
+    #[test]
+    fn a_part_of_the_screen_is_cut_at_its_pixels() {
+        let pixels = (0..6 * 4).map(|index| Color32::from_rgb(index as u8, 7, 0)).collect();
+        let screen = ColorImage::new([6, 4], pixels);
+        let part = cut(&screen, Rect::from_min_max(pos2(1.0, 0.5), pos2(2.0, 9.0)), 2.0);
+        assert_eq!(part.dim(), (3, 2, 3), "what is beyond the screen is left out");
+        assert_eq!((part[(0, 0, 0)], part[(2, 1, 0)], part[(2, 1, 1)]), (6 + 2, 3 * 6 + 3, 7));
+        assert_eq!(cut(&screen, Rect::NOTHING, 1.0).len(), 0);
+    }
+}

@@ -1,0 +1,299 @@
+//! The rooms of the window and how they are arranged.
+
+use std::collections::BTreeSet;
+
+use egui_tiles::{
+    Behavior, Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree, UiResponse,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::studio::panels::compare;
+use crate::studio::panels::estimates;
+use crate::studio::panels::history;
+use crate::studio::panels::information;
+use crate::studio::panels::information_map;
+use crate::studio::panels::lenslets;
+use crate::studio::panels::mask;
+use crate::studio::panels::mtf;
+use crate::studio::panels::optimize;
+use crate::studio::panels::samples;
+use crate::studio::panels::scene;
+use crate::studio::state::app_state::State;
+
+/// A room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "&'static str")]
+pub enum Pane {
+    /// The PSF plane with the lenslets.
+    Mask,
+    /// The lenslets as numbers.
+    Lenslets,
+    /// One object.
+    Object,
+    /// One measurement.
+    Measurement,
+    /// What is imaged and by which sensor.
+    Scene,
+    /// Information and Tamura coefficient.
+    Information,
+    /// Modulation transfer function.
+    Mtf,
+    /// Information of past edits.
+    History,
+    /// Estimates that take minutes.
+    Estimates,
+    /// Where in a patch the information comes from.
+    InformationMap,
+    /// Runs that optimize the mask.
+    Optimize,
+    /// Designs side by side.
+    Compare,
+    /// A room of another version, from its layout file.
+    Unknown,
+}
+
+impl From<String> for Pane {
+    fn from(title: String) -> Self {
+        Self::ALL.into_iter().find(|pane| pane.title() == title).unwrap_or(Self::Unknown)
+    }
+}
+
+impl From<Pane> for &'static str {
+    fn from(pane: Pane) -> Self {
+        pane.title()
+    }
+}
+
+impl Pane {
+    /// Every room.
+    pub const ALL: [Self; 12] = [
+        Self::Mask,
+        Self::Lenslets,
+        Self::Object,
+        Self::Measurement,
+        Self::Information,
+        Self::Scene,
+        Self::Optimize,
+        Self::Estimates,
+        Self::InformationMap,
+        Self::Mtf,
+        Self::History,
+        Self::Compare,
+    ];
+
+    /// What stands on its tab.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Mask => "Mask",
+            Self::Lenslets => "Lenslets",
+            Self::Object => "Object",
+            Self::Measurement => "Measurement",
+            Self::Scene => "Scene",
+            Self::Information => "Information",
+            Self::Mtf => "MTF",
+            Self::History => "History",
+            Self::Estimates => "Estimates",
+            Self::InformationMap => "Map",
+            Self::Optimize => "Optimize",
+            Self::Compare => "Compare",
+            Self::Unknown => "Unknown",
+        }
+    }
+}
+
+/// The arrangement that a new window has: mask and lenslets, object and measurement, numbers.
+pub fn default_layout() -> Tree<Pane> {
+    let mut tiles = Tiles::default();
+    let column = |tiles: &mut Tiles<Pane>, panes: [(Pane, f32); 2]| {
+        let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
+        for (pane, share) in panes {
+            let pane = tiles.insert_pane(pane);
+            let tab = tiles.insert_tab_tile(vec![pane]);
+            linear.children.push(tab);
+            linear.shares.set_share(tab, share);
+        }
+        tiles.insert_container(Container::Linear(linear))
+    };
+    let left = column(&mut tiles, [(Pane::Mask, 2.1), (Pane::Lenslets, 1.0)]);
+    let middle = column(&mut tiles, [(Pane::Object, 1.0), (Pane::Measurement, 1.0)]);
+    let right = {
+        let information = tiles.insert_pane(Pane::Information);
+        let information = tiles.insert_tab_tile(vec![information]);
+        let scene = tiles.insert_pane(Pane::Scene);
+        let mtf = tiles.insert_pane(Pane::Mtf);
+        let history = tiles.insert_pane(Pane::History);
+        let estimates = tiles.insert_pane(Pane::Estimates);
+        let map = tiles.insert_pane(Pane::InformationMap);
+        let optimize = tiles.insert_pane(Pane::Optimize);
+        let compare = tiles.insert_pane(Pane::Compare);
+        let below = tiles.insert_tab_tile(vec![scene, optimize, estimates, compare, map, mtf, history]);
+        let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
+        linear.children = vec![information, below];
+        linear.shares.set_share(information, 1.3);
+        linear.shares.set_share(below, 1.0);
+        tiles.insert_container(Container::Linear(linear))
+    };
+    let mut row = Linear { dir: LinearDir::Horizontal, ..Linear::default() };
+    row.children = vec![left, middle, right];
+    row.shares.set_share(left, 1.45);
+    row.shares.set_share(middle, 1.05);
+    row.shares.set_share(right, 1.15);
+    let root = tiles.insert_container(Container::Linear(row));
+    Tree::new(egui::Id::unique("rooms"), root, tiles)
+}
+
+/// An arrangement from a file: without rooms that this version does not have; rooms that the file does not have stand
+/// beside the scene. None where the file is no arrangement of rooms.
+pub fn restored(mut tree: Tree<Pane>) -> Option<Tree<Pane>> {
+    if !is_sound(&tree) {
+        return None;
+    }
+    let of = |tree: &Tree<Pane>, wanted: Pane| -> Vec<TileId> {
+        let tiles = tree.tiles.iter();
+        tiles.filter(|(_, tile)| matches!(tile, Tile::Pane(pane) if *pane == wanted)).map(|(id, _)| *id).collect()
+    };
+    for unknown in of(&tree, Pane::Unknown) {
+        tree.remove_recursively(unknown);
+    }
+    let scene = of(&tree, Pane::Scene).first().copied()?;
+    let beside = tree.tiles.parent_of(scene)?;
+    for pane in Pane::ALL {
+        match of(&tree, pane).len() {
+            0 => {
+                let new = tree.tiles.insert_pane(pane);
+                match tree.tiles.get_mut(beside) {
+                    Some(Tile::Container(container)) => container.add_child(new),
+                    _ => return None,
+                }
+            }
+            1 => {}
+            _ => return None,
+        }
+    }
+    is_sound(&tree).then_some(tree)
+}
+
+/// Whether every tile can be reached from the root, in one way.
+fn is_sound(tree: &Tree<Pane>) -> bool {
+    let mut seen = BTreeSet::new();
+    let mut waiting: Vec<TileId> = tree.root.into_iter().collect();
+    while let Some(id) = waiting.pop() {
+        if !seen.insert(id.0) {
+            return false;
+        }
+        match tree.tiles.get(id) {
+            Some(Tile::Container(container)) => waiting.extend(container.children()),
+            Some(Tile::Pane(_)) => {}
+            None => return false,
+        }
+    }
+    seen.len() == tree.tiles.len()
+}
+
+/// One room that fills the window, and the way back.
+pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
+    ui.horizontal(|ui| {
+        ui.add_space(8.0);
+        ui.strong(pane.title());
+        let back = ui.small_button("Back to all rooms").on_hover_text("Or press Escape");
+        // A question in front, or an open menu, is closed first.
+        let is_in_front = ui.memory(|memory| memory.focused().is_none() && memory.allows_interaction(ui.layer_id()));
+        let escape = is_in_front
+            && !egui::Popup::is_any_open(ui.ctx())
+            && ui.input_mut(|input| input.consume_key(egui::Modifiers::NONE, egui::Key::Escape));
+        if back.clicked() || escape {
+            state.maximised = None;
+        }
+    });
+    // A room that fills the window is not dragged.
+    let _ = Rooms(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
+}
+
+/// Draws the rooms.
+pub struct Rooms<'a>(pub &'a mut State);
+
+impl Behavior<Pane> for Rooms<'_> {
+    fn pane_ui(&mut self, ui: &mut egui::Ui, _tile: TileId, pane: &mut Pane) -> UiResponse {
+        let frame = egui::Frame::new().inner_margin(egui::Margin::symmetric(8, 6)).fill(ui.visuals().panel_fill);
+        frame.show(ui, |ui| {
+            ui.set_min_size(ui.available_size());
+            self.0.rooms.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
+            match pane {
+                Pane::Mask => mask::show(ui, self.0),
+                Pane::Lenslets => lenslets::show(ui, self.0),
+                Pane::Object => samples::show_object(ui, self.0),
+                Pane::Measurement => samples::show_measurement(ui, self.0),
+                Pane::Scene => scene::show(ui, self.0),
+                Pane::Information => information::show(ui, self.0),
+                Pane::Mtf => mtf::show(ui, self.0),
+                Pane::History => history::show(ui, self.0),
+                Pane::Estimates => estimates::show(ui, self.0),
+                Pane::InformationMap => information_map::show(ui, self.0),
+                Pane::Optimize => optimize::show(ui, self.0),
+                Pane::Compare => compare::show(ui, self.0),
+                Pane::Unknown => {}
+            }
+        });
+        UiResponse::None
+    }
+
+    fn on_tab_button(&mut self, tiles: &mut Tiles<Pane>, tile: TileId, response: egui::Response) -> egui::Response {
+        let pane = tiles.get(tile).and_then(|tile| if let Tile::Pane(pane) = tile { Some(*pane) } else { None });
+        if let Some(pane) = pane
+            && response.double_clicked()
+        {
+            self.0.maximised = Some(pane);
+        }
+        response.on_hover_text("Drag to another place; double-click to fill the window")
+    }
+
+    fn tab_title_for_pane(&mut self, pane: &Pane) -> egui::WidgetText {
+        pane.title().into()
+    }
+
+    fn simplification_options(&self) -> SimplificationOptions {
+        SimplificationOptions { all_panes_must_have_tabs: true, ..SimplificationOptions::default() }
+    }
+
+    fn gap_width(&self, _style: &egui::Style) -> f32 {
+        3.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn panes(tree: &Tree<Pane>) -> Vec<Pane> {
+        tree.tiles.tiles().filter_map(|tile| if let Tile::Pane(pane) = tile { Some(*pane) } else { None }).collect()
+    }
+
+    #[test]
+    fn rooms_of_other_versions_are_dropped_and_new_ones_added() {
+        let text = serde_json::to_string(&default_layout()).unwrap();
+        let older = text.replace("\"Optimize\"", "\"Teleport\"");
+        let tree = restored(serde_json::from_str(&older).unwrap()).unwrap();
+        let found = panes(&tree);
+        assert_eq!(found.len(), Pane::ALL.len());
+        assert!(Pane::ALL.iter().all(|pane| found.contains(pane)));
+        let plain = restored(serde_json::from_str(&text).unwrap()).unwrap();
+        assert_eq!(panes(&plain).len(), Pane::ALL.len());
+    }
+
+    #[test]
+    fn what_is_no_arrangement_is_refused() {
+        let mut tree = default_layout();
+        tree.root = None;
+        assert!(restored(tree).is_none());
+        let mut tree = default_layout();
+        let _ = tree.tiles.insert_pane(Pane::Mask);
+        assert!(restored(tree).is_none(), "a room that cannot be reached");
+        // A container that holds itself.
+        let mut tree = default_layout();
+        let root = tree.root.unwrap();
+        if let Some(Tile::Container(container)) = tree.tiles.get_mut(root) {
+            container.add_child(root);
+        }
+        assert!(restored(tree).is_none());
+    }
+}

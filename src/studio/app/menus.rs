@@ -1,0 +1,151 @@
+//! The menus: entries for actions, and what only stands in menus.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use crate::optics::DIFFUSER_APERTURES;
+use crate::studio::app::actions::{Action, Preset};
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::panels::image_menu;
+use crate::studio::state::app_state::{Leave, State};
+
+/// The File menu.
+pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
+    for action in [Action::New, Action::Open] {
+        entry(ui, state, action);
+    }
+    ui.add_enabled_ui(!state.preferences.recent.is_empty(), |ui| {
+        ui.menu_button("Open recent", |ui| recent_menu(ui, state));
+    });
+    for action in [Action::Save, Action::SaveAs] {
+        entry(ui, state, action);
+    }
+    ui.separator();
+    entry(ui, state, Action::OpenObjects);
+    entry(ui, state, Action::ImportPsf);
+    ui.separator();
+    entry(ui, state, Action::ExportDesign);
+    entry(ui, state, Action::ExportMeasurements);
+    entry(ui, state, Action::ExportLive);
+    ui.menu_button("Export view", |ui| {
+        image_menu::export_menu(ui, state);
+    });
+    ui.separator();
+    entry(ui, state, Action::Quit);
+}
+
+/// Designs that were opened or saved before, the newest first.
+fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
+    let mut chosen = None;
+    for path in &state.preferences.recent {
+        if ui.button(short_name(path, &state.preferences.recent)).on_hover_text(path.display().to_string()).clicked() {
+            chosen = Some(path.clone());
+            ui.close();
+        }
+    }
+    ui.separator();
+    if ui.button("Forget these").clicked() {
+        state.preferences.recent.clear();
+        ui.close();
+    }
+    if let Some(path) = chosen {
+        let ctx = ui.ctx().clone();
+        state.guard(&ctx, Leave::OpenFile(path));
+    }
+}
+
+/// The name of a file; with its folder, where others have the same name.
+fn short_name(path: &Path, all: &[PathBuf]) -> String {
+    let text = |part: Option<&OsStr>| part.map_or_else(String::new, |part| part.to_string_lossy().into_owned());
+    let folder = || path.parent().map_or_else(String::new, |folder| folder.display().to_string());
+    match all.iter().filter(|other| other.file_name() == path.file_name()).count() {
+        0 | 1 => text(path.file_name()),
+        _ => format!("{} in {}", text(path.file_name()), folder()),
+    }
+}
+
+/// The Help menu.
+pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
+    for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
+        entry(ui, state, action);
+    }
+}
+
+/// The Edit menu.
+pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
+    let undoes = state.bench.undoes().map(str::to_lowercase);
+    let redoes = state.bench.redoes().map(str::to_lowercase);
+    for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
+        let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
+        entry_called(ui, state, action, text.trim_end());
+    }
+    ui.separator();
+    entry(ui, state, Action::SelectAll);
+    entry(ui, state, Action::Delete);
+    ui.separator();
+    entry(ui, state, Action::Accept);
+    entry(ui, state, Action::OpenMask);
+    entry(ui, state, Action::LookAway);
+    entry(ui, state, Action::KeepDesign);
+    entry(ui, state, Action::CopyNumbers);
+    entry(ui, state, Action::CopyCommand);
+    ui.separator();
+    entry(ui, state, Action::Settings);
+}
+
+/// The Presets menu: masks to start from.
+pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
+    let preset = |ui: &mut egui::Ui, state: &mut State, preset: Preset, hint: &str| {
+        let response = ui.button(preset.label());
+        let response = if hint.is_empty() { response } else { response.on_hover_text(hint) };
+        if response.clicked() {
+            preset.put(state);
+            ui.close();
+        }
+    };
+    ui.menu_button("Heuristic lenslets", |ui| {
+        for count in 1..=9 {
+            preset(ui, state, Preset::Heuristic(count), "");
+        }
+    });
+    preset(ui, state, Preset::Random, "Drawn from the design's seed; again draws others");
+    preset(ui, state, Preset::Depth, "Each focused on a plane of its own, for volumes");
+    ui.menu_button("Diffuser", |ui| {
+        for aperture in DIFFUSER_APERTURES {
+            preset(ui, state, Preset::Diffuser(aperture), "");
+        }
+    });
+    entry(ui, state, Action::ImportPsf);
+    entry(ui, state, Action::FitLenslets);
+}
+
+/// A menu entry for an action.
+pub fn entry(ui: &mut egui::Ui, state: &mut State, action: Action) {
+    entry_called(ui, state, action, &action.label());
+}
+
+fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, text: &str) {
+    let mut button = egui::Button::new(text);
+    if let Some(shortcut) = action.shortcut() {
+        button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
+    }
+    let response = ui.add_enabled(action.is_possible(state), button);
+    name_widget(&response, text);
+    if response.clicked() {
+        ui.close();
+        let ctx = ui.ctx().clone();
+        action.run(&ctx, state);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_one_name_are_told_apart() {
+        let all: Vec<PathBuf> = ["/a/one.json", "/b/one.json", "/b/two.json"].map(PathBuf::from).to_vec();
+        let names: Vec<String> = all.iter().map(|path| short_name(path, &all)).collect();
+        assert_eq!(names, ["one.json in /a", "one.json in /b", "two.json"]);
+    }
+}

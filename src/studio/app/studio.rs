@@ -1,0 +1,477 @@
+//! The studio: menus, rooms, status bar, dropped files, and what happens between frames.
+
+use std::path::{Path, PathBuf};
+
+use egui::{Panel, Ui, ViewportCommand};
+use egui_tiles::Tree;
+
+use crate::formats::FormatError;
+use crate::plural::{counted, one_or_many};
+use crate::studio::app::actions::Action;
+use crate::studio::app::app_data::{Home, KEPT, ZOOM};
+use crate::studio::app::capture;
+use crate::studio::app::layout;
+use crate::studio::app::layout::{Pane, Rooms, default_layout, restored};
+use crate::studio::app::menus;
+use crate::studio::app::repaint_throttle::Pace;
+use crate::studio::app::window::RendererChoice;
+use crate::studio::canvas::pan_zoom::CLICK_REACH;
+use crate::studio::dialogs::confirm_discard;
+use crate::studio::dialogs::dropped_files::{self, Dropped};
+use crate::studio::dialogs::palette;
+use crate::studio::dialogs::path_dialog;
+use crate::studio::dialogs::recovery;
+use crate::studio::dialogs::settings_dialogs;
+use crate::studio::dialogs::welcome;
+use crate::studio::panels::jobs;
+use crate::studio::panels::messages::Severity;
+use crate::studio::panels::preview_banner;
+use crate::studio::panels::run_results;
+use crate::studio::panels::status_bar::{self, FrameTimes};
+use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::widgets::clipboard::Clipboard;
+use crate::studio::widgets::glyphs;
+use crate::studio::widgets::number_field::take_refusals;
+use crate::workbench::{
+    Activity, ActivityState, Design, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench,
+};
+
+/// The window's contents.
+pub struct Studio {
+    state: State,
+    rooms: Tree<Pane>,
+    dropped: Dropped,
+    title: String,
+    /// The names of files that the window shows.
+    named: String,
+    /// The close that is going on was agreed to.
+    closing: bool,
+    /// Whether the status bar shows how long frames take.
+    frame_times: FrameTimes,
+    pace: Pace,
+    /// What is remembered from one day to the next.
+    home: Option<Home>,
+    /// Designs that were left behind, until it is decided what becomes of them.
+    left_behind: Vec<Recovered>,
+}
+
+impl Studio {
+    /// A studio on a design; the worker starts at once.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn new(ctx: &egui::Context, design: Design, path: Option<PathBuf>) -> std::io::Result<Self> {
+        ctx.all_styles_mut(|style| {
+            style.spacing.item_spacing = egui::vec2(6.0, 4.0);
+            style.interaction.tooltip_delay = 0.4;
+            // Secondary text is read too: the default is too faint on white.
+            style.visuals.weak_text_alpha = 0.75;
+        });
+        ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
+        let (repaint, pace) = (ctx.clone(), Pace::default());
+        let paced = pace.clone();
+        let bench = Workbench::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
+        let title = String::new();
+        Ok(Self {
+            state: State::new(bench),
+            rooms: default_layout(),
+            dropped: Dropped::default(),
+            title,
+            named: String::new(),
+            closing: false,
+            frame_times: FrameTimes::default(),
+            pace,
+            home: None,
+            left_behind: Vec::new(),
+        })
+    }
+
+    /// Notes what draws the window.
+    pub fn drawn_by(&mut self, renderer: RendererChoice) {
+        self.state.renderer = Some(renderer.name());
+    }
+
+    /// Copies texts to this clipboard from now on.
+    pub fn copy_to(&mut self, clipboard: Clipboard) {
+        self.state.clipboard = clipboard;
+    }
+
+    /// Shows a notice in the status bar and the log.
+    pub fn tell(&mut self, notice: String) {
+        self.state.messages.push(Severity::Notice, notice);
+    }
+
+    /// Keeps everything that outlives the window in a folder: preferences, layout, unsaved changes, states of runs; and
+    /// takes up what is there. Where that fails, a message says so.
+    pub fn live_in(&mut self, ctx: &egui::Context, folder: &Path) {
+        let (preferences, layout) = Home::read(folder);
+        for sentence in Home::newer_files(folder) {
+            self.state.messages.push(Severity::Failure, sentence);
+        }
+        ctx.set_theme(preferences.theme);
+        ctx.set_zoom_factor(preferences.zoom);
+        self.state.bench.set_live(preferences.live);
+        self.state.preferences = preferences;
+        self.rooms = layout.clone().unwrap_or_else(default_layout);
+        self.state.bench.set_threads(self.state.preferences.threads);
+        match Home::in_folder(folder, &self.state.preferences, layout.as_ref()) {
+            Ok(home) => {
+                self.state.guide.welcome = !self.state.preferences.welcomed && self.state.bench.path().is_none();
+                self.home = Some(home);
+                self.state.folder = Some(folder.to_owned());
+            }
+            Err(error) => self.live_nowhere(&error.to_string()),
+        }
+        self.read_kept_designs(folder);
+        if self.home.is_none() {
+            return;
+        }
+        // What was opened by its name is remembered as what is opened here.
+        if let Some(path) = self.state.bench.path().map(Path::to_path_buf) {
+            self.state.preferences.remember(&path);
+        }
+        self.left_behind = self.state.keep_unsaved();
+        if let Err(error) = self.state.bench.keep_estimates_in(&folder.join("estimates")) {
+            self.state.messages.push(Severity::Failure, error.to_string());
+        }
+        self.keep_runs(folder);
+    }
+
+    /// Keeps nothing that outlives the window but unsaved changes, where a folder was chosen for them.
+    pub fn live_nowhere(&mut self, reason: &str) {
+        let text = format!("Nothing will be remembered when the window is closed: {reason}");
+        self.state.messages.push(Severity::Failure, text);
+        self.left_behind = self.state.keep_unsaved();
+    }
+
+    fn read_kept_designs(&mut self, folder: &Path) {
+        match Snapshots::read(&folder.join(KEPT)) {
+            Ok((snapshots, (broken, unlisted))) => {
+                self.state.snapshots = snapshots;
+                if broken > 0 {
+                    let (designs, they) = (counted(broken, "kept design"), one_or_many(broken, "it is", "they are"));
+                    self.tell(format!("{designs} could not be read; {they} left as before"));
+                }
+                if unlisted > 0 {
+                    let (designs, are) = (counted(unlisted, "older kept design"), one_or_many(unlisted, "is", "are"));
+                    self.tell(format!("{designs} {are} not listed, and left as before"));
+                }
+            }
+            // Of a folder where nothing can be kept it is known already.
+            Err(_) if self.home.is_none() => {}
+            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+    }
+
+    fn keep_runs(&mut self, folder: &Path) {
+        match self.state.bench.keep_runs_in(&folder.join("run")) {
+            Ok(()) => match self.state.bench.run() {
+                Some(run) if run.status == RunStatus::Stopped => {
+                    self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
+                }
+                Some(_) if self.state.bench.has_untaken_result() => {
+                    self.tell("What the last run has found was not accepted; Optimize shows it.".into());
+                }
+                _ => {}
+            },
+            Err(EvaluationError::File(FormatError::Busy { .. })) => {
+                self.tell("Another window is open and keeps its runs; a run of this one is lost with it unless it is accepted.".into());
+            }
+            Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
+        }
+    }
+
+    /// Writes what is to be remembered, and arranges the rooms as was wished.
+    fn keep_home(&mut self, ctx: &egui::Context) {
+        match self.state.arrange.take() {
+            Some(Arrange::Show(pane)) => {
+                self.rooms.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
+                if self.state.maximised.is_some() {
+                    self.state.maximised = Some(pane);
+                }
+            }
+            Some(Arrange::Reset) => {
+                self.rooms = default_layout();
+                self.state.maximised = None;
+            }
+            Some(Arrange::Remember(number)) => {
+                self.state.preferences.layouts.insert(number, self.rooms.clone());
+                self.tell(format!("This layout is remembered as layout {number}"));
+            }
+            Some(Arrange::Recall(number)) => {
+                if let Some(layout) = self.state.preferences.layouts.get(&number) {
+                    self.rooms = restored(layout.clone()).unwrap_or_else(default_layout);
+                    self.state.maximised = None;
+                }
+            }
+            None => {}
+        }
+        let state = &mut self.state;
+        if let Some(failure) = state.bench.note_unsaved() {
+            state.messages.push(Severity::Failure, failure);
+        }
+        let Some(home) = &mut self.home else { return };
+        home.keep_designs(state.snapshots.changes(self.closing));
+        state.preferences.theme = ctx.options(|options| options.theme_preference);
+        // The keys reach further than what is remembered.
+        state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());
+        ctx.set_zoom_factor(state.preferences.zoom);
+        state.preferences.live = state.bench.is_live();
+        // Rooms are moved by the pointer, and come to rest when that is released.
+        let moved = ctx.input(|input| input.pointer.any_released() || input.viewport().close_requested());
+        if let Some(failure) = home.keep(&state.preferences, moved.then_some(&self.rooms)) {
+            state.messages.push(Severity::Failure, failure);
+        }
+    }
+
+    /// Switches the live estimate on or off.
+    pub fn set_live(&self, live: bool) {
+        self.state.bench.set_live(live);
+    }
+
+    /// The workbench behind the window.
+    pub fn bench(&self) -> &Workbench {
+        &self.state.bench
+    }
+
+    /// Whether nothing is asked that has the keyboard.
+    fn takes_shortcuts(&self) -> bool {
+        !self.state.dialogs.is_open()
+            && self.state.leaving.is_none()
+            && self.state.palette.is_none()
+            && self.state.sheet.is_none()
+            && self.left_behind.is_empty()
+            && !self.dropped.is_open()
+            && !self.state.guide.welcome
+    }
+
+    /// Takes up results, answers and shortcuts.
+    pub fn logic(&mut self, ctx: &egui::Context) {
+        let state = &mut self.state;
+        let waits_for_save = confirm_discard::waits_for_save(state);
+        for outcome in state.bench.take_outcomes() {
+            hear(state, &outcome);
+        }
+        for activity in state.bench.take_ended() {
+            hear_end(state, &activity);
+        }
+        for refusal in take_refusals(ctx) {
+            state.messages.push(Severity::Notice, refusal);
+        }
+        let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
+        state.bench.note_pointer(down, pressed);
+        run_results::take_up(state);
+        state.live = state.bench.live();
+        state.estimates = state.bench.estimates();
+        // Masks of a run are no edits: they would push those out.
+        let current = |revision| revision == state.bench.revision() && !state.bench.is_looking();
+        if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
+            let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
+            state.trail.note(information.revision, &information.value, state.bench.design(), &objects);
+        }
+        if let Some(live) = &state.estimates.live {
+            state.trail.note_live(live.revision, live.value.bits_per_pixel);
+        }
+        state.snapshots.take_up(&state.live, &state.estimates);
+        let count = state.lenslet_count();
+        state.selection.retain(|&index| index < count);
+        // Those of the open design, whatever is shown.
+        state.locks.check(state.bench.lenslets());
+        if !waits_for_save && confirm_discard::after_save(ctx, state) {
+            self.close();
+        }
+        if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
+            if self.state.bench.is_dirty() || confirm_discard::going_on(&self.state).is_some() {
+                ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+                self.state.guard(ctx, Leave::Close);
+            } else {
+                self.close();
+            }
+        }
+        if self.takes_shortcuts() {
+            for action in Action::pressed(ctx) {
+                // The one before may have asked something.
+                if self.takes_shortcuts() {
+                    action.run(ctx, &mut self.state);
+                }
+            }
+        }
+        self.dropped.take(ctx, &mut self.state);
+        self.keep_home(ctx);
+        let named = format!("{} {}", file_name(self.state.bench.path()), self.state.bench.design().objects);
+        if named != self.named {
+            if let Some(sentence) = glyphs::lacking(ctx, &named) {
+                self.tell(sentence);
+            }
+            self.named = named;
+        }
+        let title = title(&self.state);
+        if title != self.title {
+            ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
+    }
+
+    /// Notes that the window is being closed by somebody, and not lost.
+    fn close(&mut self) {
+        self.closing = true;
+        self.state.bench.close();
+    }
+
+    /// Draws the window.
+    pub fn ui(&mut self, ui: &mut Ui) {
+        self.state.hover = None;
+        capture::go_on(ui.ctx(), &mut self.state);
+        Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
+        self.state.messages.banner(ui);
+        preview_banner::show(ui, &mut self.state);
+        // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
+        // room is taken first, its text drawn last.
+        let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
+        self.state.rooms.clear();
+        egui::CentralPanel::no_frame().show(ui, |ui| match self.state.maximised {
+            Some(pane) => layout::show_maximised(ui, &mut self.state, pane),
+            None => self.rooms.ui(&mut Rooms(&mut self.state), ui),
+        });
+        let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
+        status_bar::show(&mut bar, &mut self.state, &self.frame_times);
+        let ctx = ui.ctx().clone();
+        self.state.messages.log_window(&ctx);
+        self.state.messages.toasts(&ctx);
+        jobs::show(&ctx, &mut self.state);
+        path_dialog::show(&ctx, &mut self.state);
+        palette::show(&ctx, &mut self.state);
+        settings_dialogs::show(&ctx, &mut self.state);
+        welcome::show_tour(&ctx, &mut self.state);
+        recovery::ask(&ctx, &mut self.state, &mut self.left_behind);
+        // One question at a time.
+        if self.left_behind.is_empty() {
+            welcome::show_welcome(&ctx, &mut self.state);
+        }
+        if confirm_discard::ask(&ctx, &mut self.state) {
+            self.close();
+        }
+        self.dropped.ask(&ctx, &mut self.state);
+        dropped_files::show_hint(&ctx);
+    }
+
+    fn menu_bar(&mut self, ui: &mut Ui) {
+        egui::MenuBar::new().ui(ui, |ui| {
+            ui.menu_button("File", |ui| menus::file_menu(ui, &mut self.state));
+            ui.menu_button("Edit", |ui| menus::edit_menu(ui, &mut self.state));
+            ui.menu_button("Presets", |ui| menus::presets_menu(ui, &mut self.state));
+            ui.menu_button("View", |ui| self.view_menu(ui));
+            ui.menu_button("Help", |ui| menus::help_menu(ui, &mut self.state));
+            ui.separator();
+            let design = self.state.bench.design();
+            let name = file_name(self.state.bench.path());
+            let dirty = if self.state.bench.is_dirty() { " (unsaved changes)" } else { "" };
+            let line = format!("{name}{dirty}:  {} before {}", design.encoder.describe(), design.objects);
+            ui.add(egui::Label::new(egui::RichText::new(line).weak()).truncate());
+        });
+    }
+
+    fn view_menu(&mut self, ui: &mut Ui) {
+        ui.menu_button("Theme", |ui| {
+            if settings_dialogs::theme_choice(ui) {
+                ui.close();
+            }
+        });
+        ui.menu_button("Room", |ui| {
+            for pane in Pane::ALL {
+                menus::entry(ui, &mut self.state, Action::Show(pane));
+            }
+        });
+        ui.menu_button("Layout", |ui| {
+            for action in Action::layouts() {
+                menus::entry(ui, &mut self.state, action);
+            }
+        });
+        menus::entry(ui, &mut self.state, Action::Maximise);
+        ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state));
+        let mut live = self.state.bench.is_live();
+        if ui
+            .checkbox(&mut live, "Keep estimating")
+            .on_hover_text("Fits a density model while you edit; it takes what the window leaves of the processor")
+            .clicked()
+        {
+            self.state.bench.set_live(live);
+            ui.close();
+        }
+        if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
+            ui.close();
+        }
+        menus::entry(ui, &mut self.state, Action::Jobs);
+        menus::entry(ui, &mut self.state, Action::Messages);
+    }
+}
+
+impl eframe::App for Studio {
+    fn logic(&mut self, ctx: &egui::Context, _frame: &mut eframe::Frame) {
+        Self::logic(self, ctx);
+    }
+
+    fn persist_egui_memory(&self) -> bool {
+        // What is remembered between sessions is remembered by name.
+        false
+    }
+
+    fn ui(&mut self, ui: &mut Ui, frame: &mut eframe::Frame) {
+        let seconds = frame.info().cpu_usage.unwrap_or(0.0);
+        self.frame_times.note(seconds);
+        self.pace.drawn(seconds);
+        Self::ui(self, ui);
+    }
+}
+
+/// Takes up what a job has brought, and tells the person.
+fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
+    match outcome {
+        Ok(Outcome::Opened { path, .. }) => {
+            state.selection.clear();
+            state.preferences.remember(path);
+        }
+        Ok(Outcome::Saved { path, .. }) => state.preferences.remember(path),
+        Ok(Outcome::ObjectsOpened { notices, .. }) => {
+            for notice in notices {
+                state.messages.push(Severity::Notice, notice);
+            }
+        }
+        Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.selection.clear(),
+        Ok(Outcome::Exported { .. }) => state.guide.exported = true,
+        Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
+            state.snapshots.take_up_measurement(*number, measurement.clone());
+            if let Err(sentence) = measurement {
+                state.messages.push(Severity::Failure, sentence);
+            }
+        }
+        Ok(Outcome::RecordKept { .. }) | Err(_) => {}
+    }
+    if matches!(outcome, Ok(outcome) if outcome.is_asked_for()) {
+        // Whoever was told of a failure has gone on to something else.
+        state.messages.dismiss();
+    }
+    match outcome {
+        Ok(outcome) => state.messages.push(Severity::Done, outcome.sentence()),
+        Err(error) => state.messages.push(Severity::Failure, error),
+    }
+}
+
+/// Tells the person what came of an estimate or a run.
+fn hear_end(state: &mut State, activity: &Activity) {
+    match &activity.state {
+        ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),
+        ActivityState::Failed(sentence) => state.messages.push(Severity::Failure, sentence),
+        _ => {}
+    }
+}
+
+fn title(state: &State) -> String {
+    let mark = if state.bench.is_dirty() { "*" } else { "" };
+    format!("{}{mark} - Lenslet Studio", file_name(state.bench.path()))
+}
+
+/// The name of a design's file, for people.
+pub fn file_name(path: Option<&Path>) -> String {
+    path.and_then(Path::file_name).map_or_else(|| "Untitled".into(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,205 @@
+//! Opens the real window.
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::rc::Rc;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::studio::app::app_data::Home;
+use crate::studio::app::studio::Studio;
+#[cfg(target_os = "linux")]
+use crate::studio::app::window_system::WindowSystem;
+use crate::studio::widgets::clipboard::Clipboard;
+use crate::workbench::Design;
+
+/// Which graphics interface draws the window.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RendererChoice {
+    /// OpenGL; also the faster one where the processor draws.
+    #[default]
+    Glow,
+    /// Vulkan, Metal or DirectX 12.
+    Wgpu,
+}
+
+impl RendererChoice {
+    fn other(self) -> Self {
+        match self {
+            Self::Glow => Self::Wgpu,
+            Self::Wgpu => Self::Glow,
+        }
+    }
+
+    fn renderer(self) -> eframe::Renderer {
+        match self {
+            Self::Glow => eframe::Renderer::Glow,
+            Self::Wgpu => eframe::Renderer::Wgpu,
+        }
+    }
+
+    /// Its name for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Glow => "OpenGL (glow)",
+            Self::Wgpu => "wgpu",
+        }
+    }
+}
+
+/// Why there is no window.
+#[derive(Debug, Error)]
+pub enum WindowError {
+    /// There is nothing to open a window on, whatever draws it.
+    #[error(
+        "no window could be opened: nothing answers at the display that DISPLAY or WAYLAND_DISPLAY names; start it or \
+         correct the name"
+    )]
+    NoDisplay,
+    /// It was there, and its renderer or its display was lost.
+    #[error("the window was lost ({reason}); unsaved changes are offered when the program is started again")]
+    Lost {
+        /// The error.
+        reason: String,
+    },
+    /// Neither renderer starts.
+    #[error(
+        "no window could be opened ({first_name}: {first}; {second_name}: {second}); check that the display named by \
+         DISPLAY or WAYLAND_DISPLAY is running"
+    )]
+    NoRenderer {
+        /// Name of the renderer that was tried first.
+        first_name: &'static str,
+        /// Its error.
+        first: String,
+        /// Name of the other.
+        second_name: &'static str,
+        /// Its error.
+        second: String,
+    },
+}
+
+/// Opens the window on a design and returns when it is closed, drawn by `renderer` or, without one, by that of the
+/// preferences. Where it does not start, the other is tried and a message in the window says so. `reset` forgets layout
+/// and preferences first.
+///
+/// # Errors
+/// [`WindowError`] where neither starts, or the window that did was lost.
+pub fn open_window(
+    design: Design,
+    path: Option<PathBuf>,
+    renderer: Option<RendererChoice>,
+    reset: bool,
+) -> Result<(), WindowError> {
+    let folder = eframe::storage_dir("lenslet-studio");
+    let mut notices = Vec::new();
+    if reset && let Some(Err(error)) = folder.as_deref().map(Home::reset) {
+        notices.push(error.to_string());
+    }
+    #[cfg(target_os = "linux")]
+    let system = WindowSystem::of_environment();
+    #[cfg(target_os = "linux")]
+    notices.extend(system.notice());
+    let renderer = renderer.or_else(|| folder.as_deref().and_then(Home::renderer)).unwrap_or_default();
+    let opened = Rc::new(Cell::new(false));
+    let open = |renderer: RendererChoice, notices: Vec<String>| {
+        let opening = Opening {
+            design: design.clone(),
+            path: path.clone(),
+            folder: folder.clone(),
+            notices,
+            opened: Rc::clone(&opened),
+            #[cfg(target_os = "linux")]
+            system: system.clone(),
+        };
+        opening.run(renderer)
+    };
+    let lost = |error: &eframe::Error| WindowError::Lost { reason: error.to_string() };
+    let first = match open(renderer, notices.clone()) {
+        Ok(()) => return Ok(()),
+        Err(error) if opened.get() => return Err(lost(&error)),
+        Err(eframe::Error::WinitEventLoop(_)) => return Err(WindowError::NoDisplay),
+        Err(error) => error,
+    };
+    let other = renderer.other();
+    let notice =
+        format!("{} did not start ({first}); the window is drawn by {} instead.", renderer.name(), other.name());
+    notices.push(notice);
+    open(other, notices).map_err(|second| {
+        if opened.get() {
+            return lost(&second);
+        }
+        WindowError::NoRenderer {
+            first_name: renderer.name(),
+            first: first.to_string(),
+            second_name: other.name(),
+            second: second.to_string(),
+        }
+    })
+}
+
+/// A window that is to be opened.
+struct Opening {
+    design: Design,
+    path: Option<PathBuf>,
+    /// Where everything is kept that outlives the window.
+    folder: Option<PathBuf>,
+    /// What it says at once.
+    notices: Vec<String>,
+    /// Becomes true when it is there.
+    opened: Rc<Cell<bool>>,
+    #[cfg(target_os = "linux")]
+    system: WindowSystem,
+}
+
+impl Opening {
+    fn run(self, renderer: RendererChoice) -> Result<(), eframe::Error> {
+        #[cfg(target_os = "linux")]
+        let system = self.system.clone();
+        let options = eframe::NativeOptions {
+            viewport: egui::ViewportBuilder::default()
+                .with_title("Lenslet Studio")
+                .with_app_id("lenslet-studio")
+                .with_inner_size([1280.0, 800.0])
+                .with_min_inner_size([400.0, 300.0])
+                .with_drag_and_drop(true),
+            renderer: renderer.renderer(),
+            // A failed first renderer must return, so that the second can be tried.
+            run_and_return: true,
+            #[cfg(target_os = "linux")]
+            event_loop_builder: Some(Box::new(move |builder| system.choose(builder))),
+            ..eframe::NativeOptions::default()
+        };
+        eframe::run_native(
+            "lenslet-studio",
+            options,
+            Box::new(move |creation| Ok(Box::new(self.studio(creation, renderer)?))),
+        )
+    }
+
+    fn studio(self, creation: &eframe::CreationContext<'_>, renderer: RendererChoice) -> std::io::Result<Studio> {
+        let clipboard = self.clipboard();
+        let mut studio = Studio::new(&creation.egui_ctx, self.design, self.path)?;
+        self.opened.set(true);
+        studio.drawn_by(renderer);
+        studio.copy_to(clipboard);
+        for notice in self.notices {
+            studio.tell(notice);
+        }
+        match self.folder {
+            Some(folder) => studio.live_in(&creation.egui_ctx, &folder),
+            None => studio.live_nowhere("there is no home folder"),
+        }
+        Ok(studio)
+    }
+
+    fn clipboard(&self) -> Clipboard {
+        #[cfg(target_os = "linux")]
+        if self.system == WindowSystem::Wayland {
+            return Clipboard::OfEgui;
+        }
+        Clipboard::of_system()
+    }
+}

@@ -1,0 +1,415 @@
+//! A picture of values: colours, colour bar with units, zoom and pan, value under the pointer. It never changes the values.
+
+use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2};
+use ndarray::{ArrayView2, s};
+
+use crate::studio::canvas::display_range::{self, Histogram, Levels};
+use crate::studio::canvas::overlays;
+use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::viewport::{Placement, Viewport};
+use crate::workbench::Colormap;
+
+/// Longest side of a texture that is tried, pixels: few renderers take longer ones.
+const LONGEST_TEXTURE: usize = 8192;
+
+/// The colours of every map, made once.
+pub struct Palettes {
+    colours: Vec<(Colormap, Vec<Color32>)>,
+}
+
+impl Default for Palettes {
+    fn default() -> Self {
+        let colours = |map: Colormap| map.palette().into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
+        Self { colours: Colormap::ALL.map(|map| (map, colours(map))).to_vec() }
+    }
+}
+
+impl Palettes {
+    /// The colours of a map, lowest value first.
+    pub fn of(&self, map: Colormap) -> &[Color32] {
+        self.colours.iter().find(|(known, _)| *known == map).map_or(&[], |(_, colours)| colours)
+    }
+}
+
+/// Tells one picture from another.
+pub type Version = (u64, usize);
+
+/// What a drawn picture was made of; it is drawn anew only when this changes.
+#[derive(Clone, Copy, PartialEq)]
+struct Drawn {
+    version: Version,
+    colormap: Colormap,
+    limits: (f32, f32),
+    /// Longest side of the texture.
+    longest: usize,
+}
+
+/// One picture with its settings.
+pub struct ImageView {
+    /// Unique name, also that of its controls.
+    name: &'static str,
+    /// Unit of the values.
+    unit: &'static str,
+    /// The colours.
+    pub colormap: Colormap,
+    /// Which part of it is seen.
+    pub viewport: Viewport,
+    /// What a pixel is wide, and the unit of that.
+    pixel: (f64, &'static str),
+    texture: Option<TextureHandle>,
+    drawn: Option<Drawn>,
+    /// How limits are found, and whether the histogram's heights are logarithms.
+    levels: Levels,
+    logarithmic: bool,
+    /// Values in the first and the last colour, and what they were found from.
+    limits: (f32, f32),
+    levelled: Option<(Version, Levels)>,
+    /// Limits that this picture shares with others.
+    common: Option<(f32, f32)>,
+    /// Counted while it is looked at.
+    histogram: Option<(Version, Histogram)>,
+    histogram_wanted: bool,
+}
+
+/// A picture as it was drawn.
+pub struct Shown {
+    /// Where it lies.
+    pub placement: Placement,
+    /// Where it lies while all of it is seen.
+    pub fit: Rect,
+    /// The part of the screen on which it is seen.
+    pub seen: Rect,
+    /// What the pointer does on it.
+    pub response: egui::Response,
+    /// Whether it was zoomed or panned in this frame.
+    pub moved: bool,
+}
+
+impl ImageView {
+    /// Width of the colour bar with its numbers, in points.
+    const BAR: f32 = 58.0;
+
+    /// A view called `name` of values in `unit`.
+    pub fn new(name: &'static str, unit: &'static str, colormap: Colormap) -> Self {
+        Self {
+            name,
+            unit,
+            colormap,
+            viewport: Viewport::default(),
+            pixel: (1.0, "px"),
+            texture: None,
+            drawn: None,
+            levels: Levels::default(),
+            logarithmic: false,
+            limits: (0.0, 1.0),
+            levelled: None,
+            common: None,
+            histogram: None,
+            histogram_wanted: false,
+        }
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Values in the first and the last colour of a picture that it shows or would show, shape (rows, cols).
+    pub fn limits_of(&self, image: ArrayView2<'_, f32>) -> (f32, f32) {
+        self.levels.limits(image, self.common)
+    }
+
+    /// Draws these values in the first and the last colour, instead of the smallest and the largest of each picture;
+    /// limits that a person has set go before.
+    pub fn fix_limits(&mut self, (low, high): (f32, f32)) {
+        let common = (low < high).then_some((low, high));
+        if self.common != common {
+            self.common = common;
+            self.levelled = None;
+        }
+    }
+
+    /// Forgets limits that a person has set: another quantity is to be shown.
+    pub fn forget_levels(&mut self) {
+        self.levels = Levels::default();
+    }
+
+    /// Says what a pixel is wide, where that is not one pixel.
+    pub fn set_pixel(&mut self, width: f64, unit: &'static str) {
+        self.pixel = (width, unit);
+    }
+
+    /// The choice of colours, and of the values that have them.
+    pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &Palettes) {
+        let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
+            .selected_text(self.colormap.to_string())
+            .width(76.0)
+            .show_ui(ui, |ui| {
+                for map in Colormap::ALL {
+                    ui.selectable_value(&mut self.colormap, map, map.to_string());
+                }
+            })
+            .response;
+        name_widget(&response, &format!("{} colours", self.name));
+        let button =
+            ui.small_button("Levels").on_hover_text("Histogram, and which values have the first and the last colour");
+        name_widget(&button, &format!("{} levels", self.name));
+        let popup = egui::Popup::from_toggle_button_response(&button)
+            .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside)
+            .accessible_name(format!("Levels of {}", self.name));
+        let open = popup.is_open();
+        if open && !self.histogram_wanted {
+            // The picture is counted when it is drawn.
+            ui.ctx().request_repaint();
+        }
+        self.histogram_wanted = open;
+        popup.show(|ui| match &self.histogram {
+            Some((_, histogram)) => {
+                let (name, unit) = (self.name, self.unit);
+                let colours = palettes.of(self.colormap);
+                let edited = display_range::Edited { name, unit, colours, histogram, limits: self.limits };
+                display_range::editor(ui, &edited, &mut self.levels, &mut self.logarithmic);
+            }
+            None => {
+                ui.weak("There is no picture yet.");
+            }
+        });
+    }
+
+    /// Shows the picture as large as the room allows, with its colour bar. `version` tells one picture from another;
+    /// a `stale` one is dimmed.
+    pub fn show(
+        &mut self,
+        ui: &mut Ui,
+        palettes: &Palettes,
+        image: ArrayView2<'_, f32>,
+        version: Version,
+        stale: bool,
+        hand: Hand,
+    ) -> Shown {
+        let (rows, cols) = image.dim();
+        let room = ui.available_rect_before_wrap();
+        let space = vec2((room.width() - Self::BAR).max(16.0), room.height().max(16.0));
+        let scale = (space.x / cols as f32).min(space.y / rows as f32);
+        let extent = vec2(cols as f32, rows as f32) * scale;
+        let corner = room.min + vec2(((space.x - extent.x) / 2.0).max(0.0), ((space.y - extent.y) / 2.0).max(0.0));
+        let fit = Rect::from_min_size(corner.round(), extent);
+        // A picture that is zoomed fills the room; one that is not may be larger than it by a point.
+        let stage = Rect::from_min_size(room.min, space).union(fit).intersect(room);
+        let seen = self.viewport.placement(fit, image.dim()).rect.intersect(stage);
+        let response = ui.allocate_rect(seen, Sense::click_and_drag());
+        let before = self.viewport;
+        self.viewport = hand.moves(self.viewport, ui, &response, fit, image.dim());
+        let placement = self.viewport.placement(fit, image.dim());
+        let seen = placement.rect.intersect(stage);
+        self.update_limits(image, version);
+        self.update_texture(ui.ctx(), palettes, image, version);
+        let painter = ui.painter_at(room);
+        if let Some(texture) = &self.texture {
+            let tint = if stale { Color32::from_white_alpha(215) } else { Color32::WHITE };
+            // Only what is seen: far beyond the screen, single precision would no longer tell pixels apart.
+            let part = |position: Pos2| ((position - placement.rect.min) / placement.rect.size()).to_pos2();
+            painter.image(texture.id(), seen, Rect::from_min_max(part(seen.min), part(seen.max)), tint);
+        }
+        self.colour_bar(ui, palettes, seen, room);
+        let palette = palettes.of(self.colormap);
+        let above = ui.painter_at(seen);
+        overlays::pixel_values(&above, placement, seen, image, |value| palette[Colormap::index(value, self.limits)]);
+        let bar = overlays::scale_bar_length(seen.width(), placement.scale, self.pixel);
+        if let Some((length, text)) = &bar {
+            overlays::scale_bar(&above, seen, *length, text);
+        }
+        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, self.name));
+        ui.ctx().accesskit_node_builder(response.id, |node| {
+            let (x, y) = self.viewport.centre(image.dim());
+            let zoom = self.viewport.zoom();
+            let bar = bar.map_or_else(String::new, |(_, text)| format!(", scale bar {text}"));
+            node.set_value(format!("zoom {zoom:.2}, x {x:.2} px, y {y:.2} px in the middle{bar}"));
+        });
+        self.fit_button(ui, seen);
+        Shown { placement, fit, seen, response, moved: self.viewport != before }
+    }
+
+    /// The way back to all of the picture, in a corner of it while a part is seen.
+    fn fit_button(&mut self, ui: &mut Ui, seen: Rect) {
+        if self.viewport.is_fitted() {
+            return;
+        }
+        let place = Rect::from_min_size(seen.right_top() + vec2(-38.0, 6.0), vec2(32.0, 20.0));
+        let tip = format!("Shows all of the picture, which is {:.1} times as large now", self.viewport.zoom());
+        let response = ui.put(place, egui::Button::new("Fit").small()).on_hover_text(tip);
+        name_widget(&response, &format!("Fit {}", self.name));
+        if response.clicked() {
+            self.viewport = Viewport::default();
+            ui.ctx().request_repaint();
+        }
+    }
+
+    /// One line about the pixel under the pointer.
+    pub fn describe_pixel(&self, image: ArrayView2<'_, f32>, (x, y): (f64, f64)) -> Option<String> {
+        // Adding 0 makes 0 of -0.
+        let (col, row) = (x.round() + 0.0, y.round() + 0.0);
+        if col < 0.0 || row < 0.0 {
+            return None;
+        }
+        let value = image.get((row as usize, col as usize))?;
+        Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, significant(f64::from(*value)), self.unit))
+    }
+
+    /// Finds the limits of a picture, and counts its values while the histogram is open.
+    fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: Version) {
+        let found_from = (version, self.levels);
+        if self.levelled != Some(found_from) {
+            self.limits = self.limits_of(image);
+            self.levelled = Some(found_from);
+        }
+        if self.histogram_wanted && self.histogram.as_ref().is_none_or(|(counted, _)| *counted != version) {
+            self.histogram = Some((version, Histogram::of(image)));
+        }
+    }
+
+    fn update_texture(
+        &mut self,
+        ctx: &egui::Context,
+        palettes: &Palettes,
+        image: ArrayView2<'_, f32>,
+        version: Version,
+    ) {
+        let longest = longest_texture(ctx);
+        let wanted = Drawn { version, colormap: self.colormap, limits: self.limits, longest };
+        if self.drawn == Some(wanted) {
+            return;
+        }
+        let palette = palettes.of(self.colormap);
+        let image = thinned(image, longest);
+        let (rows, cols) = image.dim();
+        let pixels = image.iter().map(|&value| palette[Colormap::index(value, self.limits)]).collect();
+        let picture = ColorImage::new([cols, rows], pixels);
+        match &mut self.texture {
+            Some(texture) => texture.set(picture, TextureOptions::NEAREST),
+            None => self.texture = Some(ctx.load_texture(self.name, picture, TextureOptions::NEAREST)),
+        }
+        self.drawn = Some(wanted);
+    }
+
+    /// The bar right of the picture: highest value at the top.
+    fn colour_bar(&self, ui: &Ui, palettes: &Palettes, picture: Rect, room: Rect) {
+        const WIDTH: f32 = 12.0;
+        let painter = ui.painter_at(room);
+        let left = picture.right() + 6.0;
+        let bar = Rect::from_min_max(pos2(left, picture.top()), pos2(left + WIDTH, picture.bottom()));
+        let palette = palettes.of(self.colormap);
+        let mut mesh = egui::Mesh::default();
+        for step in (0..=255).step_by(5) {
+            let y = egui::lerp(bar.bottom()..=bar.top(), step as f32 / 255.0);
+            let Some(&colour) = palette.get(step) else { return };
+            let next = mesh.vertices.len() as u32;
+            mesh.colored_vertex(pos2(bar.left(), y), colour);
+            mesh.colored_vertex(pos2(bar.right(), y), colour);
+            if next >= 2 {
+                mesh.add_triangle(next - 2, next - 1, next);
+                mesh.add_triangle(next - 1, next, next + 1);
+            }
+        }
+        painter.add(mesh);
+        // Its white end is seen on a light ground, too.
+        let frame = ui.visuals().widgets.noninteractive.bg_stroke;
+        painter.rect_stroke(bar, 0.0, frame, egui::StrokeKind::Outside);
+        let font = egui::FontId::proportional(10.0);
+        let colour = ui.visuals().weak_text_color();
+        let (low, high) = (f64::from(self.limits.0), f64::from(self.limits.1));
+        for (value, y, align) in [
+            (high, bar.top(), egui::Align2::LEFT_TOP),
+            (0.5 * (low + high), bar.center().y, egui::Align2::LEFT_CENTER),
+            (low, bar.bottom(), egui::Align2::LEFT_BOTTOM),
+        ] {
+            painter.text(pos2(bar.right() + 3.0, y), align, significant(value), font.clone(), colour);
+        }
+        if bar.height() > 110.0 {
+            let y = bar.top() + 0.25 * bar.height();
+            painter.text(pos2(bar.right() + 3.0, y), egui::Align2::LEFT_CENTER, self.unit, font, colour);
+        }
+    }
+}
+
+/// Longest side of a texture, pixels.
+pub fn longest_texture(ctx: &egui::Context) -> usize {
+    ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE)
+}
+
+/// Every n-th row and every m-th column of a picture, so that neither side is longer than this. It is drawn as large as
+/// all of the picture would be.
+pub fn thinned(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
+    let (rows, cols) = image.dim();
+    let step = |count: usize| count.div_ceil(longest.max(1)).max(1) as isize;
+    image.slice_move(s![..;step(rows), ..;step(cols)])
+}
+
+/// Gives a control the name by which assistive technology and tests find it.
+pub fn name_widget(response: &egui::Response, name: &str) {
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name));
+}
+
+/// A number with three to four significant digits.
+pub fn significant(value: f64) -> String {
+    let size = value.abs();
+    if value == 0.0 {
+        "0".into()
+    } else if (0.001..10_000.0).contains(&size) {
+        let decimals = (2 - size.log10().floor() as i32).clamp(0, 5) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
+/// Small controls above a picture, in as many rows as it takes.
+pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
+    ui.horizontal_wrapped(|ui| {
+        ui.set_min_height(22.0);
+        ui.spacing_mut().item_spacing.x = 6.0;
+        add(ui);
+    });
+    ui.add_space(2.0);
+}
+
+/// Fills the room with a sentence where there is no picture yet.
+pub fn placeholder(ui: &mut Ui, text: &str) {
+    let size: Vec2 = ui.available_size();
+    ui.allocate_ui_with_layout(size, egui::Layout::centered_and_justified(egui::Direction::TopDown), |ui| {
+        ui.weak(text);
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+
+    use super::*;
+
+    #[test]
+    fn long_pictures_are_thinned_until_renderers_take_them() {
+        let image = Array2::from_shape_fn((64, 10_000), |(row, col)| (10_000 * row + col) as f32);
+        let thin = thinned(image.view(), 8192);
+        assert_eq!((thin.dim(), thin[(1, 0)], thin[(0, 4999)]), ((64, 5000), 10_000.0, 9998.0));
+        assert_eq!(thinned(image.t(), 3000).dim(), (2500, 64));
+        assert_eq!(thinned(image.view(), 10_000), image);
+        let ctx = egui::Context::default();
+        let mut view = ImageView::new("Measurement", "photons", Colormap::Gray);
+        // What a renderer takes, and the sides of the texture.
+        for (most, cols) in [(2048, 2000), (16_384, 5000)] {
+            ctx.input_mut(|input| input.max_texture_side = most);
+            view.update_texture(&ctx, &Palettes::default(), image.view(), (1, 0));
+            assert_eq!(view.texture.as_ref().map(TextureHandle::size), Some([cols, 64]));
+        }
+    }
+
+    #[test]
+    fn numbers_read_well() {
+        for (value, text) in
+            [(0.0, "0"), (1.0, "1.00"), (134.2, "134"), (0.04567, "0.0457"), (1234.5, "1234"), (2e-7, "2.00e-7")]
+        {
+            assert_eq!(significant(value), text);
+        }
+    }
+}

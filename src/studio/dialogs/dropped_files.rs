@@ -1,0 +1,240 @@
+//! Files that are dropped on the window: which are used, and what becomes of the others.
+//!
+//! One design, one set of objects or one PSF is opened by a drop. All pictures of a folder are one set of objects; files
+//! that find no use are named.
+
+use std::path::{Path, PathBuf};
+
+use crate::formats::{image_files, path_text};
+use crate::objects::ObjectSource;
+use crate::plural::counted;
+use crate::studio::app::studio::file_name;
+use crate::studio::dialogs::file_preview::Preview;
+use crate::studio::panels::messages::Severity;
+use crate::studio::state::app_state::{Leave, State};
+use crate::studio::widgets::modal;
+use crate::workbench::FileUse;
+
+/// Most files that are named one by one.
+const NAMED: usize = 5;
+
+/// Pictures or arrays that wait to be told apart: PSF or objects.
+#[derive(Debug, PartialEq)]
+struct Pictures {
+    first: PathBuf,
+    others: Vec<PathBuf>,
+    /// The folder whose pictures these are, all of them.
+    folder: Option<PathBuf>,
+}
+
+/// What was dropped and waits for an answer.
+#[derive(Default)]
+pub struct Dropped {
+    pictures: Option<Pictures>,
+    /// The path of the first picture or of the folder, with what was chosen of its meaning.
+    text: String,
+    preview: Preview,
+}
+
+impl Dropped {
+    /// Whether a question is open.
+    pub fn is_open(&self) -> bool {
+        self.pictures.is_some()
+    }
+
+    /// Takes up what was dropped in this frame.
+    pub fn take(&mut self, ctx: &egui::Context, state: &mut State) {
+        let files: Vec<PathBuf> =
+            ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().to_path_buf()).collect());
+        match chosen(files) {
+            Some((Chosen::Design(path), unused)) => {
+                name_unused(state, &path, &unused);
+                state.guard(ctx, Leave::OpenFile(path));
+            }
+            Some((Chosen::Objects(path), unused)) => {
+                name_unused(state, &path, &unused);
+                state.bench.open_objects(ObjectSource::guess(&path));
+            }
+            Some((Chosen::Pictures(pictures), _)) => {
+                self.text = path_text(&pictures.first);
+                self.pictures = Some(pictures);
+            }
+            None => {}
+        }
+    }
+
+    /// Asks what pictures are to be.
+    pub fn ask(&mut self, ctx: &egui::Context, state: &mut State) {
+        let Some(Pictures { first, others, folder }) = &self.pictures else { return };
+        let mut answered = false;
+        modal::show(ctx, "dropped file", 420.0, |ui| {
+            let all = 1 + others.len();
+            if others.is_empty() {
+                ui.heading(format!("Use {}", file_name(Some(first))));
+            } else {
+                ui.heading(format!("Use {}", counted(all, "picture")));
+                let text = match folder {
+                    Some(folder) => format!("These are all pictures of {}.", folder.display()),
+                    None => format!(
+                        "Only {} can be used. Put pictures into a folder of their own to use them as one set of objects.",
+                        file_name(Some(first))
+                    ),
+                };
+                ui.label(text);
+            }
+            ui.add_space(4.0);
+            self.preview.show_in_place(ui, &mut self.text, FileUse::Measurements);
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                if ui.button("As objects").clicked() {
+                    if folder.is_none() {
+                        name_unused(state, first, others);
+                    }
+                    // What was chosen holds for all pictures of the folder.
+                    let meaning = self.text.strip_prefix(&path_text(first)).unwrap_or_default();
+                    let source = folder.as_ref().map_or(self.text.clone(), |folder| path_text(folder) + meaning);
+                    state.bench.open_objects(ObjectSource::guess(Path::new(&source)));
+                    answered = true;
+                }
+                let text =
+                    if others.is_empty() { "As PSF".to_owned() } else { format!("{} as PSF", file_name(Some(first))) };
+                if ui.button(text).clicked() {
+                    name_unused(state, first, others);
+                    state.bench.import_psf(self.text.clone().into(), None);
+                    answered = true;
+                }
+                answered |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape));
+            });
+        });
+        if answered {
+            self.pictures = None;
+        }
+    }
+}
+
+/// What one drop opens.
+#[derive(Debug, PartialEq)]
+enum Chosen {
+    Design(PathBuf),
+    Objects(PathBuf),
+    Pictures(Pictures),
+}
+
+/// What dropped files are used for, and those that are not: a design goes before objects, objects before pictures, for all
+/// three would be in each other's way.
+fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
+    let kinds: Vec<FileKind> = files.iter().map(|path| kind_of(path)).collect();
+    let place = |kind| kinds.iter().position(|&found| found == kind);
+    let one = |place: usize| {
+        let mut others = files.clone();
+        let first = others.remove(place);
+        (first, others)
+    };
+    if let Some(place) = place(FileKind::Design) {
+        let (design, others) = one(place);
+        return Some((Chosen::Design(design), others));
+    }
+    if let Some(place) = place(FileKind::Objects) {
+        let (objects, others) = one(place);
+        return Some((Chosen::Objects(objects), others));
+    }
+    let folder = whole_folder(&files);
+    let (first, others) = one(place(FileKind::Picture)?);
+    Some((Chosen::Pictures(Pictures { first, others, folder }), Vec::new()))
+}
+
+/// The folder whose pictures these files are, where there are several and it has no others.
+fn whole_folder(files: &[PathBuf]) -> Option<PathBuf> {
+    let folder = files.first().filter(|_| files.len() > 1)?.parent()?;
+    let mut dropped = files.to_vec();
+    dropped.sort();
+    (image_files(folder).ok()?.into_iter().map(|file| file.path).collect::<Vec<_>>() == dropped)
+        .then(|| folder.to_owned())
+}
+
+/// Names the files of a drop that find no use.
+fn name_unused(state: &mut State, used: &Path, unused: &[PathBuf]) {
+    if unused.is_empty() {
+        return;
+    }
+    let names: Vec<String> = unused.iter().take(NAMED).map(|path| file_name(Some(path))).collect();
+    let more = match unused.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let text = format!("{} is used; not used: {}{more}", file_name(Some(used)), names.join(", "));
+    state.messages.push(Severity::Notice, text);
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum FileKind {
+    Design,
+    Objects,
+    Picture,
+}
+
+/// What a dropped file or folder is likely to be. Pictures and arrays can be both, PSF or objects.
+fn kind_of(path: &Path) -> FileKind {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match extension.as_str() {
+        "json" => FileKind::Design,
+        "npy" | "npz" | "tif" | "tiff" | "png" | "jpg" | "jpeg" | "bmp" if path.is_file() => FileKind::Picture,
+        _ => FileKind::Objects,
+    }
+}
+
+/// Says that files may be dropped while some are held over the window.
+pub fn show_hint(ctx: &egui::Context) {
+    if ctx.input(|input| input.raw.hovered_files.is_empty()) {
+        return;
+    }
+    let painter = ctx.layer_painter(egui::LayerId::new(egui::Order::Foreground, egui::Id::unique("drop hint")));
+    let rect = ctx.content_rect();
+    painter.rect_filled(rect, 0.0, egui::Color32::from_black_alpha(160));
+    painter.text(
+        rect.center(),
+        egui::Align2::CENTER_CENTER,
+        "Drop a design, objects or a PSF",
+        egui::FontId::proportional(24.0),
+        egui::Color32::WHITE,
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_files_are_told_apart() {
+        assert_eq!(kind_of(Path::new("a/Design.JSON")), FileKind::Design);
+        assert_eq!(kind_of(Path::new("t10k-images-idx3-ubyte.gz")), FileKind::Objects);
+        assert_eq!(kind_of(Path::new("test_batch.bin")), FileKind::Objects);
+    }
+
+    #[test]
+    fn all_pictures_of_a_folder_are_one_set_and_the_rest_of_other_drops_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, b"").unwrap();
+            path
+        };
+        let pictures: Vec<PathBuf> = (0..8).map(|number| file(&format!("{number}.png"))).collect();
+        let mut turned = pictures.clone();
+        turned.reverse();
+        let Some((Chosen::Pictures(found), unused)) = chosen(turned) else { panic!("no pictures") };
+        assert_eq!((found.folder.as_deref(), found.others.len(), unused.len()), (Some(folder.path()), 7, 0));
+        // Some of a folder are no set, and neither is a single one.
+        for count in [7, 1] {
+            let Some((Chosen::Pictures(found), _)) = chosen(pictures[..count].to_vec()) else { panic!("no pictures") };
+            assert_eq!((found.folder, found.others.len()), (None, count - 1));
+        }
+        let (one, other) = (file("one.json"), file("other.json"));
+        let dropped = vec![pictures[0].clone(), one.clone(), other.clone()];
+        assert_eq!(chosen(dropped), Some((Chosen::Design(one), vec![pictures[0].clone(), other])));
+        let objects = file("train-images-idx3-ubyte");
+        let dropped = vec![pictures[0].clone(), objects.clone()];
+        assert_eq!(chosen(dropped), Some((Chosen::Objects(objects), vec![pictures[0].clone()])));
+        assert_eq!(chosen(Vec::new()), None);
+    }
+}

@@ -1,0 +1,11 @@
+//! Dialogs in front of the window.
+
+pub mod confirm_discard;
+pub mod dropped_files;
+pub mod file_preview;
+pub mod palette;
+pub mod path_dialog;
+pub mod recovery;
+pub mod settings_dialogs;
+pub mod system_dialog;
+pub mod welcome;

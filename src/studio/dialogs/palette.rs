@@ -1,0 +1,82 @@
+//! Finding actions by name.
+
+use egui::Key;
+
+use crate::studio::app::actions::Action;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::modal;
+
+/// Most actions that are listed at a time.
+const LISTED: usize = 12;
+/// The open palette.
+#[derive(Default)]
+pub struct Palette {
+    query: String,
+    /// Place of the marked action in the list.
+    marked: usize,
+}
+
+/// The actions that a query means: all its words are in their names. Those whose names begin with it come first.
+fn found(query: &str, state: &State) -> Vec<Action> {
+    let query = query.trim().to_lowercase();
+    let words: Vec<&str> = query.split_whitespace().collect();
+    let mut found: Vec<(bool, Action)> = Action::all()
+        .filter(|action| action.is_possible(state))
+        .filter_map(|action| {
+            let label = action.label().to_lowercase();
+            words.iter().all(|word| label.contains(word)).then(|| (!label.starts_with(&query), action))
+        })
+        .collect();
+    found.sort_by_key(|(later, _)| *later);
+    found.into_iter().map(|(_, action)| action).collect()
+}
+
+/// Draws the palette where it is open.
+pub fn show(ctx: &egui::Context, state: &mut State) {
+    let Some(mut palette) = state.palette.take() else { return };
+    let mut chosen = None;
+    // As many as there is room for below the field.
+    let listed = ((ctx.content_rect().height() - 120.0) / 24.0).clamp(1.0, LISTED as f32) as usize;
+    let response = modal::show(ctx, "palette", 420.0, |ui| {
+        // Before the text field sees these keys.
+        let (down, up, enter) = ui.input_mut(|input| {
+            let mut pressed = |key| input.consume_key(egui::Modifiers::NONE, key);
+            (pressed(Key::ArrowDown), pressed(Key::ArrowUp), pressed(Key::Enter))
+        });
+        let field = egui::TextEdit::singleline(&mut palette.query).hint_text("What do you want to do?");
+        let response = ui.add(field.desired_width(f32::INFINITY));
+        name_widget(&response, "Find an action");
+        response.request_focus();
+        let actions = found(&palette.query, state);
+        if response.changed() {
+            palette.marked = 0;
+        }
+        let last = actions.len().saturating_sub(1);
+        palette.marked = (palette.marked + usize::from(down)).saturating_sub(usize::from(up)).min(last);
+        let first = (palette.marked + 1).saturating_sub(listed);
+        ui.add_space(4.0);
+        ui.with_layout(egui::Layout::top_down_justified(egui::Align::LEFT), |ui| {
+            for (index, action) in actions.iter().enumerate().skip(first).take(listed) {
+                let mut button = egui::Button::selectable(index == palette.marked, action.label());
+                if let Some(shortcut) = action.shortcut() {
+                    button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
+                }
+                if ui.add(button).clicked() {
+                    chosen = Some(*action);
+                }
+            }
+        });
+        if actions.is_empty() {
+            ui.weak("Nothing is called that.");
+        }
+        if enter {
+            chosen = actions.get(palette.marked).copied();
+        }
+    });
+    if let Some(action) = chosen {
+        action.run(ctx, state);
+    } else if !response.should_close() {
+        state.palette = Some(palette);
+    }
+}

@@ -1,0 +1,64 @@
+//! The question about designs that a program left behind.
+
+use std::time::SystemTime;
+
+use crate::studio::panels::messages::Severity;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::modal;
+use crate::workbench::{Recovered, spoken};
+
+/// Asks what is to become of the designs that were left behind, one after the other; those that are not decided on stay
+/// where they are.
+pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
+    let Some(found) = left.first() else { return };
+    let age = SystemTime::now().duration_since(found.kept_at).unwrap_or_default();
+    let name = found.path.as_ref().map_or_else(|| "A design without a file".into(), |path| path.display().to_string());
+    let what = format!("{} before {}", found.design.encoder.describe(), found.design.objects);
+    let others = left.len() - 1;
+    let mut answer = None;
+    modal::show(ctx, "recovery", 400.0, |ui| {
+        modal::body(ui, |ui| {
+            ui.heading("Recover unsaved changes?");
+            ui.label("The studio ended without being closed. This was open, with changes that are in no file:");
+            ui.add_space(4.0);
+            ui.strong(name);
+            ui.label(what);
+            ui.label(format!("Kept {} ago", spoken(age)));
+            if others > 0 {
+                ui.weak(format!("{others} more after this one"));
+            }
+        });
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            for (text, choice) in [("Recover", Answer::Recover), ("Discard", Answer::Discard), ("Later", Answer::Later)]
+            {
+                if ui.button(text).clicked() {
+                    answer = Some(choice);
+                }
+            }
+        });
+    });
+    match answer {
+        Some(Answer::Recover) => {
+            state.bench.recover(left.remove(0));
+            state.selection.clear();
+            // What was recovered is what there is to start from, by a person who has been here.
+            state.guide.welcome = false;
+            state.preferences.welcomed = true;
+            state.messages.push(Severity::Done, "Recovered; save it to keep it");
+            // A window holds one design: the others wait for the next start.
+            left.clear();
+        }
+        Some(Answer::Discard) => left.remove(0).discard(),
+        Some(Answer::Later) => left.clear(),
+        None => {}
+    }
+}
+
+/// What a person decides.
+#[derive(Clone, Copy)]
+enum Answer {
+    Recover,
+    Discard,
+    Later,
+}

@@ -1,0 +1,263 @@
+//! Sheets to read and to choose on: keys and gestures, settings, versions.
+
+use std::sync::LazyLock;
+
+use egui::{RichText, Ui};
+
+use crate::information::EngineChoice;
+use crate::plural::counted;
+use crate::studio::app::actions::Action;
+use crate::studio::app::app_data::{THREADS, ZOOM};
+use crate::studio::app::window::RendererChoice;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::modal;
+use crate::studio::widgets::number_field::NumberField;
+use crate::workbench::study::Machine;
+
+/// Width of the sheet of keys and gestures side by side, points.
+const TWO_COLUMNS: f32 = 860.0;
+/// Width of the names of keys and gestures, points.
+const KEYS: f32 = 170.0;
+
+/// What the mouse and the keyboard do on the mask.
+const ON_THE_MASK: [(&str, &str); 12] = [
+    ("Click", "Select a lenslet; with Shift, add it to the selection or take it out"),
+    ("Drag a lenslet", "Move the selection"),
+    ("Drag the picture", "Select in a box; with Shift, add to the selection"),
+    ("Double click", "Add a lenslet"),
+    ("Arrow keys", "Move the selection by 0.1 px; with Shift, by 1 px"),
+    ("Delete", "Delete the selection"),
+    ("Wheel on a lenslet", "Weight of the selection"),
+    ("Alt + wheel", "Width of the selection"),
+    ("Ctrl + wheel, + and -", "Zoom; middle drag, or Space and drag, moves the picture; 0 shows all"),
+    ("On other pictures", "The wheel zooms, a drag moves, a double click shows all"),
+    ("Right click", "What can be done with a lenslet"),
+    ("Tab", "Next lenslet or control; Space selects"),
+];
+
+/// A sheet to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sheet {
+    /// Keys and gestures.
+    Shortcuts,
+    /// What a person can choose.
+    Settings,
+    /// Versions and machine.
+    About,
+}
+
+/// Draws the sheet that is open.
+pub fn show(ctx: &egui::Context, state: &mut State) {
+    let Some(sheet) = state.sheet else { return };
+    let width = match sheet {
+        Sheet::Shortcuts => TWO_COLUMNS,
+        Sheet::Settings => 400.0,
+        Sheet::About => 420.0,
+    };
+    let response = modal::show(ctx, "sheet", width, |ui| {
+        modal::body(ui, |ui| match sheet {
+            Sheet::Shortcuts => shortcuts(ui),
+            Sheet::Settings => settings(ui, state),
+            Sheet::About => about(ui, state),
+        });
+        ui.add_space(8.0);
+        ui.button("Close").clicked()
+    });
+    if response.inner || response.should_close() {
+        state.sheet = None;
+    }
+}
+
+fn shortcuts(ui: &mut Ui) {
+    let room = ui.available_width();
+    ui.heading("Keys and gestures");
+    ui.add_space(4.0);
+    if room < TWO_COLUMNS {
+        // What they do is wrapped beside them.
+        keys(ui, room - KEYS);
+        ui.add_space(12.0);
+        gestures(ui, room - KEYS);
+    } else {
+        ui.horizontal_top(|ui| {
+            keys(ui, f32::INFINITY);
+            ui.add_space(24.0);
+            gestures(ui, f32::INFINITY);
+        });
+    }
+}
+
+fn keys(ui: &mut Ui, most: f32) {
+    let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
+    egui::Grid::new("keys").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
+        let actions: Vec<(String, String)> = Action::all()
+            .chain([Action::Palette])
+            .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
+            .collect();
+        let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Size of everything".to_owned())];
+        for (keys, what) in actions.into_iter().chain(zoom) {
+            ui.label(RichText::new(keys).strong());
+            ui.label(what);
+            ui.end_row();
+        }
+    });
+}
+
+fn gestures(ui: &mut Ui, most: f32) {
+    egui::Grid::new("gestures").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
+        for (keys, what) in ON_THE_MASK {
+            ui.label(RichText::new(keys).strong());
+            ui.label(what);
+            ui.end_row();
+        }
+    });
+}
+
+fn settings(ui: &mut Ui, state: &mut State) {
+    ui.heading("Settings");
+    ui.add_space(4.0);
+    egui::Grid::new("settings").num_columns(2).spacing([16.0, 8.0]).show(ui, |ui| {
+        ui.label("Theme");
+        ui.horizontal(theme_choice);
+        ui.end_row();
+        ui.label("Size of everything");
+        // The size changes when the slider is let go: it would run away from the pointer otherwise.
+        let id = egui::Id::unique("zoom");
+        let mut zoom = ui.data(|data| data.get_temp(id)).unwrap_or_else(|| ui.ctx().zoom_factor());
+        ui.horizontal(|ui| {
+            let response = ui.add(egui::Slider::new(&mut zoom, ZOOM).step_by(0.1).show_value(false));
+            name_widget(&response, "Zoom");
+            let percent = |bound: &f32| f64::from(100.0 * bound);
+            let field = NumberField::new("Zoom in per cent", percent(ZOOM.start())..=percent(ZOOM.end()));
+            let (typed, edit) = field.decimals(0).unit(" %").show(ui, f64::from(100.0 * zoom));
+            if let Some(edit) = edit {
+                zoom = edit.value as f32 / 100.0;
+            }
+            if response.dragged() || typed.dragged() {
+                ui.data_mut(|data| data.insert_temp(id, zoom));
+            } else if response.drag_stopped() || typed.drag_stopped() || response.changed() || edit.is_some() {
+                ui.data_mut(|data| data.remove::<f32>(id));
+                ui.ctx().set_zoom_factor(zoom);
+            }
+        });
+        ui.end_row();
+        ui.label("Live estimates");
+        let mut live = state.bench.is_live();
+        if ui.checkbox(&mut live, "Keep estimating while the design is edited").clicked() {
+            state.bench.set_live(live);
+        }
+        ui.end_row();
+        ui.label("Threads that compute");
+        threads(ui, state);
+        ui.end_row();
+        ui.label("PixelCNN computed by");
+        ui.horizontal(|ui| {
+            for engine in EngineChoice::built() {
+                ui.radio_value(&mut state.preferences.engine, engine, engine.to_string());
+            }
+        });
+        ui.end_row();
+        ui.label("Unsaved changes in");
+        ui.horizontal(|ui| {
+            if ui.button("Other folder...").clicked() {
+                state.dialogs.ask(Purpose::KeepUnsaved, None);
+                state.sheet = None;
+            }
+            let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Usual folder"));
+            if usual.clicked() {
+                state.move_unsaved(None);
+            }
+        });
+        ui.end_row();
+        ui.label("Window drawn by");
+        ui.horizontal(|ui| {
+            for choice in [RendererChoice::Glow, RendererChoice::Wgpu] {
+                ui.radio_value(&mut state.preferences.renderer, choice, choice.name());
+            }
+        });
+        ui.end_row();
+        ui.label("");
+        ui.weak("from the next start on");
+        ui.end_row();
+    });
+    if let Some(folder) = &state.folder {
+        ui.weak(format!("Settings, layout, kept designs and runs are in {}", folder.display()));
+        let unsaved = state.preferences.unsaved.clone().unwrap_or_else(|| folder.join("unsaved"));
+        ui.weak(format!("Unsaved changes are in {}", unsaved.display()));
+    }
+}
+
+/// How many threads compute.
+fn threads(ui: &mut Ui, state: &mut State) {
+    ui.horizontal(|ui| {
+        let mut chosen = state.preferences.threads;
+        let mut all = chosen.is_none();
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        if ui.checkbox(&mut all, "One for every core").on_hover_text("They give way to the window").changed() {
+            chosen = (!all).then_some(cores);
+        }
+        if let Some(count) = &mut chosen {
+            NumberField::whole("Threads", THREADS).edit_whole(ui, count);
+            if *count > cores {
+                ui.weak(format!("this machine has {cores}"));
+            }
+        }
+        if chosen != state.preferences.threads {
+            state.preferences.threads = chosen;
+            state.bench.set_threads(chosen);
+        }
+    });
+}
+
+/// System, light or dark.
+pub fn theme_choice(ui: &mut Ui) -> bool {
+    let current = ui.ctx().options(|options| options.theme_preference);
+    let themes = [
+        ("System", egui::ThemePreference::System),
+        ("Light", egui::ThemePreference::Light),
+        ("Dark", egui::ThemePreference::Dark),
+    ];
+    let mut chosen = false;
+    for (text, theme) in themes {
+        if ui.radio(current == theme, text).clicked() {
+            ui.ctx().set_theme(theme);
+            chosen = true;
+        }
+    }
+    chosen
+}
+
+/// Read once: the system lists its processors in a long file.
+static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
+
+fn about(ui: &mut Ui, state: &mut State) {
+    ui.heading("Lenslet Studio");
+    ui.label(env!("CARGO_PKG_DESCRIPTION"));
+    ui.add_space(6.0);
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let engines: Vec<String> = EngineChoice::built().into_iter().map(|engine| engine.to_string()).collect();
+    let facts = [
+        ("Version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
+        ("Processor", format!("{}, {}", PROCESSOR.as_str(), counted(cores, "thread"))),
+        ("Estimates run on", state.preferences.engine.to_string()),
+        ("They can run on", engines.join(", ")),
+        ("Window drawn by", state.renderer.unwrap_or("-").to_owned()),
+        ("Licence", env!("CARGO_PKG_LICENSE").to_owned()),
+    ];
+    egui::Grid::new("about").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
+        for (name, value) in &facts {
+            ui.label(RichText::new(*name).strong());
+            ui.label(value);
+            ui.end_row();
+        }
+    });
+    ui.add_space(6.0);
+    ui.label("The method is that of Kabuli et al. 2026; every bound names its source in the documentation.");
+    ui.add_space(4.0);
+    if ui.button("Copy").clicked() {
+        let text: Vec<String> = facts.iter().map(|(name, value)| format!("{name}: {value}")).collect();
+        state.copy(ui.ctx(), text.join("\n"), "The versions are");
+    }
+}

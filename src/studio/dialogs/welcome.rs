@@ -1,0 +1,161 @@
+//! The first minute: what to start from, and a tour of the three jobs.
+
+use egui::{RichText, Ui};
+
+use crate::studio::app::actions::Action;
+use crate::studio::app::layout::Pane;
+use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::widgets::modal;
+use crate::workbench::SAMPLES;
+
+/// What newcomers are shown.
+#[derive(Default)]
+pub struct Guide {
+    /// Whether it is asked what to start from.
+    pub welcome: bool,
+    /// The stop of the tour, if it is taken.
+    pub tour: Option<usize>,
+    /// Whether something was exported.
+    pub exported: bool,
+}
+
+/// One stop of the tour.
+struct Stop {
+    title: &'static str,
+    text: &'static str,
+    /// The room that it is about.
+    room: Pane,
+    /// Whether the person has done it.
+    done: fn(&State) -> bool,
+}
+
+const STOPS: [Stop; 5] = [
+    Stop {
+        title: "Move a lenslet",
+        text: "Drag one of the circles in Mask. Its picture on the sensor, the measurement and every number follow while \
+               you drag. Double-click adds a lenslet, Delete removes the selected ones.",
+        room: Pane::Mask,
+        done: |state| state.bench.undoes().is_some(),
+    },
+    Stop {
+        title: "Read the information",
+        text: "The large number says how many bits each pixel tells about the scene at most. The live estimate starts \
+               within a second of an edit and is refined until it says settled. Arrows in Mask show where it would move \
+               each lenslet.",
+        room: Pane::Information,
+        done: |state| state.estimates.live.is_some(),
+    },
+    Stop {
+        title: "Keep and compare",
+        text: "Ctrl+D puts the open design aside with its numbers. Keep two, then flip between their pictures.",
+        room: Pane::Compare,
+        done: |state| !state.snapshots.entries.is_empty(),
+    },
+    Stop {
+        title: "Let the machine design",
+        text: "Start run lets the lenslets move, merge and fade while their information climbs. Stop it whenever you like; \
+               the slider goes back to any moment. Accept this mask puts the one that is shown into your design.",
+        room: Pane::Optimize,
+        done: |state| state.run.is_some(),
+    },
+    Stop {
+        title: "Export the design",
+        text: "Ctrl+E writes the PSF as pictures and arrays and the design as JSON into a folder. Save keeps the design \
+               for later.",
+        room: Pane::Mask,
+        done: |state| state.guide.exported,
+    },
+];
+
+/// Asks what to start from.
+pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
+    if !state.guide.welcome {
+        return;
+    }
+    let mut leave = false;
+    let response = modal::show(ctx, "welcome", 545.0, |ui| {
+        modal::body(ui, |ui| {
+            ui.heading("Welcome to Lenslet Studio");
+            ui.label("Place lenslets before a sensor and see how much its measurements tell about the scene.");
+            ui.add_space(8.0);
+            ui.strong("Start from");
+            for sample in &SAMPLES {
+                ui.horizontal(|ui| {
+                    if ui.add_sized([120.0, 22.0], egui::Button::new(sample.name)).clicked()
+                        && let Some(design) = sample.design()
+                    {
+                        state.guard(ctx, Leave::Sample(Box::new(design)));
+                        leave = true;
+                    }
+                    ui.weak(sample.about);
+                });
+            }
+            ui.horizontal(|ui| {
+                if ui.add_sized([120.0, 22.0], egui::Button::new("Open my data...")).clicked() {
+                    Action::OpenObjects.run(ctx, state);
+                    leave = true;
+                }
+                ui.weak("Images, IDX, CIFAR-10, NPY, NPZ or TIFF to look at");
+            });
+        });
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            if ui.button("Take the tour").clicked() {
+                state.guide.tour = Some(0);
+                leave = true;
+            }
+            leave |= ui.button("Close").clicked();
+        });
+    });
+    if leave || response.should_close() {
+        state.guide.welcome = false;
+        state.preferences.welcomed = true;
+    }
+}
+
+/// The tour: a small window that says what to do, and sees when it is done.
+pub fn show_tour(ctx: &egui::Context, state: &mut State) {
+    let Some(number) = state.guide.tour else { return };
+    let Some(stop) = STOPS.get(number) else {
+        state.guide.tour = None;
+        return;
+    };
+    let mut next = Some(number);
+    egui::Window::new("Tour")
+        .collapsible(false)
+        .resizable(false)
+        .default_width(300.0)
+        .anchor(egui::Align2::LEFT_BOTTOM, [16.0, -40.0])
+        .show(ctx, |ui| {
+            ui.set_width(300.0);
+            ui.label(RichText::new(format!("{}. {}", number + 1, stop.title)).heading());
+            ui.label(stop.text);
+            ui.add_space(4.0);
+            let done = (stop.done)(state);
+            let text = if done { "Done" } else { "Try it" };
+            let colour = if done { ui.visuals().selection.stroke.color } else { ui.visuals().weak_text_color() };
+            ui.colored_label(colour, text);
+            ui.separator();
+            ui.horizontal(|ui| buttons(ui, number, &mut next));
+        });
+    if next != state.guide.tour {
+        state.guide.tour = next;
+        if let Some(stop) = next.and_then(|next| STOPS.get(next)) {
+            state.arrange = Some(Arrange::Show(stop.room));
+        }
+    }
+}
+
+fn buttons(ui: &mut Ui, number: usize, next: &mut Option<usize>) {
+    if ui.add_enabled(number > 0, egui::Button::new("Back")).clicked() {
+        *next = Some(number - 1);
+    }
+    let last = number + 1 == STOPS.len();
+    if ui.button(if last { "Finish" } else { "Next" }).clicked() {
+        *next = (!last).then_some(number + 1);
+    }
+    if !last && ui.button("End tour").clicked() {
+        *next = None;
+    }
+    ui.weak(format!("{} of {}", number + 1, STOPS.len()));
+}

@@ -1,0 +1,118 @@
+//! Images of a camera in place of a design's measurements: which ones, how their grey levels are photons, and the button.
+
+use std::path::PathBuf;
+
+use egui::{ComboBox, Ui};
+
+use crate::information::Estimator;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::dialogs::file_preview::Preview;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::fit_length::FitLengthForm;
+use crate::studio::panels::messages::Severity;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::number_field::NumberField;
+use crate::workbench::{Calibration, FileUse, MeasuredOrder};
+
+/// Images of a camera in place of a design's measurements.
+pub struct ImagesForm {
+    /// The text of their path, once they were chosen.
+    path: Option<String>,
+    /// What is understood of them.
+    preview: Preview,
+    kind: Estimator,
+    length: FitLengthForm,
+    calibration: Calibration,
+}
+
+impl Default for ImagesForm {
+    fn default() -> Self {
+        let kind = Estimator::Live;
+        Self {
+            path: None,
+            preview: Preview::default(),
+            kind,
+            length: FitLengthForm::usual(kind),
+            calibration: Calibration::default(),
+        }
+    }
+}
+
+impl ImagesForm {
+    /// Takes the images that a path names, with what is understood of them so far.
+    pub fn choose(&mut self, path: String, preview: Preview) {
+        self.path = Some(path);
+        self.preview = preview;
+    }
+}
+
+/// Estimators that need no objects.
+const OF_IMAGES: [(Estimator, &str); 4] = [
+    (Estimator::Live, "Live"),
+    (Estimator::Full, "Full"),
+    (Estimator::PixelCnn, "PixelCNN"),
+    (Estimator::GaussianStationary, "Gaussian"),
+];
+
+/// An estimate from what a camera has recorded.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    ui.collapsing("Images of a camera", |ui| {
+        ui.horizontal_wrapped(|ui| {
+            if ui.button("Choose images...").clicked() {
+                state.dialogs.ask(Purpose::ChooseImages, state.bench.path());
+            }
+            let form = &mut state.estimate_form.images;
+            let known = OF_IMAGES.iter().find(|(kind, _)| *kind == form.kind);
+            let response = ComboBox::from_id_salt("estimator of images")
+                .selected_text(known.map_or("", |(_, name)| name))
+                .width(84.0)
+                .show_ui(ui, |ui| {
+                    for (kind, name) in OF_IMAGES {
+                        if ui.selectable_value(&mut form.kind, kind, name).clicked() {
+                            form.length.turn_to(kind);
+                        }
+                    }
+                })
+                .response;
+            name_widget(&response, "Estimator of images");
+            // The Gaussian bound needs no fit.
+            if form.kind != Estimator::GaussianStationary {
+                form.length.show(ui, form.kind, "of the fit to images");
+            }
+            let can_start = form.path.is_some();
+            let start = ui.add_enabled(can_start, egui::Button::new("Estimate images"));
+            let hint = "The patch is that above, the noise that of the scene. The noisy images stand in for the clean ones, \
+                        which is fair above some 10 photons";
+            let start = start.on_hover_text(hint).on_disabled_hover_text("Choose images first");
+            if start.clicked()
+                && let Some(path) = form.path.clone()
+            {
+                let measured = MeasuredOrder { source: PathBuf::from(path).into(), calibration: form.calibration };
+                let images = &state.estimate_form.images;
+                let model = images.length.model(images.kind, state.preferences.engine);
+                let request = state.estimate_form.request_of(model);
+                if let Err(refusal) = state.bench.order_estimate_of_images(measured, request) {
+                    state.messages.push(Severity::Failure, refusal);
+                }
+            }
+        });
+        ui.horizontal(|ui| {
+            let form = &mut state.estimate_form.images;
+            let Calibration { gain, offset, bin } = &mut form.calibration;
+            ui.label("gain");
+            let field = NumberField::new("Images: gain", 1e-6..=1e6).speed(0.01);
+            field.edit(ui, gain).on_hover_text("Grey levels per photon");
+            ui.label("offset");
+            let field = NumberField::new("Images: offset", -1e6..=1e6).speed(0.1);
+            field.edit(ui, offset).on_hover_text("Grey level of no light");
+            ui.label("bin");
+            let field = NumberField::whole("Images: bin", 1..=64);
+            field.edit_whole(ui, bin).on_hover_text("Rows and columns of pixels whose photons are added up");
+        });
+        let form = &mut state.estimate_form.images;
+        if let Some(path) = &mut form.path {
+            ui.add(egui::Label::new(egui::RichText::new(path.as_str()).weak()).truncate());
+            form.preview.show(ui, path, FileUse::Measurements);
+        }
+    });
+}

@@ -1,0 +1,433 @@
+//! Designs side by side: a table, information against Tamura coefficient, and one picture that flips between two.
+
+use std::collections::HashMap;
+
+use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
+use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
+use ndarray::{Array2, CowArray};
+
+use crate::information::with_decimals;
+use crate::studio::app::capture;
+use crate::studio::app::layout::Pane;
+use crate::studio::canvas::image_view::{ImageView, name_widget, placeholder, toolbar};
+use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::viewport::Viewport;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::information::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::panels::messages::Severity;
+use crate::studio::panels::tamura_gauge::TAMURA_GUIDE;
+use crate::studio::state::app_state::State;
+use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
+
+/// Side of the small pictures, points.
+const THUMBNAIL: f32 = 30.0;
+/// Between the cells of the table, points.
+const SPACING: Vec2 = Vec2::new(6.0, 3.0);
+
+/// What the room shows.
+pub struct Comparison {
+    /// Numbers of the two designs.
+    pair: [Option<u64>; 2],
+    side: Side,
+    what: What,
+    /// A person has just chosen a design or the measurement: what failed is tried again.
+    tries_again: bool,
+    picture: ImageView,
+    difference: ImageView,
+    /// Which part of them is seen.
+    viewport: Viewport,
+    thumbnails: HashMap<u64, TextureHandle>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Side {
+    A,
+    B,
+    Difference,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum What {
+    Psf,
+    Measurement,
+    Mtf,
+}
+
+impl Default for Comparison {
+    fn default() -> Self {
+        Self {
+            pair: [None; 2],
+            side: Side::A,
+            what: What::Psf,
+            tries_again: false,
+            picture: ImageView::new("Comparison", "", Colormap::Viridis),
+            difference: ImageView::new("Difference", "", Colormap::Diverging),
+            viewport: Viewport::default(),
+            thumbnails: HashMap::new(),
+        }
+    }
+}
+
+/// What is to be done with one of the designs.
+enum Wish {
+    Open(u64),
+    Delete(u64),
+}
+
+/// Shows the room.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    toolbar(ui, |ui| {
+        if ui.button("Keep this design").on_hover_text("Puts the open design aside, with its numbers").clicked() {
+            state.keep_snapshot();
+        }
+        if let Some(name) = state.snapshots.gone() {
+            let hint = format!("{name}, which was deleted last");
+            if ui.button("Bring back").on_hover_text(hint).clicked() {
+                state.snapshots.bring_back();
+            }
+        }
+        ui.add_enabled_ui(!state.snapshots.entries.is_empty(), |ui| {
+            let export = ui.small_button("Export CSV...");
+            name_widget(&export, "Export comparison as CSV");
+            if export.clicked() {
+                let curve = state.snapshots.table();
+                state.dialogs.ask(Purpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
+            }
+            let picture = ui.small_button("Picture...").on_hover_text("This room as it is on the screen, as PNG");
+            name_widget(&picture, "Export comparison as PNG");
+            if picture.clicked() {
+                capture::take(state, Pane::Compare);
+            }
+        });
+    });
+    if state.snapshots.entries.is_empty() {
+        placeholder(ui, "Keep designs to compare them here.");
+        return;
+    }
+    egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+        let mut wish = None;
+        table(ui, state, &mut wish);
+        match wish {
+            Some(Wish::Open(number)) => open(state, number),
+            Some(Wish::Delete(number)) => {
+                state.snapshots.delete(number);
+                state.comparison.thumbnails.remove(&number);
+            }
+            None => {}
+        }
+        ui.separator();
+        pair(ui, state);
+        ui.separator();
+        scatter(ui, &state.snapshots);
+    });
+}
+
+fn open(state: &mut State, number: u64) {
+    let Some(snapshot) = state.snapshots.get(number) else { return };
+    let command = Command::ReplaceDesign { name: snapshot.name.clone(), design: snapshot.design.clone() };
+    state.send(&command);
+    let revision = state.bench.revision();
+    if let Some(snapshot) = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number) {
+        snapshot.is_open_as(revision);
+    }
+}
+
+/// One row per design.
+fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
+    let mut has_drawn = false;
+    let State { snapshots, comparison, palettes, .. } = state;
+    let scenes: Vec<String> = snapshots.scenes().into_iter().map(String::from).collect();
+    egui::Grid::new("designs").num_columns(9).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
+        for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
+            ui.weak(title);
+        }
+        if scenes.len() > 1 {
+            ui.weak("Scene").on_hover_text("Numbers before different scenes are not comparable");
+        }
+        ui.end_row();
+        let seen = ui.clip_rect().expand(SPACING.y + THUMBNAIL);
+        for snapshot in &mut snapshots.entries {
+            let top = ui.cursor().top();
+            if top > seen.bottom() || top + THUMBNAIL < seen.top() {
+                // Hundreds of rows that nobody sees would take longer than all the rest.
+                ui.allocate_space(Vec2::splat(THUMBNAIL));
+                ui.end_row();
+                continue;
+            }
+            if !has_drawn && snapshot.draw() {
+                has_drawn = true;
+                ui.ctx().request_repaint();
+            }
+            let number = snapshot.number;
+            thumbnail(ui, comparison, palettes, snapshot);
+            for (side, letter) in ["A", "B"].into_iter().enumerate() {
+                let chosen = comparison.pair[side] == Some(number);
+                let response = ui.radio(chosen, "");
+                name_widget(&response, &format!("{letter} is snapshot {number}"));
+                if response.clicked() {
+                    comparison.pair[side] = (!chosen).then_some(number);
+                    comparison.tries_again = true;
+                }
+            }
+            let mut name = snapshot.name.clone();
+            let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut name));
+            name_widget(&response, &format!("Name of snapshot {number}"));
+            if response.changed() {
+                snapshot.rename(name);
+            }
+            let text = egui::RichText::new(information(snapshot)).size(11.0);
+            ui.label(text).on_hover_text(bounds(snapshot));
+            ui.label(snapshot.numbers.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
+            let lenslets = snapshot.design.encoder.lenslets();
+            ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
+                .on_hover_text(format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects));
+            let more = ui.menu_button("...", |ui| {
+                for (text, act) in [("Open", Wish::Open(number)), ("Delete", Wish::Delete(number))] {
+                    if ui.button(text).clicked() {
+                        *wish = Some(act);
+                        ui.close();
+                    }
+                }
+            });
+            name_widget(&more.response, &format!("More of snapshot {number}"));
+            if scenes.len() > 1 {
+                ui.label(letter_of(&scenes, &snapshot.scene)).on_hover_text(&snapshot.scene);
+            }
+            ui.end_row();
+        }
+    });
+}
+
+/// What a scene is called: a letter while there are enough.
+fn letter_of(scenes: &[impl AsRef<str>], scene: &str) -> String {
+    let place = scenes.iter().position(|known| known.as_ref() == scene).unwrap_or_default();
+    ('a'..='z').nth(place).map_or_else(|| (place + 1).to_string(), String::from)
+}
+
+/// What is known of a design's information, in a few characters: a line for each side.
+fn information(snapshot: &Snapshot) -> String {
+    let bound = |sign: char, bound: Bits| match bound.half_width() {
+        0.0 => format!("{sign} {:.3}", bound.bits),
+        half => format!("{sign} {:.3} \u{b1} {half:.3}", bound.bits),
+    };
+    match (snapshot.numbers.lower, snapshot.upper()) {
+        (Some(lower), Some(upper)) => format!("{}\n{}", bound('\u{2265}', lower), bound('\u{2264}', upper)),
+        (None, Some(upper)) => bound('\u{2264}', upper),
+        (_, None) => snapshot.numbers.gaussian.map_or("-".into(), |approximation| bound('\u{2248}', approximation)),
+    }
+}
+
+/// Every bound of a design.
+fn bounds(snapshot: &Snapshot) -> String {
+    let line = |what: &str, Bits { bits, interval_95 }: Bits| format!("{what} {}", with_decimals(bits, interval_95, 4));
+    let (mut lines, numbers) = (Vec::new(), &snapshot.numbers);
+    lines.extend(numbers.lower.map(|bound| line("At least", bound)));
+    lines.extend(numbers.sampled.map(|bound| line("By posterior sampling at most", bound)));
+    if let Some([lower, upper]) = numbers.bracket {
+        lines.push(format!("{}, {}", line("Bracket from", lower), line("to", upper)));
+    }
+    lines.extend(numbers.fitted.map(|bound| line("By an estimate at most", bound)));
+    if let Some((live, settled)) = numbers.live {
+        let state = if settled { "" } else { ", not settled" };
+        lines.push(line("Density model", live) + state);
+    }
+    let gaussian = if snapshot.gaussian_is_bound() { "Gaussian bound" } else { "Gaussian approximation" };
+    lines.extend(numbers.gaussian.map(|bits| line(gaussian, bits)));
+    lines.extend(numbers.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
+    format!("{}\nbits per pixel, 32 x 32 px patches", lines.join("\n"))
+}
+
+fn thumbnail(
+    ui: &mut Ui,
+    comparison: &mut Comparison,
+    palettes: &crate::studio::canvas::image_view::Palettes,
+    snapshot: &Snapshot,
+) {
+    let Some(optics) = &snapshot.optics else {
+        ui.allocate_exact_size(Vec2::splat(THUMBNAIL), Sense::hover());
+        return;
+    };
+    let texture = comparison.thumbnails.entry(snapshot.number).or_insert_with(|| {
+        let image = &optics.image;
+        let peak = image.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let palette = palettes.of(Colormap::Viridis);
+        let pixels = image.iter().map(|&value| palette[Colormap::index(value, (0.0, peak))]).collect();
+        let picture = ColorImage::new([image.ncols(), image.nrows()], pixels);
+        ui.ctx().load_texture(format!("snapshot {}", snapshot.number), picture, TextureOptions::NEAREST)
+    });
+    let image = egui::Image::new((texture.id(), texture.size_vec2())).fit_to_exact_size(Vec2::splat(THUMBNAIL));
+    ui.add(image.alt_text(format!("PSF of {}", snapshot.name)));
+}
+
+/// One picture that flips between two designs, or their difference.
+fn pair(ui: &mut Ui, state: &mut State) {
+    if state.comparison.what == What::Measurement {
+        measure(state);
+    }
+    let State { snapshots, comparison, palettes, hover, .. } = state;
+    let [Some(a), Some(b)] = comparison.pair.map(|number| snapshots.get(number?)) else {
+        ui.weak("Choose A and B to compare their pictures.");
+        return;
+    };
+    ui.horizontal(|ui| {
+        for (side, text) in [(Side::A, a.name.as_str()), (Side::B, b.name.as_str()), (Side::Difference, "A - B")] {
+            let response = ui.selectable_label(comparison.side == side, text);
+            let name = match side {
+                Side::A => "Show A",
+                Side::B => "Show B",
+                Side::Difference => "Show difference",
+            };
+            name_widget(&response, name);
+            if response.clicked() {
+                comparison.side = side;
+            }
+        }
+        if ui.button("Flip").on_hover_text("From A to B and back").clicked() {
+            comparison.side = if comparison.side == Side::A { Side::B } else { Side::A };
+        }
+    });
+    toolbar(ui, |ui| {
+        for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
+            let response = ui.selectable_label(comparison.what == what, text);
+            name_widget(&response, &format!("Compare {text}"));
+            comparison.tries_again |= response.clicked();
+            if response.clicked() && comparison.what != what {
+                comparison.what = what;
+                // Levels of one quantity mean nothing for another.
+                comparison.picture.forget_levels();
+                comparison.difference.forget_levels();
+            }
+        }
+        let shown =
+            if comparison.side == Side::Difference { &mut comparison.difference } else { &mut comparison.picture };
+        shown.colour_controls(ui, palettes);
+    });
+    let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
+        let reason = [a, b].into_iter().find_map(|snapshot| snapshot.measurement.as_ref()?.as_ref().err());
+        ui.weak(reason.map_or("Measuring", String::as_str));
+        return;
+    };
+    if one.dim() != other.dim() {
+        ui.weak("Their pictures differ in size.");
+        return;
+    }
+    let what = comparison.what as u64;
+    let version = (a.number << 34 | b.number << 4 | what, comparison.side as usize);
+    let extent = |image: &Array2<f32>| {
+        let finite = image.iter().copied().filter(|value| value.is_finite());
+        finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+    };
+    // All three are views of one place.
+    let viewport = comparison.viewport;
+    let (view, image) = match comparison.side {
+        Side::Difference => {
+            let image = one - other;
+            let (low, high) = extent(&image);
+            let most = high.max(-low).max(f32::MIN_POSITIVE);
+            comparison.difference.fix_limits((-most, most));
+            (&mut comparison.difference, CowArray::from(image))
+        }
+        side => {
+            // Both in the same colours, so that a flip shows differences and nothing else.
+            let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
+            comparison.picture.fix_limits((low_a.min(low_b), high_a.max(high_b)));
+            (&mut comparison.picture, CowArray::from(if side == Side::A { one } else { other }))
+        }
+    };
+    let side = ui.available_width().clamp(120.0, 340.0);
+    ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
+        view.viewport = viewport;
+        let shown = view.show(ui, palettes, image.view(), version, false, Hand::Looks);
+        if let Some(position) = shown.response.hover_pos() {
+            *hover = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
+        }
+    });
+    comparison.viewport = view.viewport;
+}
+
+/// Asks for the measurements of the pair that are not known, as those of another day are not.
+fn measure(state: &mut State) {
+    let tries_again = std::mem::take(&mut state.comparison.tries_again);
+    for number in state.comparison.pair.into_iter().flatten() {
+        let snapshot = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number);
+        let Some(snapshot) = snapshot else { continue };
+        if tries_again {
+            snapshot.forget_failed_measurement();
+        }
+        if snapshot.wants_measurement() {
+            let (name, design) = (snapshot.name.clone(), snapshot.design.clone());
+            state.bench.submit(Job::MeasureSnapshot { number, name, design });
+        }
+    }
+}
+
+fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
+    match what {
+        What::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
+        What::Measurement => snapshot.measurement.as_ref()?.as_ref().ok(),
+        What::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
+    }
+}
+
+/// Information against Tamura coefficient.
+fn scatter(ui: &mut Ui, all: &Snapshots) {
+    let (snapshots, scenes) = (&all.entries, all.scenes());
+    let points = |value: &dyn Fn(&Snapshot) -> Option<f64>| -> PlotPoints<'static> {
+        snapshots.iter().filter_map(|snapshot| Some([snapshot.numbers.tamura?, value(snapshot)?])).collect()
+    };
+    Plot::new("Information against Tamura")
+        .height(190.0)
+        .include_y(0.0)
+        .include_x(0.65)
+        .include_x(0.95)
+        .allow_scroll(false)
+        .x_axis_label("sensor Tamura coefficient")
+        .y_axis_label("bits per pixel")
+        .show(ui, |plot| {
+            plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
+            for (name, is_bound) in [("Gaussian bound", true), ("Gaussian approximation", false)] {
+                let of = points(&|s| Some(s.numbers.gaussian.filter(|_| s.gaussian_is_bound() == is_bound)?.bits));
+                plot.points(Points::new(name, of).color(GAUSSIAN).radius(2.5));
+            }
+            plot.points(
+                Points::new("density model", points(&|s| Some(s.numbers.live?.0.bits))).color(DENSITY).radius(3.5),
+            );
+            for snapshot in snapshots {
+                let SnapshotNumbers { tamura: Some(tamura), lower, live, gaussian, .. } = snapshot.numbers else {
+                    continue;
+                };
+                if let (Some(lower), Some(upper)) = (lower, snapshot.upper()) {
+                    let ends: PlotPoints<'_> = vec![[tamura, lower.bits], [tamura, upper.bits]].into();
+                    plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(CEILING).width(3.0));
+                }
+                if let Some(Bits { bits, .. }) = live.map(|live| live.0).or(gaussian) {
+                    let text = if scenes.len() > 1 {
+                        format!("{} ({})", snapshot.name, letter_of(&scenes, &snapshot.scene))
+                    } else {
+                        snapshot.name.clone()
+                    };
+                    let name = Text::new(snapshot.name.clone(), PlotPoint::new(tamura, bits), text);
+                    plot.text(name.anchor(egui::Align2::LEFT_BOTTOM));
+                }
+            }
+        });
+}
+
+impl State {
+    /// Puts the open design aside.
+    pub fn keep_snapshot(&mut self) {
+        let open = (self.bench.design(), self.bench.revision());
+        match self.snapshots.keep(open, &self.live, &self.estimates) {
+            Ok(()) => {
+                let Some(last) = self.snapshots.entries.last() else { return };
+                // The first two can be compared at once.
+                let free = self.comparison.pair.iter_mut().find(|number| number.is_none());
+                if let Some(free) = free {
+                    *free = Some(last.number);
+                }
+                self.messages.push(Severity::Done, format!("Kept as {}", last.name));
+            }
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
+    }
+}

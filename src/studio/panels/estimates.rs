@@ -1,0 +1,319 @@
+//! Estimates that take minutes: what to compute, how its fit goes, and what came of it.
+
+use egui::{ComboBox, ProgressBar, Ui};
+use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
+
+use crate::information::{EngineChoice, Estimate, Estimator, Protocol, between, rounded, with_interval};
+use crate::plural::counted;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::camera_form::{self, ImagesForm};
+use crate::studio::panels::fit_length::FitLengthForm;
+use crate::studio::panels::information::{DENSITY, LOWER};
+use crate::studio::panels::messages::Severity;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::number_field::NumberField;
+use crate::workbench::{
+    Calibration, Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,
+    estimate_command, images_command,
+};
+
+/// What a copied command is good for.
+const COPY_HINT: &str = "The command line that computes this number again, with the whole design in it";
+
+/// How a PixelCNN can be fitted and scored, and what its number is then.
+const PROTOCOLS: [(Protocol, &str); 2] = [
+    (Protocol::Default, "Fresh noise, no scene both in training and in test, exact noise entropy: an upper bound"),
+    (
+        Protocol::Paper,
+        "As published: patches of the same scenes in training and test, approximate noise entropy. To compare with published \
+         values; no bound",
+    ),
+];
+
+/// What the form asks for.
+pub struct EstimateForm {
+    kind: Estimator,
+    length: FitLengthForm,
+    whole_sensor: bool,
+    /// Repetitions of a fit, of which the smallest counts; a bracket has one.
+    trials: usize,
+    /// How a PixelCNN is fitted and scored; the others know one way.
+    protocol: Protocol,
+    /// Images of a camera that may be estimated instead.
+    pub images: ImagesForm,
+    /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
+    chosen: Option<usize>,
+}
+
+impl Default for EstimateForm {
+    fn default() -> Self {
+        let kind = Estimator::Bracket;
+        let (length, images) = (FitLengthForm::usual(kind), ImagesForm::default());
+        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, images, chosen: None }
+    }
+}
+
+impl EstimateForm {
+    /// Those that are fitted; the Gaussian bound follows every edit anyway.
+    const KINDS: [(Estimator, &'static str, &'static str); 3] = [
+        (
+            Estimator::Bracket,
+            "Bracket",
+            "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below, posterior sampling on either side",
+        ),
+        (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
+        (Estimator::PixelCnn, "PixelCNN", "The published density model"),
+    ];
+
+    fn request(&self, engine: EngineChoice) -> EstimateRequest {
+        let request = self.request_of(self.length.model(self.kind, engine));
+        match self.kind {
+            Estimator::PixelCnn => EstimateRequest { trials: self.trials, protocol: self.protocol, ..request },
+            Estimator::Full => EstimateRequest { trials: self.trials, ..request },
+            _ => request,
+        }
+    }
+
+    /// What is asked of a fit of this model, for the patch that was chosen.
+    pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
+        EstimateRequest {
+            model,
+            protocol: Protocol::Default,
+            patch: if self.whole_sensor { None } else { Some((32, 32)) },
+            patches_train: 10_000,
+            patches_test: 1_500,
+            fresh: false,
+            trials: 1,
+            keep: None,
+            weights: WeightsFiles::default(),
+        }
+    }
+}
+
+/// Shows the panel.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    order(ui, state);
+    // All of it scrolls: beside a fit that goes on there is little room in a low window.
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        camera_form::show(ui, state);
+        ui.separator();
+        results(ui, state);
+    });
+}
+
+/// The estimate that is computed, and those that are finished.
+fn results(ui: &mut Ui, state: &mut State) {
+    let running = state.estimates.running.clone();
+    let finished = state.estimates.finished.clone();
+    if let Some(running) = &running {
+        let progress = &running.progress;
+        let share = progress.done as f32 / progress.total.max(1) as f32;
+        ui.label(format!("{}: {}", running.model.estimator(), progress.step));
+        ui.add(ProgressBar::new(share).desired_height(8.0));
+        ui.push_id("running", |ui| fit_plot(ui, &running.curve, 150.0));
+    }
+    if state.estimates.gone.is_some() {
+        let back = ui.small_button("Bring back the deleted estimate");
+        if back.on_hover_text("Until the window is closed").clicked() {
+            state.bench.bring_back_estimate();
+            state.estimate_form.chosen = None;
+        }
+    }
+    if finished.is_empty() && running.is_none() {
+        ui.weak("An estimate runs beside your work: edit on, its result keeps the design it belongs to.");
+        return;
+    }
+    for (index, result) in finished.iter().enumerate().rev() {
+        entry(ui, state, index, result);
+    }
+    // Beside one that is computed the newest is not of interest by itself.
+    let newest = finished.last().filter(|_| running.is_none());
+    let shown = state.estimate_form.chosen.and_then(|index| finished.get(index)).or(newest);
+    if let Some(shown) = shown.filter(|shown| !shown.value.curve.is_empty()) {
+        fit_plot(ui, &shown.value.curve, 170.0);
+    }
+}
+
+/// Estimator, patch, time, and the button.
+fn order(ui: &mut Ui, state: &mut State) {
+    let running = state.estimates.running.is_some();
+    ui.horizontal_wrapped(|ui| {
+        let form = &mut state.estimate_form;
+        let known = EstimateForm::KINDS.iter().find(|(kind, ..)| *kind == form.kind);
+        let response = ComboBox::from_id_salt("estimator")
+            .selected_text(known.map_or("", |(_, name, ..)| name))
+            .width(84.0)
+            .show_ui(ui, |ui| {
+                for (kind, name, hint) in EstimateForm::KINDS {
+                    if ui.selectable_value(&mut form.kind, kind, name).on_hover_text(hint).clicked() {
+                        form.length.turn_to(kind);
+                    }
+                }
+            })
+            .response;
+        name_widget(&response, "Estimator");
+        let response = ComboBox::from_id_salt("patch")
+            .selected_text(if form.whole_sensor { "Whole sensor" } else { "32 x 32 px" })
+            .width(96.0)
+            .show_ui(ui, |ui| {
+                ui.selectable_value(&mut form.whole_sensor, false, "32 x 32 px");
+                ui.selectable_value(&mut form.whole_sensor, true, "Whole sensor").on_hover_text(
+                    "Patches count copies of one object point again, each in a patch of its own; the whole measurement does not",
+                );
+            })
+            .response;
+        name_widget(&response, "Patch");
+        if form.kind == Estimator::PixelCnn {
+            let response = ComboBox::from_id_salt("protocol")
+                .selected_text(format!("{} protocol", form.protocol))
+                .width(104.0)
+                .show_ui(ui, |ui| {
+                    for (protocol, hint) in PROTOCOLS {
+                        ui.selectable_value(&mut form.protocol, protocol, format!("{protocol} protocol"))
+                            .on_hover_text(hint);
+                    }
+                })
+                .response;
+            name_widget(&response, "Protocol");
+        }
+        if form.kind != Estimator::Bracket {
+            let field = NumberField::whole("Trials", 1..=100).counting(" trial", " trials");
+            let trials = field.edit_whole(ui, &mut form.trials);
+            trials.on_hover_text("Fits with seeds of their own, one after the other: the smallest counts, the spread is told");
+        }
+        form.length.show(ui, form.kind, "of the fit");
+        let start = ui.button("Start estimate");
+        if start.on_hover_text("Where one is computed already, this one comes after it").clicked() {
+            let request = state.estimate_form.request(state.preferences.engine);
+            if let Err(refusal) = state.bench.order_estimate(request) {
+                state.messages.push(Severity::Failure, refusal);
+            }
+        }
+        if running && ui.button("Cancel estimate").clicked() {
+            state.bench.cancel_estimate();
+        }
+    });
+}
+
+/// One finished estimate.
+fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<FinishedEstimate>) {
+    let current = result.value.is_of(state.bench.design(), &state.live);
+    let estimate = &result.value.estimate;
+    ui.group(|ui| {
+        ui.set_width(ui.available_width());
+        ui.horizontal_wrapped(|ui| {
+            let text = egui::RichText::new(summary(estimate)).strong();
+            let response = ui.selectable_label(state.estimate_form.chosen == Some(index), text);
+            name_widget(&response, &format!("Estimate {}", index + 1));
+            if response.on_hover_text("Shows the curve of its fit").clicked() {
+                state.estimate_form.chosen = Some(index);
+            }
+        });
+        let [rows, cols] = estimate.patch;
+        let measured = result.value.order.measured.as_ref();
+        let age = match (result.value.is_of_this_version(), current || measured.is_some()) {
+            (false, _) => ", by another version of the program",
+            (true, false) => ", of another design",
+            (true, true) => "",
+        };
+        let minutes = estimate.seconds / 60.0;
+        let of = if measured.is_some() { &estimate.objects } else { &estimate.encoder };
+        let trials = match estimate.trials {
+            1 => String::new(),
+            trials => format!(", smallest of {}, spread {}", counted(trials, "trial"), rounded(estimate.trial_spread)),
+        };
+        let noise = estimate.noise;
+        ui.weak(format!("{of}, {noise} noise, patch {rows} x {cols} px, {minutes:.1} min{trials}{age}"));
+        if let Some(Calibration { gain, offset, bin }) = measured.map(|measured| measured.calibration) {
+            ui.weak(format!("gain {gain}, offset {offset}, bin {bin}"));
+        }
+        if estimate.above_ceiling() {
+            ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
+        }
+        ui.horizontal_wrapped(|ui| {
+            let copy = ui.small_button("Copy JSON");
+            name_widget(&copy, &format!("Copy estimate {}", index + 1));
+            if copy.clicked()
+                && let Ok(json) = serde_json::to_string_pretty(estimate)
+            {
+                state.copy(ui.ctx(), json, "The estimate is");
+            }
+            let command = ui.small_button("Copy command");
+            name_widget(&command, &format!("Copy command of estimate {}", index + 1));
+            if command.on_hover_text(COPY_HINT).clicked() {
+                let order = &result.value.order;
+                let command = match &order.measured {
+                    Some(measured) => Ok(images_command(measured, &order.request, &order.design)),
+                    None => estimate_command(&order.design, &order.request),
+                };
+                state.copy_command(ui.ctx(), command);
+            }
+            let export = ui.small_button("Curve CSV...");
+            name_widget(&export, &format!("Export curve of estimate {}", index + 1));
+            if export.clicked() {
+                let curve = columns(&result.value.curve);
+                state.dialogs.ask(Purpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
+            }
+            let delete = ui.small_button("Delete").on_hover_text("Forgets this estimate when the window is closed");
+            name_widget(&delete, &format!("Delete estimate {}", index + 1));
+            if delete.clicked() {
+                state.bench.delete_estimate(&result.value);
+                state.estimate_form.chosen = None;
+            }
+        });
+        // Below the buttons, which so stay in reach beside an estimate of many notes.
+        for note in &estimate.notes {
+            ui.weak(format!("note: {note}"));
+        }
+    });
+}
+
+/// The number of an estimate in one line.
+fn summary(estimate: &Estimate) -> String {
+    let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
+    match (estimate.lower(), estimate.protocol) {
+        (Some(lower), _) => format!("{} bits per pixel ({from})", between(lower, bits)),
+        (None, protocol) => {
+            let sign = if protocol == Protocol::Paper { "\u{2248}" } else { "\u{2264}" };
+            format!("{sign} {} bits per pixel ({from})", with_interval(bits, estimate.interval_95))
+        }
+    }
+}
+
+/// How the fits went: a density model's cross-entropy falls, what a decoder saves rises.
+fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
+    for (model, name, colour) in
+        [(FittedModel::Density, "H(Y) of the fit", DENSITY), (FittedModel::Decoder, "saved by the decoder", LOWER)]
+    {
+        let points: Vec<[f64; 2]> =
+            curve.iter().filter(|point| point.model == model).map(|point| [point.seconds, point.bits]).collect();
+        if points.len() < 2 {
+            continue;
+        }
+        // The first steps are off the scale of all that follow.
+        let late = &points[points.len() / 10..];
+        Plot::new(("fit", name))
+            .height(height)
+            .legend(Legend::default().position(Corner::RightTop))
+            .include_x(0.0)
+            .allow_scroll(false)
+            .x_axis_label("seconds")
+            .y_axis_label("bits per pixel")
+            .show(ui, |plot| {
+                plot.line(Line::new(name, PlotPoints::from(late.to_vec())).color(colour).width(2.0));
+            });
+    }
+}
+
+fn columns(curve: &[FitPoint]) -> Curve {
+    let row = |point: &FitPoint| {
+        let decoder = point.model == FittedModel::Decoder;
+        vec![f64::from(u8::from(decoder)), point.seconds, point.bits]
+    };
+    Curve {
+        names: Vec::new(),
+        header: ["decoder", "seconds", "bits_per_pixel"].map(String::from).to_vec(),
+        rows: curve.iter().map(row).collect(),
+    }
+}

@@ -1,0 +1,56 @@
+//! How past edits fared.
+
+use egui::Ui;
+use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
+
+use crate::studio::canvas::image_view::{name_widget, placeholder, toolbar};
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::edit_history::TrailPoint;
+use crate::studio::panels::information::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::state::app_state::State;
+
+use crate::plural::counted;
+
+/// Shows the bounds after each edit.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    toolbar(ui, |ui| {
+        ui.weak(counted(state.trail.points.len(), "design"));
+        let export = ui.small_button("Export CSV...");
+        name_widget(&export, "Export history as CSV");
+        if export.clicked() {
+            let curve = state.trail.curve();
+            state.dialogs.ask(Purpose::ExportCurve { curve, name: "information.csv" }, state.bench.path());
+        }
+    });
+    if state.trail.points.is_empty() {
+        placeholder(ui, "The bounds of every edit will be drawn here.");
+        return;
+    }
+    Plot::new("Information of past edits")
+        .legend(Legend::default().position(Corner::LeftBottom))
+        .include_y(0.0)
+        .allow_scroll(false)
+        .x_axis_label("edit")
+        .y_axis_label("bits per pixel")
+        .show(ui, |plot| {
+            let mut first = 0;
+            // A gap where the scene or the sensor changed: numbers on its two sides are not comparable.
+            for run in state.trail.runs() {
+                let line = |value: &dyn Fn(&TrailPoint) -> Option<f64>| -> PlotPoints<'static> {
+                    let points = run.iter().enumerate();
+                    points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
+                };
+                let is_bound = run.iter().all(|point| point.gaussian_is_bound);
+                let gaussian = if is_bound { "Gaussian bound" } else { "Gaussian approximation" };
+                for (name, colour, value) in [
+                    (gaussian, GAUSSIAN, &(|point: &TrailPoint| Some(point.gaussian)) as &dyn Fn(&_) -> _),
+                    ("ceiling", CEILING, &|point: &TrailPoint| point.ceiling),
+                    ("density model", DENSITY, &|point: &TrailPoint| point.live),
+                ] {
+                    plot.line(Line::new(name, line(value)).color(colour).width(2.0));
+                    plot.points(Points::new(name, line(value)).color(colour).radius(2.5));
+                }
+                first += run.len();
+            }
+        });
+}

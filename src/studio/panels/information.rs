@@ -1,0 +1,411 @@
+//! Information and sparsity: what the design's numbers are and what they rest on.
+
+use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
+
+use serde_json::json;
+
+use crate::information::{Bracket, NUMBERS_VERSION, NamedBound, PairedDifference, between, rounded, with_interval};
+use crate::studio::app::actions::Action;
+use crate::studio::app::menus;
+use crate::studio::canvas::image_view::{name_widget, placeholder, significant};
+use crate::studio::panels::bound_summary::Known;
+use crate::studio::panels::messages::Severity;
+use crate::studio::panels::tamura_gauge;
+use crate::studio::state::app_state::State;
+use crate::workbench::{RunBounds, RunStatus};
+
+/// Colour of the Gaussian bound.
+pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
+/// Colour of the ceiling.
+pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
+/// Colour of density models.
+pub const DENSITY: Color32 = Color32::from_rgb(196, 122, 232);
+/// Colour of finished estimates by one density model.
+pub const FITTED: Color32 = Color32::from_rgb(214, 190, 86);
+/// Colour of upper bounds by posterior sampling.
+pub const SAMPLED: Color32 = Color32::from_rgb(226, 92, 118);
+/// Colour of lower bounds.
+pub const LOWER: Color32 = Color32::from_rgb(64, 176, 112);
+
+/// Least room for a value in the table, points.
+const LEAST_VALUE: f32 = 80.0;
+
+/// Shows the panel.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let failure = state.failure().map(str::to_owned);
+    if let Some(failure) = &failure {
+        ui.colored_label(ui.visuals().error_fg_color, failure);
+        ui.add_space(4.0);
+    }
+    let Some(information) = state.live.information.clone() else {
+        if failure.is_none() {
+            placeholder(ui, "Computing");
+        }
+        return;
+    };
+    let known = Known::of(state, &information.value, information.revision);
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        headline(ui, state, &known);
+        bound_bar(ui, &known);
+        details(ui, state, &known);
+        warning(ui, &known);
+        ui.add_space(4.0);
+        ui.separator();
+        tamura_gauge::show(ui, state);
+    });
+}
+
+/// What can be taken from the numbers.
+fn more(ui: &mut Ui, state: &mut State) {
+    let more = ui.menu_button("...", |ui| {
+        for action in [Action::CopyNumbers, Action::CopyCommand, Action::ExportLive] {
+            menus::entry(ui, state, action);
+        }
+    });
+    let hint = "Copy all numbers with their intervals; copy the command line that computes them again, for which a record of \
+                the live estimate is kept; or write that record to a place of your own. A bracket has a command of its own \
+                (Estimates)";
+    name_widget(&more.response.on_hover_text(hint), "More of the numbers");
+}
+
+/// Puts all numbers of the open design into the clipboard.
+pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
+    let Some(information) = state.live.information.clone() else {
+        state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
+        return;
+    };
+    let mut known = Known::of(state, &information.value, information.revision);
+    known.run.take_if(|run| !run.is_of_mask);
+    known.run_of_sensor.take_if(|run| !run.is_of_mask);
+    let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
+        json!({
+            "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
+            "settled": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
+        })
+    });
+    let (upper, upper_from) = known.upper_bound().unzip();
+    let design = state.bench.design();
+    let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
+    let numbers = json!({
+        "format": "lenslet-studio/numbers",
+        "format_version": 1,
+        "program_version": NUMBERS_VERSION,
+        "encoder": design.encoder.describe(),
+        "design": &**design,
+        "current": known.current,
+        "patch": known.bounds.patch,
+        "upper": upper,
+        "upper_from": upper_from,
+        "lower": known.lower(),
+        "posterior_sampling": known.sampling().and_then(|live| live.upper.clone()),
+        "gaussian_bound": known.gaussian(),
+        "gaussian_is_bound": known.bounds.gaussian_is_bound,
+        "gaussian_interval_95": known.bounds.interval_95,
+        "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
+        "ceiling": known.bounds.ceiling_bits(),
+        "live_estimate": live,
+        "last_edit": known.sampling().and_then(|live| live.edit),
+        "bracket": known.bracket,
+        "fitted": known.fitted,
+        "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
+        "sensor_of_run": known.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
+        "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
+        "object_tamura": scene.map(|scene| scene.value.tamura.mean),
+    });
+    state.copy(ctx, format!("{numbers:#}\n"), "The numbers are");
+}
+
+/// Two bounds in bits per pixel as those of a whole measurement.
+fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
+    let (low, high) = Bracket::in_order(lower, upper);
+    format!("{:.0} \u{2013} {:.0}", low * pixels as f64, high * pixels as f64)
+}
+
+/// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
+fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
+    let (upper, from) = known.upper();
+    let (rows, cols) = known.bounds.patch;
+    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor_between().is_none()).and_then(bound_of_run);
+    let (text, name, patch) = match (known.sensor_between(), known.lower()) {
+        _ if let Some((sign, bound)) = &of_sensor => (
+            format!("{sign} {}", rounded(bound.bits_per_pixel)),
+            format!("whole sensor: {}", bound.from),
+            format!("What whole measurements tell; below: {rows} x {cols} px patches"),
+        ),
+        (Some((lower, Bracket { upper, .. }, [rows, cols])), _) => (
+            between(lower, *upper),
+            "whole sensor".to_owned(),
+            format!(
+                "{rows} x {cols} px, {} bits each; below: {} x {} px patches",
+                whole_bits((lower, *upper), rows * cols),
+                known.bounds.patch.0,
+                known.bounds.patch.1
+            ),
+        ),
+        (_, Some(lower)) => (
+            between(lower.bits_per_pixel, upper),
+            both(&lower.from, &from),
+            format!("The information of {rows} x {cols} px patches lies between these bounds."),
+        ),
+        _ if known.upper_bound().is_none() => (
+            format!("\u{2248} {upper:.3}"),
+            from,
+            format!("No bound for {rows} x {cols} px patches: they see some parts of the pictures more often."),
+        ),
+        _ => (
+            format!("\u{2264} {upper:.3}"),
+            from,
+            if known.bounds.ceiling.is_some() {
+                format!("Upper bound for {rows} x {cols} px patches; the live estimate adds the lower one.")
+            } else {
+                format!(
+                    "Upper bound for {rows} x {cols} px patches; what these objects hold is not known, so no lower one is."
+                )
+            },
+        ),
+    };
+    let run = known.run.as_ref().or(known.run_of_sensor.as_ref());
+    let patch = match run {
+        Some(run) if !run.is_of_mask && of_sensor.is_some() => {
+            "Whole measurements; the mask has moved since that step.".to_owned()
+        }
+        Some(run) if !run.is_of_mask => format!("{rows} x {cols} px patches; the mask has moved since that step."),
+        _ => patch,
+    };
+    let text = RichText::new(text).size(28.0);
+    // Masks of a run come so quickly that all numbers are some moments behind.
+    let moving = run.is_some() && state.bench.is_following();
+    let fresh = known.current || moving;
+    let text = if fresh { text.strong() } else { text.weak() };
+    // A number that still changes leans.
+    let goes_on = !is_paused(state) && state.bench.is_live();
+    let changes = goes_on && known.sampling().is_some_and(|live| live.remaining.is_some() || live.bounding);
+    let refining = known.sensor_between().is_none() && changes;
+    let text = if refining || moving { text.italics() } else { text };
+    let name = if fresh { name } else { format!("{name}, of an earlier edit") };
+    ui.horizontal(|ui| {
+        // What is left beside the button in the corner.
+        let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
+        ui.allocate_ui_with_layout(room, egui::Layout::left_to_right(egui::Align::Min).with_main_wrap(true), |ui| {
+            ui.set_min_width(room.x);
+            ui.label(text);
+            ui.vertical(|ui| {
+                ui.add_space(4.0);
+                ui.label("bits per pixel");
+                ui.weak(name);
+            });
+        });
+        more(ui, state);
+    });
+    let from =
+        known.sensor_between().and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
+    let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
+    ui.weak(patch).on_hover_text(format!("Mutual information between scenes and noisy measurements{from}"));
+    ui.add_space(4.0);
+}
+
+/// The bound that a run knows, and on which side of it the information is.
+fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
+    let lower = run.lower.as_ref().map(|lower| ('\u{2265}', lower));
+    lower.or_else(|| Some(('\u{2264}', run.upper.as_ref()?)))
+}
+
+/// The names of the bounds on both sides.
+fn both(below: &str, above: &str) -> String {
+    if below == above { below.to_owned() } else { format!("{below}, {above}") }
+}
+
+/// Says where a number overstates the design; below the numbers, so that they stay where they are.
+fn warning(ui: &mut Ui, known: &Known<'_>) {
+    let Some(ceiling) = known.bounds.ceiling_bits() else { return };
+    let fitted = known.fitted.as_ref().map(|fitted| fitted.bits_per_pixel);
+    let models = known.sampling().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
+    let density = models.into_iter().any(|bits| bits > ceiling);
+    let warning = match (density, known.gaussian() > ceiling) {
+        (true, true) => "Density model and Gaussian lie above what the objects hold at all: do not rank masks by them.",
+        (true, false) => "The density model lies above what the objects hold at all: do not rank masks by it.",
+        (false, true) => "The Gaussian lies above what the objects hold at all: do not rank masks by it.",
+        (false, false) => return,
+    };
+    ui.colored_label(ui.visuals().warn_fg_color, warning);
+}
+
+/// All bounds on one axis that starts at 0; where the truth can be is filled.
+fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
+    let upper = known.upper_bound().map(|(bits, _)| bits);
+    let lower = known.lower().map(|lower| lower.bits_per_pixel);
+    let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
+    marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
+    let density = known.sampling().map(|live| live.bits_per_pixel);
+    let density = density.or_else(|| Some(known.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
+    marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
+    marks.extend(known.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
+    marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
+    let sampled = known.sampling().and_then(|live| live.upper.as_ref());
+    marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
+    let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
+    let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
+    let text = marks.iter().map(|(name, bits, _)| format!("{name} {bits:.3}")).collect::<Vec<_>>().join(", ");
+    let age = if known.current { "" } else { ", of an earlier edit" };
+    let text = format!("{text} bits per pixel{age}");
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Meter, true, &text));
+    let rect = response.rect;
+    let at = |bits: f64| rect.left() + (bits.max(0.0) / end) as f32 * rect.width();
+    let top = rect.top() + 4.0;
+    let bar = |from: f64, to: f64| egui::Rect::from_min_max(pos2(at(from), top), pos2(at(to), top + 12.0));
+    let weak = ui.visuals().weak_text_color();
+    painter.rect_filled(bar(0.0, end), 2.0, ui.visuals().extreme_bg_color);
+    if let Some(upper) = upper {
+        painter.rect_filled(bar(lower.unwrap_or(0.0), upper), 2.0, ui.visuals().selection.bg_fill);
+    }
+    for (_, bits, colour) in &marks {
+        painter.vline(at(*bits), top - 3.0..=top + 15.0, Stroke::new(2.0, *colour));
+    }
+    let font = egui::FontId::proportional(10.0);
+    painter.text(pos2(rect.left(), top + 17.0), egui::Align2::LEFT_TOP, "0", font.clone(), weak);
+    painter.text(pos2(rect.right(), top + 17.0), egui::Align2::RIGHT_TOP, significant(end), font, weak);
+    response.on_hover_text(text);
+}
+
+/// The next round number above `value`.
+fn nice_end(value: f64) -> f64 {
+    let value = value.max(1e-3);
+    let decade = 10_f64.powf(value.log10().floor());
+    [1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0]
+        .into_iter()
+        .map(|step| step * decade)
+        .find(|&end| end >= value)
+        .unwrap_or(value)
+}
+
+fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
+    let bound = &known.bounds.gaussian;
+    // A value that is a sentence wraps where the panel ends, or it would push what lies below out of sight.
+    let end = ui.max_rect().right();
+    egui::Grid::new("information details").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
+        let mut line = |name: &str, value: String, colour: Option<Color32>, hint: &str| {
+            ui.horizontal(|ui| {
+                if let Some(colour) = colour {
+                    let (rect, _) = ui.allocate_exact_size(vec2(8.0, 8.0), Sense::hover());
+                    ui.painter().rect_filled(rect, 2.0, colour);
+                }
+                ui.label(name).on_hover_text(hint);
+            });
+            let room = (end - ui.cursor().left()).max(LEAST_VALUE);
+            let wrap = Some(egui::TextWrapMode::Wrap);
+            let value = egui::WidgetText::from(value).into_galley(ui, wrap, room, egui::TextStyle::Body);
+            ui.label(value).on_hover_text(hint);
+            ui.end_row();
+        };
+        if let Some(edit) = known.sampling().and_then(|live| live.edit) {
+            let PairedDifference { bits_per_pixel, interval_95: [low, high] } = edit;
+            let hint = "By how much more (+) or less the decoder that comes with the program tells of the beads since the last \
+                        edit, of the same scenes seen through both masks: differences show that are smaller than the \
+                        intervals of either number. 95 % interval; Undo goes back to the other mask.";
+            let interval = if low < high { format!(" [{low:+.4}, {high:+.4}]") } else { String::new() };
+            line("Last edit", format!("{bits_per_pixel:+.4}{interval}"), None, hint);
+        }
+        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = known.lower() {
+            let hint = "What a decoder, or following the posterior of the beads, was seen to tell of fresh scenes: the \
+                        information is at least this. At once by the decoder that comes with the program; a bracket \
+                        (Estimates) fits it to this design.";
+            let value = format!("{} {from}", with_interval(bits_per_pixel, interval_95));
+            line("Lower bound", value, Some(LOWER), hint);
+        }
+        if let Some(upper) = known.sampling().and_then(|live| live.upper.as_ref()) {
+            let hint = "Annealed importance sampling from the decoder's guess to the posterior of the beads: the information \
+                        is at most this, however badly the sampling goes; the longer it takes, the tighter.";
+            let value = with_interval(upper.bits_per_pixel, upper.interval_95);
+            line("Posterior sampling", value, Some(SAMPLED), hint);
+        }
+        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = &known.fitted {
+            let hint = "The smallest of the finished estimates (Estimates) of this design by one density model: an upper bound, \
+                        with its 95 % interval.";
+            let value = format!("{} {from}", with_interval(*bits_per_pixel, *interval_95));
+            line("Upper bound", value, Some(FITTED), hint);
+        }
+        if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &known.sensor {
+            let hint = "The smallest of the finished estimates (Estimates) of whole measurements of this design: an upper bound, \
+                        with its 95 % interval. Patches count copies of one object point again; the whole sensor does not.";
+            let value = format!("{} {upper_from}", with_interval(*upper, *upper_interval_95));
+            line("Whole sensor", value, Some(FITTED), hint);
+        }
+        let (value, entropies) = live_line(state, known);
+        line(
+            "Density model",
+            value,
+            Some(DENSITY),
+            "The live estimate: cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % \
+             interval. An upper bound from the first number on, that falls while the model is fitted.",
+        );
+        line(
+            known.bounds.gaussian_name(),
+            with_interval(bound.bits_per_pixel, known.bounds.interval_95),
+            Some(GAUSSIAN),
+            "Entropy of the Gaussian with the measurements' covariance, less the noise entropy; 95 % interval. \
+             It needs no samples but for the noise entropy, and is loose for sparse objects. Where patches see some \
+             parts of the pictures more often than others, as of whole pictures, it is no bound.",
+        );
+        match known.bounds.ceiling_bits() {
+            Some(ceiling) => line(
+                "Ceiling",
+                rounded(ceiling),
+                Some(CEILING),
+                "What the objects hold and this PSF can tell apart one bead at a time: no measurement can carry more.",
+            ),
+            None => line("Ceiling", "unknown".into(), None, "The entropy of these objects is not known."),
+        }
+        line(
+            "Infinite patch",
+            rounded(known.bounds.infinite_patch_bits()),
+            None,
+            "The same Gaussian of an infinitely large sensor (spectral integral)",
+        );
+        let (name, entropy_y, entropy_y_given_x) = entropies;
+        line(
+            "H(Y)  -  H(Y|X)",
+            format!("{entropy_y:.3}  -  {entropy_y_given_x:.3}"),
+            None,
+            &format!("Entropy of measurements under the {name}, and of the noise alone; bits per pixel"),
+        );
+    });
+}
+
+/// Whether live estimates wait for something that goes on.
+fn is_paused(state: &State) -> bool {
+    state.estimates.running.is_some() || state.run.as_ref().is_some_and(|run| run.status == RunStatus::Running)
+}
+
+/// The live estimate and how far it is; entropies of the best model that is at hand.
+fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f64)) {
+    let bound = &known.bounds.gaussian;
+    let gaussian = ("Gaussian model", bound.entropy_y, bound.entropy_y_given_x);
+    let failure = state.estimates.live_failure.as_ref().filter(|(revision, _)| state.is_current(*revision));
+    if let Some((_, failure)) = failure {
+        return (failure.clone(), gaussian);
+    }
+    if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&known.live, &known.run) {
+        let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), upper.from);
+        return (text, gaussian);
+    }
+    let off = !state.bench.is_live();
+    let paused = is_paused(state);
+    match &known.live {
+        None if off => ("off".into(), gaussian),
+        None if paused => ("paused".into(), gaussian),
+        None => ("computing".into(), gaussian),
+        Some((live, current)) => {
+            let stage = match (current, live.remaining) {
+                (false, _) => "of an earlier edit".to_owned(),
+                (true, None) if live.bounding && !off && !paused => "settled; bounds go on".into(),
+                (true, None) => "settled".into(),
+                (true, Some(_)) if off => "switched off".into(),
+                (true, Some(_)) if paused => "paused".into(),
+                (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
+            };
+            let text = format!("{} {stage}", with_interval(live.bits_per_pixel, live.interval_95));
+            let entropies = if *current { ("density model", live.entropy_y, live.entropy_y_given_x) } else { gaussian };
+            (text, entropies)
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Where the information of the shown measurement comes from, laid over it.
+
+use egui::{Color32, ColorImage, Rect, TextureHandle, TextureOptions, Ui};
+
+use crate::studio::canvas::image_view::{Shown, longest_texture, name_widget, significant, thinned};
+use crate::studio::state::app_state::State;
+use crate::workbench::{Closer, CloserKey, Colormap};
+
+/// Opacity of the most telling pixels.
+const MOST_OPAQUE: f32 = 0.85;
+
+/// The overlay.
+#[derive(Default)]
+pub struct InformationOverlay {
+    /// Whether it is wanted.
+    pub shown: bool,
+    texture: Option<TextureHandle>,
+    drawn: Option<(CloserKey, Colormap)>,
+    /// Bits of the most telling pixel.
+    most: f32,
+}
+
+/// The switch.
+pub fn switch(ui: &mut Ui, state: &mut State) {
+    let possible = state.bench.is_live() || state.overlay.shown;
+    let hint = "Lays over the noisy measurement what each pixel adds to what the pixels above and to the left of it have \
+                told, by the model of the live estimate: clear is nothing new";
+    let switch = egui::Checkbox::new(&mut state.overlay.shown, "Information");
+    let response = ui.add_enabled(possible, switch).on_hover_text(hint);
+    let response = response.on_disabled_hover_text("The live estimate is switched off (View, Keep estimating)");
+    name_widget(&response, "Information over the measurement");
+    if state.overlay.shown && state.overlay.drawn.is_some() {
+        ui.weak(format!("to {} bits", significant(f64::from(state.overlay.most))));
+    } else if state.overlay.shown {
+        let asked = state.closer_asked.filter(|key| key.steps.is_some());
+        let none = state.live.closer.as_ref().is_some_and(|closer| Some(closer.key) == asked && closer.map.is_none());
+        let text = match state.live_estimate() {
+            _ if none => "this measurement is too large for a map",
+            Some(_) => "computing",
+            None => "waits for the live estimate",
+        };
+        ui.weak(text);
+    }
+}
+
+/// Lays the map over the measurement that was drawn, and adds the bits under the pointer to the status bar.
+pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) {
+    let current = |key: &CloserKey| key.sample == state.sample && state.is_current(key.revision);
+    let map = closer.filter(|closer| state.overlay.shown && current(&closer.key));
+    let Some((key, map)) = map.and_then(|closer| Some((closer.key, closer.map.as_ref()?))) else {
+        state.overlay.drawn = None;
+        return;
+    };
+    let colormap = state.views.information.colormap;
+    let overlay = &mut state.overlay;
+    if overlay.drawn != Some((key, colormap)) {
+        overlay.drawn = Some((key, colormap));
+        overlay.most = map.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let palette = state.palettes.of(colormap);
+        let colour = |&bits: &f32| {
+            let [r, g, b, _] = palette[Colormap::index(bits, (0.0, overlay.most))].to_array();
+            let share = (bits / overlay.most).clamp(0.0, 1.0).sqrt();
+            Color32::from_rgba_unmultiplied(r, g, b, (255.0 * MOST_OPAQUE * share) as u8)
+        };
+        let map = thinned(map.view(), longest_texture(ui.ctx()));
+        let picture = ColorImage::new([map.ncols(), map.nrows()], map.iter().map(colour).collect());
+        match &mut overlay.texture {
+            Some(texture) => texture.set(picture, TextureOptions::NEAREST),
+            None => overlay.texture = Some(ui.ctx().load_texture("information", picture, TextureOptions::NEAREST)),
+        }
+    }
+    if let Some(texture) = &overlay.texture {
+        let whole = shown.placement.rect;
+        let part = |position: egui::Pos2| ((position - whole.min) / whole.size()).to_pos2();
+        let uv = Rect::from_min_max(part(shown.seen.min), part(shown.seen.max));
+        ui.painter_at(shown.seen).image(texture.id(), shown.seen, uv, Color32::WHITE);
+    }
+    let bits = |(x, y): (f64, f64)| map.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)).copied();
+    let pointer = shown.response.hover_pos().map(|position| shown.placement.to_pixels(position));
+    if let (Some(bits), Some(hover)) = (pointer.and_then(bits), &mut state.hover) {
+        *hover = format!("{hover}, tells {} bits", significant(f64::from(bits)));
+    }
+    ui.ctx().accesskit_node_builder(shown.response.id, |node| {
+        node.set_description(format!("information over it, to {} bits", significant(f64::from(overlay.most))));
+    });
+}

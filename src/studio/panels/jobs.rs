@@ -1,0 +1,125 @@
+//! What the program does beside the edits, with its progress, what it told, and a button that stops it.
+
+use egui::{ProgressBar, RichText, ScrollArea, Ui};
+
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::state::app_state::State;
+use crate::workbench::{Activity, ActivityState, spoken};
+
+/// Height of a bar that tells how far something is, points.
+const BAR: f32 = 16.0;
+
+/// The window.
+#[derive(Default)]
+pub struct JobsWindow {
+    /// Whether it is open.
+    pub open: bool,
+}
+
+/// Draws the window where it is open.
+pub fn show(ctx: &egui::Context, state: &mut State) {
+    let mut open = state.jobs.open;
+    // Beside the rooms from which jobs are started, not over them.
+    let corner = ctx.content_rect().center_bottom() - egui::vec2(0.0, 36.0);
+    let window = egui::Window::new("Jobs").open(&mut open).default_size([440.0, 320.0]);
+    window.pivot(egui::Align2::CENTER_BOTTOM).default_pos(corner).show(ctx, |ui| {
+        let all = state.bench.activities();
+        if all.is_empty() {
+            ui.weak("Nothing has been asked for yet. Estimates, runs, and files that are read or written stand here.");
+        }
+        ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            for activity in all.iter().rev() {
+                entry(ui, state, activity);
+                ui.separator();
+            }
+        });
+    });
+    state.jobs.open = open;
+}
+
+/// One job.
+fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
+    let number = activity.number;
+    ui.horizontal(|ui| {
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if activity.can_stop() {
+                let stop = ui.small_button("Stop");
+                name_widget(&stop, &format!("Stop job {number}"));
+                if stop.clicked() {
+                    state.bench.stop(activity);
+                }
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                ui.add(egui::Label::new(RichText::new(&activity.name).strong()).truncate());
+            });
+        });
+    });
+    let time = spoken(activity.time());
+    match &activity.state {
+        ActivityState::Waiting => {
+            ui.weak("waits for others");
+        }
+        ActivityState::Running | ActivityState::Paused => {
+            let left = left_of(activity);
+            let paused = if activity.state == ActivityState::Paused { "paused, " } else { "" };
+            ui.weak(format!("{paused}{time}{left}"));
+            let bar = ProgressBar::new(activity.share.unwrap_or(0.0) as f32).desired_height(BAR);
+            ui.add(bar.text(RichText::new(&activity.step).small()));
+        }
+        ActivityState::Done(text) => {
+            ui.label(text);
+            ui.weak(format!("done in {time}"));
+        }
+        ActivityState::Failed(sentence) => {
+            ui.colored_label(ui.visuals().error_fg_color, sentence);
+            ui.weak(format!("failed after {time}"));
+        }
+        ActivityState::Stopped => {
+            ui.weak(format!("stopped after {time}"));
+        }
+    }
+    if activity.log.len() > 1 {
+        let log = egui::CollapsingHeader::new("Log").id_salt(("log", number)).show(ui, |ui| {
+            let copy = ui.small_button("Copy log");
+            name_widget(&copy, &format!("Copy log of job {number}"));
+            if copy.clicked() {
+                state.copy(ui.ctx(), log_text(activity), "The log is");
+            }
+            egui::Grid::new(("lines", number)).num_columns(2).show(ui, |ui| {
+                for (seconds, text) in &activity.log {
+                    ui.weak(format!("{seconds:.1} s"));
+                    ui.label(text);
+                    ui.end_row();
+                }
+            });
+        });
+        name_widget(&log.header_response, &format!("Log of job {number}"));
+    }
+}
+
+/// The time that is left, in words.
+fn left_of(activity: &Activity) -> String {
+    match (activity.left, activity.step_left()) {
+        (Some(left), _) => format!(", {} left", spoken(left)),
+        (None, Some(left)) => format!(", {} left of this part", spoken(left)),
+        (None, None) => String::new(),
+    }
+}
+
+/// The log as text, a line each.
+fn log_text(activity: &Activity) -> String {
+    let lines = activity.log.iter().map(|(seconds, text)| format!("{seconds:>8.1} s  {text}\n"));
+    format!("{}\n{}", activity.name, lines.collect::<String>())
+}
+
+/// What goes on, in a few words: the number of jobs and how far the first one is.
+pub fn summary(state: &State) -> Option<String> {
+    let all = state.bench.activities();
+    let mut open = all.iter().filter(|activity| activity.is_open());
+    let first = open.next()?;
+    let more = open.count();
+    let share = first.share.map_or(String::new(), |share| format!(" {:.0} %", 100.0 * share));
+    let left = left_of(first);
+    let others = if more == 0 { String::new() } else { format!(" (+{more})") };
+    Some(format!("{}{share}{left}{others}", first.name))
+}

@@ -1,0 +1,51 @@
+//! What can be done with one lenslet: its context menu on the mask and in the table.
+
+use egui::Ui;
+
+use crate::optics::{Lenslet, LensletArray};
+use crate::studio::state::app_state::State;
+use crate::workbench::{Command, LensletChange};
+
+/// The entries, for the lenslet of this index and the others that are selected with it.
+pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) {
+    let Some(&lenslet) = array.lenslets.get(index) else { return };
+    if !state.selection.contains(&index) {
+        select(state, index, false);
+    }
+    if ui.button("Delete").clicked() {
+        state.delete_selection();
+        ui.close();
+    }
+    if ui.button("Duplicate").clicked() {
+        let (x, y) = inside((lenslet.x + 1.0, lenslet.y + 1.0), array);
+        state.send(&Command::AddLenslet(Lenslet { x, y, ..lenslet }));
+        ui.close();
+    }
+    let lock = if state.selection.is_subset(state.locks.indices()) { "Unlock" } else { "Lock" };
+    // Locks are of the open design, whatever is shown.
+    let button = ui.add_enabled(!state.bench.is_looking(), egui::Button::new(lock));
+    if button.on_hover_text("Locked lenslets stay as they are in runs").clicked() {
+        state.locks.toggle(&state.selection);
+        ui.close();
+    }
+    if ui.button("Centre").clicked() {
+        let middle = Lenslet { x: (array.cols / 2) as f64, y: (array.rows / 2) as f64, ..lenslet };
+        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: vec![(index, middle)] });
+        ui.close();
+    }
+}
+
+/// Selects one, alone or with or without it the others.
+pub fn select(state: &mut State, index: usize, add: bool) {
+    if !add {
+        state.selection.clear();
+    }
+    if !state.selection.insert(index) && add {
+        state.selection.remove(&index);
+    }
+}
+
+/// The nearest point of the PSF grid.
+pub fn inside((x, y): (f64, f64), array: &LensletArray) -> (f64, f64) {
+    (x.clamp(0.0, array.cols as f64 - 1.0), y.clamp(0.0, array.rows as f64 - 1.0))
+}

@@ -1,0 +1,178 @@
+//! The lenslets as numbers.
+
+use std::collections::BTreeSet;
+
+use egui::Ui;
+
+use crate::optics::{Lenslet, LensletArray};
+use crate::plural::counted;
+use crate::studio::canvas::image_view::{name_widget, placeholder};
+use crate::studio::panels::lenslet_menu;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::number_field::NumberField;
+use crate::workbench::{Command, LensletChange};
+
+/// What lenslets are counted, for people.
+pub const COUNTS: &str = "Dark lenslets are left out, and those on one spot are taken for one. Effective: as many equal lenslets would \
+                          spread the light alike";
+
+/// Shows the table.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let design = state.bench.design().clone();
+    let Some(array) = design.encoder.lenslets() else {
+        placeholder(ui, &format!("{} has no lenslets. The Presets menu has some to edit.", design.encoder.describe()));
+        return;
+    };
+    ui.horizontal(|ui| {
+        if ui.button("Add lenslet").on_hover_text("In the middle of the grid; or double-click the mask").clicked() {
+            state.add_lenslet();
+        }
+        let deletable = !state.selection.is_empty() && state.selection.len() < array.lenslets.len();
+        let delete = ui.add_enabled(deletable, egui::Button::new("Delete selected"));
+        if delete.on_disabled_hover_text("Select lenslets first; one must stay").clicked() {
+            state.delete_selection();
+        }
+        if ui.button("Equal weights").on_hover_text("Gives every lenslet the same share of the light").clicked() {
+            let weight = 1.0 / array.lenslets.len() as f64;
+            let lenslets = array.lenslets.iter().map(|&lenslet| Lenslet { weight, ..lenslet }).enumerate().collect();
+            state.send(&Command::ChangeLenslets { what: LensletChange::Weight, lenslets });
+        }
+        let count = array.lenslets.len();
+        let optics = state.live.optics.as_ref().filter(|optics| state.is_current(optics.revision));
+        let text = match optics.and_then(|optics| optics.value.distinct_lenslets) {
+            Some((distinct, effective)) if distinct < count => {
+                format!("{distinct} of {count} distinct, {effective:.1} effective")
+            }
+            Some((_, effective)) => format!("{}, {effective:.1} effective", counted(count, "lenslet")),
+            None => counted(count, "lenslet"),
+        };
+        ui.weak(text).on_hover_text(COUNTS);
+    });
+    ui.add_space(4.0);
+    let volumes = array.planes() > 1 || state.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        egui::Grid::new("lenslet table").striped(true).spacing([10.0, 3.0]).min_col_width(30.0).show(ui, |ui| {
+            ui.strong("").on_hover_text("Number; click to select");
+            for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
+                ui.strong(column.title()).on_hover_text(column.hint());
+            }
+            ui.strong("lock").on_hover_text("A run that starts from this design leaves it as it is");
+            ui.end_row();
+            for index in 0..array.lenslets.len() {
+                row(ui, state, array, index, volumes);
+                ui.end_row();
+            }
+        });
+    });
+}
+
+fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volumes: bool) {
+    let lenslet = array.lenslets[index];
+    let number = index + 1;
+    let selected = state.selection.contains(&index);
+    let chooser = ui.selectable_label(selected, format!("{number:>2}"));
+    name_widget(&chooser, &format!("Select lenslet {number}"));
+    if chooser.clicked() {
+        if !ui.input(|input| input.modifiers.shift || input.modifiers.command) {
+            state.selection.clear();
+        }
+        if !state.selection.insert(index) {
+            state.selection.remove(&index);
+        }
+    }
+    chooser.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
+    // Width, weight and plane of one selected lenslet are set for the whole selection; a place belongs to one alone.
+    let together = state.selection.len() > 1 && selected;
+    for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
+        let name = format!("Lenslet {number} {}", column.title());
+        let Some(edit) = column.field(&name, array).show(ui, column.of(lenslet)).1 else { continue };
+        let members = if together && !matches!(column, Column::X | Column::Y) {
+            state.selected_lenslets()
+        } else {
+            vec![(index, lenslet)]
+        };
+        let lenslets = members.into_iter().map(|(member, of)| (member, column.changed(of, edit.value))).collect();
+        state.send_edit(edit, &Command::ChangeLenslets { what: column.change(), lenslets });
+    }
+    let mut locked = state.locks.indices().contains(&index) && state.bench.shows_own_lenslets();
+    // Locks are of the open design, whatever is shown.
+    let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::new(&mut locked, ""));
+    name_widget(&lock, &format!("Lock lenslet {number}"));
+    if lock.clicked() {
+        state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
+    }
+}
+
+/// What of a lenslet stands in a column.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Column {
+    X,
+    Y,
+    Width,
+    Weight,
+    Plane,
+}
+
+impl Column {
+    const ALL: [Self; 5] = [Self::X, Self::Y, Self::Width, Self::Weight, Self::Plane];
+
+    fn title(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Width => "width",
+            Self::Weight => "weight",
+            Self::Plane => "plane",
+        }
+    }
+
+    fn hint(self) -> &'static str {
+        match self {
+            Self::X => "Column of the centre, pixels",
+            Self::Y => "Row of the centre, pixels",
+            Self::Width => "Standard deviation of the spot, pixels",
+            Self::Weight => "Share of the light, before all are scaled to sum 1",
+            Self::Plane => "Depth plane in focus",
+        }
+    }
+
+    fn change(self) -> LensletChange {
+        match self {
+            Self::X | Self::Y => LensletChange::Position,
+            Self::Width => LensletChange::Width,
+            Self::Weight => LensletChange::Weight,
+            Self::Plane => LensletChange::Plane,
+        }
+    }
+
+    fn field<'a>(self, name: &'a str, array: &LensletArray) -> NumberField<'a> {
+        let place = |side: usize| NumberField::new(name, 0.0..=side as f64 - 1.0).speed(0.05).decimals(2).unit(" px");
+        match self {
+            Self::X => place(array.cols),
+            Self::Y => place(array.rows),
+            Self::Width => NumberField::new(name, 0.2..=100.0).speed(0.01).decimals(3).unit(" px"),
+            Self::Weight => NumberField::new(name, 0.0..=1e6).speed(0.001).decimals(4),
+            Self::Plane => NumberField::whole(name, 0..=63).speed(0.05),
+        }
+    }
+
+    fn of(self, lenslet: Lenslet) -> f64 {
+        match self {
+            Self::X => lenslet.x,
+            Self::Y => lenslet.y,
+            Self::Width => lenslet.spot.mean_sigma(),
+            Self::Weight => lenslet.weight,
+            Self::Plane => lenslet.plane as f64,
+        }
+    }
+
+    fn changed(self, lenslet: Lenslet, value: f64) -> Lenslet {
+        match self {
+            Self::X => Lenslet { x: value, ..lenslet },
+            Self::Y => Lenslet { y: value, ..lenslet },
+            Self::Width => Lenslet { spot: lenslet.spot.with_mean_sigma(value), ..lenslet },
+            Self::Weight => Lenslet { weight: value, ..lenslet },
+            Self::Plane => Lenslet { plane: value as usize, ..lenslet },
+        }
+    }
+}

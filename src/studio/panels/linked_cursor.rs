@@ -1,0 +1,161 @@
+//! Object and measurement as two views of one place: the same zoom around the same point, a cross hair in the one where the
+//! pointer is in the other, and the values of both.
+
+use egui::Ui;
+use ndarray::{ArrayView2, Axis, CowArray, Ix2};
+
+use crate::sensor::field_offset;
+use crate::studio::canvas::image_view::{ImageView, Shown, name_widget};
+use crate::studio::canvas::overlays;
+use crate::studio::state::app_state::{State, Views};
+use crate::workbench::{Measurements, Scene};
+
+/// One of the linked pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// What is imaged.
+    Object,
+    /// What the sensor sees of it.
+    Measurement,
+}
+
+/// Where the pointer is.
+#[derive(Default)]
+pub struct LinkedCursor(Option<Noted>);
+
+/// A place of the pointer.
+#[derive(Clone, Copy, PartialEq)]
+struct Noted {
+    side: Side,
+    /// Pixel coordinates (x, y) of that picture.
+    place: (f64, f64),
+    /// When it was there: it is forgotten where the picture is no longer drawn.
+    pass: u64,
+}
+
+impl Side {
+    fn other(self) -> Self {
+        match self {
+            Self::Object => Self::Measurement,
+            Self::Measurement => Self::Object,
+        }
+    }
+
+    fn view(self, views: &mut Views) -> &mut ImageView {
+        match self {
+            Self::Object => &mut views.object,
+            Self::Measurement => &mut views.measurement,
+        }
+    }
+}
+
+/// What the sensor would see of an object without optics: all its planes together, shape (rows, cols).
+pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {
+    let last = scene.objects.len_of(Axis(0)).saturating_sub(1);
+    let object = scene.objects.index_axis(Axis(0), sample.min(last));
+    if object.len_of(Axis(0)) == 1 {
+        object.index_axis_move(Axis(0), 0).into()
+    } else {
+        object.sum_axis(Axis(0)).into()
+    }
+}
+
+/// A measurement of that object, shape (rows, cols).
+pub fn measurement_of(measurements: &Measurements, sample: usize, noisy: bool) -> ArrayView2<'_, f32> {
+    let stack = if noisy { &measurements.noisy } else { &measurements.noiseless };
+    let last = stack.len_of(Axis(0)).saturating_sub(1);
+    stack.index_axis(Axis(0), sample.min(last))
+}
+
+/// The switch.
+pub fn switch(ui: &mut Ui, state: &mut State) {
+    let response = ui
+        .checkbox(&mut state.preferences.link_views, "Link")
+        .on_hover_text("Object and measurement show the same place: one zoom, one cursor");
+    name_widget(&response, "Link views");
+    if response.clicked() {
+        follow(ui, state, Side::Object);
+    }
+}
+
+/// After a picture was drawn: the other one follows, and the status bar tells what is under the pointer.
+pub fn after(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
+    let linked = state.preferences.link_views;
+    if shown.moved {
+        follow(ui, state, side);
+    }
+    let pass = ui.ctx().cumulative_pass_nr();
+    let pointer = shown.response.hover_pos().filter(|_| shown.response.hovered() || shown.response.dragged());
+    let place = pointer.map(|position| shown.placement.to_pixels(position));
+    let before = state.cursor.0;
+    if let Some(place) = place {
+        state.cursor.0 = Some(Noted { side, place, pass });
+        state.hover = side.view(&mut state.views).describe_pixel(image, place);
+        if linked {
+            describe_other(state, side, place);
+        }
+    } else if before.is_some_and(|noted| noted.side == side) {
+        state.cursor.0 = None;
+    }
+    let moved = |noted: Option<Noted>| noted.map(|noted| (noted.side, noted.place));
+    if linked && moved(before) != moved(state.cursor.0) {
+        // The other picture may have been drawn before.
+        ui.ctx().request_repaint();
+    }
+    if linked && let Some(noted) = state.cursor.0.filter(|noted| noted.side != side && noted.pass + 1 >= pass) {
+        draw(ui, state, side, noted, shown, image.dim());
+    }
+}
+
+/// Where they are linked the other picture shows what this one shows.
+pub fn follow(ui: &Ui, state: &mut State, side: Side) {
+    let Some(by) = way(state, side).filter(|_| state.preferences.link_views) else { return };
+    let viewport = side.view(&mut state.views).viewport.shifted(by);
+    side.other().view(&mut state.views).viewport = viewport;
+    ui.ctx().request_repaint();
+}
+
+/// How much larger pixel coordinates (x, y) are in the other picture, by the shapes of both.
+fn way(state: &State, from: Side) -> Option<(f64, f64)> {
+    let (_, _, rows, cols) = state.live.scene.as_ref()?.value.objects.dim();
+    let (_, measured_rows, measured_cols) = state.live.measurements.as_ref()?.value.noisy.dim();
+    // A measurement of other objects has another shape until it is computed anew.
+    let psf = ((rows + 1).checked_sub(measured_rows)?, (cols + 1).checked_sub(measured_cols)?);
+    let (by_row, by_col) = field_offset(psf);
+    let sign = if from == Side::Object { -1.0 } else { 1.0 };
+    Some((sign * by_col as f64, sign * by_row as f64))
+}
+
+/// Adds the value at the same place of the other picture to the status bar.
+fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
+    let Some(by) = way(state, side) else { return };
+    let place = (x + by.0, y + by.1);
+    let (scene, measurements) = (state.live.scene.clone(), state.live.measurements.clone());
+    let text = match side.other() {
+        Side::Object => scene
+            .and_then(|scene| state.views.object.describe_pixel(object_of(&scene.value, state.sample).view(), place)),
+        Side::Measurement => measurements.map(|measured| {
+            let image = measurement_of(&measured.value, state.sample, state.noisy);
+            let inside = state.views.measurement.describe_pixel(image, place);
+            inside.unwrap_or_else(|| "outside the field of the sensor".into())
+        }),
+    };
+    if let (Some(hover), Some(text)) = (&mut state.hover, text) {
+        *hover = format!("{hover}   {text}");
+    }
+}
+
+/// Draws the cross hair where the pointer is in the other picture.
+fn draw(ui: &Ui, state: &mut State, side: Side, noted: Noted, shown: &Shown, (rows, cols): (usize, usize)) {
+    let Some(by) = way(state, noted.side) else { return };
+    let (x, y) = (noted.place.0 + by.0, noted.place.1 + by.1);
+    let inside = |value: f64, count: usize| (-0.5..count as f64 - 0.5).contains(&value);
+    if !(inside(x, cols) && inside(y, rows)) {
+        return;
+    }
+    overlays::cross_hair(&ui.painter_at(shown.seen), shown.placement, shown.seen, (x, y));
+    let name = side.view(&mut state.views).name();
+    ui.ctx().accesskit_node_builder(shown.response.id, |node| {
+        node.set_description(format!("{name}: cursor of the other view at x {x:.1} px, y {y:.1} px"));
+    });
+}

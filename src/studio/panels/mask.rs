@@ -1,0 +1,469 @@
+//! The PSF plane: the picture of the PSF under one handle per lenslet.
+//!
+//! Click selects (Shift adds, or takes out), drag moves the selection, a drag on the picture draws a box, a double click adds,
+//! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
+//! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves
+//! the zoomed picture.
+
+use std::collections::BTreeSet;
+
+use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
+
+use crate::optics::{Lenslet, LensletArray, Limits, Spot};
+use crate::studio::app::actions::Action;
+use crate::studio::app::menus;
+use crate::studio::canvas::image_view::{Shown, placeholder, toolbar};
+use crate::studio::canvas::pan_zoom::{CLICK_REACH, Hand, is_panning, zoomed_by_keys};
+use crate::studio::canvas::viewport::Placement;
+use crate::studio::panels::image_menu::{self, View};
+use crate::studio::panels::lenslet_menu::{self, inside, select};
+use crate::studio::panels::trajectories;
+use crate::studio::state::app_state::{MaskDrag, State};
+use crate::workbench::{Command, DesignRun, LensletChange, Pull};
+
+/// One arrow key moves by this many pixels.
+const NUDGE_PX: f64 = 0.1;
+/// One notch of the wheel changes weight or width by this factor.
+const WHEEL_FACTOR: f64 = 1.08;
+/// Points that a touch pad reports for what a wheel would call one notch.
+const POINTS_PER_NOTCH: f32 = 40.0;
+/// Length of the longest gradient arrow, PSF px.
+const LONGEST_ARROW_PX: f64 = 3.0;
+/// Colour of gradient arrows, which is in no colour map.
+const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
+/// Handles are never smaller than this, in points.
+const MIN_HANDLE: f32 = 7.0;
+
+/// Shows the canvas.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    toolbar(ui, |ui| {
+        state.views.psf.colour_controls(ui, &state.palettes);
+        let arrows = ui.checkbox(&mut state.arrows, "Arrows");
+        arrows.on_hover_ui(|ui| {
+            ui.label(
+                "Where the gradient of the information would move each lenslet, the longest by 3 px; no arrow where it is not known \
+                 to differ from none. It is that of the live estimate or, of beads before which that is loose, of what the decoder \
+                 that comes with the program can tell; while a run is followed, that of the run.",
+            );
+            if let Some(pulls) = pulls_of(state) {
+                let known = pulls.iter().filter(|pull| pull.is_certain).count();
+                ui.label(format!("Known by now: {known} of {}", pulls.len()));
+            }
+        });
+        let count = state.lenslet_count();
+        let selected = state.selection.len();
+        let text = match (count, selected) {
+            (0, _) => state.bench.design().encoder.describe(),
+            (_, 0) => "Double-click adds a lenslet, drag moves, wheel changes weight".into(),
+            (_, 1) => "1 selected".into(),
+            (_, more) => format!("{more} selected"),
+        };
+        // What is left of the row: the picture stays as large as it is, whatever the text.
+        let room = vec2(ui.available_size_before_wrap().x, ui.spacing().interact_size.y);
+        if room.x > 60.0 {
+            ui.allocate_ui(room, |ui| ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate()));
+        }
+    });
+    let Some(optics) = state.live.optics.clone() else {
+        placeholder(ui, "Rendering the PSF");
+        return;
+    };
+    let stale = !state.is_current(optics.revision);
+    let image = optics.value.image.view();
+    let version = (optics.revision, 0);
+    let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, Hand::Edits);
+    let (placement, response) = (shown.placement, shown.response.clone());
+    if !state.views.psf.viewport.is_fitted() {
+        // Lenslets that are out of sight lie under other things.
+        ui.set_clip_rect(shown.seen);
+    }
+    if let Some(position) = response.hover_pos() {
+        state.hover = state.views.psf.describe_pixel(image, placement.to_pixels(position));
+    }
+    let add_here = |ui: &mut Ui, state: &mut State, (x, y): (f64, f64)| {
+        let array = state.bench.design().encoder.lenslets().cloned();
+        let Some(array) = array else { return };
+        if ui.button("Add a lenslet here").clicked() {
+            let (x, y) = inside((x, y), &array);
+            state.send(&Command::AddLenslet(new_lenslet(&array, x, y)));
+            ui.close();
+        }
+        menus::entry(ui, state, Action::SelectAll);
+        ui.separator();
+    };
+    image_menu::show(ui, state, View::Psf, &shown, add_here);
+    let design = state.bench.design().clone();
+    let Some(array) = design.encoder.lenslets() else { return };
+    // The picture of an older design may have another shape than the array now.
+    if (array.rows, array.cols) != image.dim() {
+        return;
+    }
+    draw_limits(ui, placement, array, &design.limits, &state.selection);
+    trajectories::draw(ui, state, placement, array);
+    canvas_gestures(ui, state, placement, &response, array);
+    for (index, lenslet) in array.lenslets.iter().enumerate() {
+        handle(ui, state, placement, array, index, lenslet);
+    }
+    if state.arrows {
+        draw_arrows(ui, state, placement, array);
+    }
+    keyboard(ui, state, array, &shown);
+}
+
+/// Where the gradient beside the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow
+/// has [`LONGEST_ARROW_PX`].
+fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
+    let certain = |pull: &Pull| if pull.is_certain { (pull.x, pull.y) } else { (0.0, 0.0) };
+    let by_live = || Some(pulls_of(state)?.iter().map(certain).collect());
+    let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
+    let run = state.run.as_ref().filter(of_run);
+    let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);
+    let Some(pulls) = pulls.filter(|pulls| pulls.len() == array.lenslets.len()) else { return };
+    let longest = pulls.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);
+    if longest <= 0.0 {
+        return;
+    }
+    let scale = LONGEST_ARROW_PX / longest;
+    for (lenslet, (x, y)) in array.lenslets.iter().zip(pulls) {
+        let from = placement.to_screen(lenslet.x, lenslet.y);
+        let to = placement.to_screen(lenslet.x + scale * x, lenslet.y + scale * y);
+        if from.distance(to) > 3.0 {
+            ui.painter().arrow(from, to - from, Stroke::new(3.5, Color32::from_black_alpha(160)));
+            ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));
+        }
+    }
+}
+
+/// Where information pulls the lenslets of the open design, by its live estimate.
+fn pulls_of(state: &State) -> Option<&[Pull]> {
+    let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
+    live?.value.pulls.as_deref()
+}
+
+/// The region and the width that can be made, drawn as a dashed frame.
+fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits, selection: &BTreeSet<usize>) {
+    let (left, right) = limits.coordinate_range(array.cols);
+    let (top, bottom) = limits.coordinate_range(array.rows);
+    let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
+    let points: Vec<_> = corners.iter().map(|&(x, y)| placement.to_screen(x, y)).collect();
+    let stroke = Stroke::new(1.0, Color32::from_white_alpha(110));
+    ui.painter().extend(egui::Shape::dashed_line(&points, stroke, 5.0, 4.0));
+    let smallest = limits.min_sigma_px.powi(2);
+    for lenslet in selection.iter().filter_map(|&index| array.lenslets.get(index)) {
+        let centre = placement.to_screen(lenslet.x, lenslet.y);
+        let mut outline: Vec<_> =
+            ellipse(smallest, 0.0, smallest).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect();
+        outline.extend(outline.first().copied());
+        ui.painter().extend(egui::Shape::dashed_line(&outline, stroke, 3.0, 3.0));
+    }
+}
+
+/// Box selection, deselection and adding, on the picture itself.
+fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
+    let shift = ui.input(|input| input.modifiers.shift);
+    if response.double_clicked()
+        && let Some(position) = response.interact_pointer_pos()
+    {
+        let (x, y) = inside(placement.to_pixels(position), array);
+        state.send(&Command::AddLenslet(new_lenslet(array, x, y)));
+        return;
+    }
+    if response.clicked() && !shift {
+        state.selection.clear();
+    }
+    if response.drag_started_by(PointerButton::Primary)
+        && !is_panning(ui)
+        && let Some(position) = ui.input(|input| input.pointer.press_origin())
+    {
+        // Where frames are slow the pointer has left the lenslet that it pressed before this is called.
+        if let Some(pressed) =
+            array.lenslets.iter().rposition(|lenslet| frame_of(placement, lenslet).contains(position))
+        {
+            take_hold(ui, state, placement, pressed, position);
+        } else {
+            let kept = if shift { state.selection.clone() } else { BTreeSet::new() };
+            state.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), kept });
+        }
+    }
+    drag_lenslets(state, placement, response, array);
+    if let Some(MaskDrag::Select { start, kept }) = &state.drag {
+        let held = response.dragged_by(PointerButton::Primary);
+        if let (true, Some(position)) = (held, ui.input(|input| input.pointer.latest_pos())) {
+            let end = placement.to_pixels(position);
+            let between = |a: f64, b: f64, value: f64| (a.min(b)..=a.max(b)).contains(&value);
+            state.selection = kept.clone();
+            state.selection.extend(array.lenslets.iter().enumerate().filter_map(|(index, lenslet)| {
+                (between(start.0, end.0, lenslet.x) && between(start.1, end.1, lenslet.y)).then_some(index)
+            }));
+            let frame = Rect::from_two_pos(placement.to_screen(start.0, start.1), position);
+            let visuals = &ui.visuals().selection;
+            ui.painter().rect(
+                frame,
+                0.0,
+                visuals.bg_fill.gamma_multiply(0.2),
+                visuals.stroke,
+                egui::StrokeKind::Inside,
+            );
+        } else {
+            state.drag = None;
+        }
+    }
+}
+
+/// Starts to move a lenslet, with the others of the selection if it belongs to that.
+fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, pointer: Pos2) {
+    if !state.selection.contains(&index) {
+        select(state, index, ui.input(|input| input.modifiers.shift));
+    }
+    let (from, start) = (state.selected_lenslets(), placement.to_pixels(pointer));
+    state.drag = Some(MaskDrag::Move { from, start, begun: false });
+}
+
+/// Moves the lenslets that are held with the pointer.
+fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
+    if response.dragged_by(PointerButton::Primary)
+        && let Some(MaskDrag::Move { from, start, begun }) = &mut state.drag
+        && let Some(position) = response.interact_pointer_pos()
+    {
+        let (x, y) = placement.to_pixels(position);
+        *begun |= position.distance(placement.to_screen(start.0, start.1)) > CLICK_REACH;
+        if *begun {
+            let moved = moved_by(from, x - start.0, y - start.1, array);
+            state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+        }
+    }
+    if response.drag_stopped() {
+        state.drag = None;
+    }
+}
+
+/// Where the handle of a lenslet lies on the screen.
+fn frame_of(placement: Placement, lenslet: &Lenslet) -> Rect {
+    let reach = (lenslet.spot.mean_sigma() as f32 * placement.scale).clamp(MIN_HANDLE, 24.0);
+    Rect::from_center_size(placement.to_screen(lenslet.x, lenslet.y), Vec2::splat(2.0 * reach))
+}
+
+/// A lenslet that fits into the array: as wide as the others, as bright as their mean.
+fn new_lenslet(array: &LensletArray, x: f64, y: f64) -> Lenslet {
+    let count = array.lenslets.len().max(1) as f64;
+    let weight = array.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() / count;
+    let sigma = array.lenslets.last().map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
+    Lenslet::round(x, y, sigma, if weight > 0.0 { weight } else { 1.0 })
+}
+
+/// Draws one handle and does what the pointer does on it.
+fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray, index: usize, lenslet: &Lenslet) {
+    let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
+    let rect = frame_of(placement, lenslet);
+    let id = ui.scope_id().with(("lenslet", index));
+    let response = ui.interact(rect, id, Sense::click_and_drag());
+    let name = format!("Lenslet {}", index + 1);
+    let selected = state.selection.contains(&index);
+    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::Button, true, selected, &name));
+    let shift = ui.input(|input| input.modifiers.shift);
+
+    if response.clicked() {
+        // Space is a click, too, and is held to move the picture: it leaves the others as they are.
+        if response.clicked_by(PointerButton::Primary) || shift || !selected {
+            select(state, index, shift);
+        }
+        response.request_focus();
+    }
+    if response.drag_started_by(PointerButton::Primary) && !is_panning(ui) {
+        response.request_focus();
+        if let Some(origin) = ui.input(|input| input.pointer.press_origin()) {
+            take_hold(ui, state, placement, index, origin);
+        }
+    }
+    drag_lenslets(state, placement, &response, array);
+    if response.has_focus() {
+        // Arrow keys nudge lenslets instead of moving the focus.
+        let filter = egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
+        ui.memory_mut(|memory| memory.set_focus_lock_filter(id, filter));
+        // By Tab: a click has selected it, or taken it out.
+        if response.gained_focus() && !response.clicked() && !state.selection.contains(&index) {
+            select(state, index, false);
+        }
+    }
+    if response.hovered() {
+        wheel(ui, state, index);
+    }
+    draw_handle(ui, &response, placement, array, lenslet, selected, radius);
+    if state.locks.indices().contains(&index) && state.bench.shows_own_lenslets() {
+        let centre = placement.to_screen(lenslet.x, lenslet.y);
+        let mark = Rect::from_center_size(centre, Vec2::splat(5.0));
+        ui.painter().rect_filled(mark, 0.0, Color32::WHITE);
+        ui.painter().rect_stroke(mark, 0.0, Stroke::new(1.0, Color32::BLACK), egui::StrokeKind::Outside);
+    }
+    let tip = || {
+        let (minor, major) = lenslet.spot.principal_sigmas();
+        let width =
+            if (major - minor) < 1e-9 { format!("{minor:.3} px") } else { format!("{minor:.3} to {major:.3} px") };
+        format!("{name}: x {:.2} px, y {:.2} px, width {width}, weight {:.4}", lenslet.x, lenslet.y, lenslet.weight)
+    };
+    if response.hovered() {
+        state.hover = Some(tip());
+    }
+    response.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
+}
+
+/// Lenslets moved together, as far as the grid lets all of them go.
+fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -> Vec<(usize, Lenslet)> {
+    let limit = |change: f64, last: f64, of: &dyn Fn(&Lenslet) -> f64| {
+        let smallest = from.iter().map(|(_, lenslet)| of(lenslet)).fold(f64::INFINITY, f64::min);
+        let largest = from.iter().map(|(_, lenslet)| of(lenslet)).fold(f64::NEG_INFINITY, f64::max);
+        change.min((last - largest).max(0.0)).max((-smallest).min(0.0))
+    };
+    let dx = limit(dx, array.cols as f64 - 1.0, &|lenslet| lenslet.x);
+    let dy = limit(dy, array.rows as f64 - 1.0, &|lenslet| lenslet.y);
+    from.iter().map(|&(index, lenslet)| (index, Lenslet { x: lenslet.x + dx, y: lenslet.y + dy, ..lenslet })).collect()
+}
+
+/// The wheel over a handle changes the weight of the selection, with Alt the width.
+///
+/// Each turn counts with the modifiers it was made with; egui's smoothed scrolling would go on after Alt is released.
+fn wheel(ui: &Ui, state: &mut State, index: usize) {
+    let turns: Vec<(f64, bool)> = ui.input(|input| {
+        let turn = |event: &egui::Event| match event {
+            // With Ctrl it zooms the picture.
+            egui::Event::MouseWheel { unit, delta, modifiers, .. } if !modifiers.command => {
+                // Some systems turn the wheel sideways while Alt or Shift is held.
+                let notches = match unit {
+                    egui::MouseWheelUnit::Point => (delta.x + delta.y) / POINTS_PER_NOTCH,
+                    egui::MouseWheelUnit::Line | egui::MouseWheelUnit::Page => delta.x + delta.y,
+                };
+                Some((f64::from(notches), modifiers.alt))
+            }
+            _ => None,
+        };
+        input.events.iter().filter_map(turn).collect()
+    });
+    if turns.is_empty() {
+        return;
+    }
+    if !state.selection.contains(&index) {
+        select(state, index, false);
+    }
+    for (notches, alt) in turns {
+        let factor = WHEEL_FACTOR.powf(notches);
+        let change = |lenslet: Lenslet| {
+            if alt {
+                let sigma = (lenslet.spot.mean_sigma() * factor).clamp(0.2, 100.0);
+                Lenslet { spot: lenslet.spot.with_mean_sigma(sigma), ..lenslet }
+            } else {
+                Lenslet { weight: (lenslet.weight * factor).clamp(0.0, 1e6), ..lenslet }
+            }
+        };
+        let lenslets = state.selected_lenslets().into_iter().map(|(index, lenslet)| (index, change(lenslet))).collect();
+        let what = if alt { LensletChange::Width } else { LensletChange::Weight };
+        state.send(&Command::ChangeLenslets { what, lenslets });
+    }
+}
+
+fn draw_handle(
+    ui: &Ui,
+    response: &egui::Response,
+    placement: Placement,
+    array: &LensletArray,
+    lenslet: &Lenslet,
+    selected: bool,
+    radius: f32,
+) {
+    let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
+    let share = if brightest > 0.0 { (lenslet.weight / brightest) as f32 } else { 0.0 };
+    let accent = ui.visuals().selection.stroke.color;
+    let base = if selected { Color32::from_rgb(255, 170, 40) } else { Color32::WHITE };
+    let width = if response.hovered() || response.has_focus() { 2.5 } else { 1.5 };
+    let painter = ui.painter();
+    let centre = placement.to_screen(lenslet.x, lenslet.y);
+    let fill = base.gamma_multiply(0.04 + 0.24 * share);
+    let outline: Vec<_> = match lenslet.spot {
+        Spot::Isotropic(_) => Vec::new(),
+        Spot::Anisotropic { xx, xy, yy } => {
+            ellipse(xx, xy, yy).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect()
+        }
+    };
+    // A dark line outside and a light one inside are seen on every colour below.
+    if outline.is_empty() {
+        let radius = radius.max(3.5);
+        painter.circle(centre, radius, fill, Stroke::new(width, base));
+        painter.circle_stroke(centre, radius + 0.5 * width + 0.5, Stroke::new(1.0, Color32::from_black_alpha(170)));
+    } else {
+        painter.add(egui::Shape::convex_polygon(outline.clone(), fill, Stroke::new(width, base)));
+        painter.add(egui::Shape::closed_line(outline, Stroke::new(1.0, Color32::from_black_alpha(170))));
+    }
+    if response.has_focus() {
+        painter.circle_stroke(centre, radius.max(MIN_HANDLE) + 4.0, Stroke::new(1.0, accent));
+    }
+}
+
+/// Outline of the ellipse of one standard deviation, in pixels around its centre.
+fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
+    // Cholesky factor of the covariance maps the unit circle onto it.
+    let a = xx.sqrt();
+    let b = xy / a;
+    let c = (yy - b * b).max(0.0).sqrt();
+    (0..40).map(move |step| {
+        let angle = std::f64::consts::TAU * f64::from(step) / 40.0;
+        ((a * angle.cos()) as f32, (b * angle.cos() + c * angle.sin()) as f32)
+    })
+}
+
+/// Arrows, and keys that zoom around the selection, unless a text field has the keyboard.
+fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
+    let is_behind_a_question = !ui.memory(|memory| memory.allows_interaction(ui.layer_id()));
+    if ui.ctx().text_edit_focused() || is_behind_a_question {
+        return;
+    }
+    if !a_handle_or_nothing_has_focus(ui, array) {
+        return;
+    }
+    let nudge = ui.input(|input| {
+        let axis =
+            |plus, minus| f64::from(u8::from(input.key_pressed(plus))) - f64::from(u8::from(input.key_pressed(minus)));
+        let step = if input.modifiers.shift { 10.0 * NUDGE_PX } else { NUDGE_PX };
+        (axis(Key::ArrowRight, Key::ArrowLeft) * step, axis(Key::ArrowDown, Key::ArrowUp) * step)
+    });
+    let selected = state.selection.first().and_then(|&index| array.lenslets.get(index));
+    let around = selected.map_or(shown.fit.center(), |lenslet| shown.placement.to_screen(lenslet.x, lenslet.y));
+    let viewport = &mut state.views.psf.viewport;
+    *viewport = zoomed_by_keys(*viewport, ui, around, shown.fit, (array.rows, array.cols));
+    if nudge != (0.0, 0.0) && !state.selection.is_empty() {
+        let moved = moved_by(&state.selected_lenslets(), nudge.0, nudge.1, array);
+        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+    }
+}
+
+/// Arrow keys belong to lenslets only while no other control wants them.
+fn a_handle_or_nothing_has_focus(ui: &Ui, array: &LensletArray) -> bool {
+    match ui.memory(egui::Memory::focused) {
+        None => true,
+        Some(id) => (0..array.lenslets.len()).any(|index| ui.scope_id().with(("lenslet", index)) == id),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::heuristic_layout;
+
+    #[test]
+    fn a_group_stops_at_the_border_without_losing_its_shape() {
+        let array = heuristic_layout(3);
+        let from: Vec<_> = array.lenslets.iter().copied().enumerate().collect();
+        let moved = moved_by(&from, 100.0, -100.0, &array);
+        let rightmost = moved.iter().map(|(_, lenslet)| lenslet.x).fold(0.0, f64::max);
+        let topmost = moved.iter().map(|(_, lenslet)| lenslet.y).fold(f64::INFINITY, f64::min);
+        assert!((rightmost - 31.0).abs() < 1e-9 && topmost.abs() < 1e-9);
+        let gap = |lenslets: &[(usize, Lenslet)]| lenslets[1].1.x - lenslets[0].1.x;
+        assert!((gap(&moved) - gap(&from)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_ellipse_has_the_widths_of_its_covariance() {
+        let radii: Vec<f64> = ellipse(4.0, 1.0, 2.0).map(|(x, y)| f64::from(x.hypot(y))).collect();
+        let (minor, major) = Spot::Anisotropic { xx: 4.0, xy: 1.0, yy: 2.0 }.principal_sigmas();
+        assert!((radii.iter().copied().fold(0.0, f64::max) - major).abs() < 0.02);
+        assert!((radii.iter().copied().fold(f64::INFINITY, f64::min) - minor).abs() < 0.02);
+    }
+}

@@ -1,0 +1,117 @@
+//! Spatial frequencies: the modulation transfer function, as cuts through frequency 0 or as a map, and the power
+//! spectrum of the measurement.
+
+use egui::Ui;
+use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
+
+use crate::optics::Mtf;
+use crate::studio::canvas::image_view::{name_widget, placeholder, toolbar};
+use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::image_menu::{self, View};
+use crate::studio::panels::spectrum_plot;
+use crate::studio::state::app_state::State;
+use crate::workbench::Curve;
+
+/// What the room shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MtfView {
+    /// Two cuts through frequency 0.
+    #[default]
+    Cuts,
+    /// The whole transfer function.
+    Map,
+    /// The power spectrum of the shown measurement.
+    Spectrum,
+}
+
+/// Shows the transfer function or the spectrum.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let Some(optics) = state.live.optics.clone() else {
+        placeholder(ui, "Rendering the PSF");
+        return;
+    };
+    let mtf = &optics.value.mtf;
+    toolbar(ui, |ui| {
+        for (view, text, name, hint) in [
+            (MtfView::Cuts, "Cuts", "Show MTF cuts", "Transfer function along the horizontal and the vertical"),
+            (MtfView::Map, "Map", "Show MTF map", "The whole transfer function"),
+            (
+                MtfView::Spectrum,
+                "Spectrum",
+                "Show spectrum",
+                "Power spectrum of the shown measurement, and that of its noise",
+            ),
+        ] {
+            let response = ui.selectable_value(&mut state.mtf_view, view, text).on_hover_text(hint);
+            name_widget(&response, name);
+        }
+        match state.mtf_view {
+            MtfView::Cuts => {
+                let export = ui.small_button("Export CSV...");
+                name_widget(&export, "Export MTF as CSV");
+                if export.clicked() {
+                    state.dialogs.ask(Purpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+                }
+            }
+            MtfView::Map => state.views.mtf.colour_controls(ui, &state.palettes),
+            MtfView::Spectrum => spectrum_plot::export_button(ui, state),
+        }
+    });
+    match state.mtf_view {
+        MtfView::Cuts => cuts(ui, mtf),
+        MtfView::Map => map(ui, state, optics.revision, mtf),
+        MtfView::Spectrum => spectrum_plot::show(ui, state),
+    }
+}
+
+fn map(ui: &mut Ui, state: &mut State, revision: u64, mtf: &Mtf) {
+    let stale = !state.is_current(revision);
+    let image = mtf.map.view();
+    let (rows, cols) = image.dim();
+    let view = &mut state.views.mtf;
+    view.set_pixel(1.0 / cols.max(1) as f64, "cycles/px");
+    let shown = view.show(ui, &state.palettes, image, (revision, 0), stale, Hand::Looks);
+    if let Some(position) = shown.response.hover_pos() {
+        let (x, y) = shown.placement.to_pixels(position);
+        if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {
+            let by_x = (x.round() - (cols / 2) as f64) / cols as f64;
+            let by_y = (y.round() - (rows / 2) as f64) / rows as f64;
+            state.hover = Some(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}"));
+        }
+    }
+    image_menu::show(ui, state, View::Mtf, &shown, |_, _, _| {});
+}
+
+fn cuts(ui: &mut Ui, mtf: &Mtf) {
+    Plot::new("MTF cuts")
+        .legend(Legend::default().position(Corner::RightTop))
+        .include_y(0.0)
+        .include_y(1.0)
+        .include_x(0.0)
+        .include_x(0.5)
+        .allow_scroll(false)
+        .x_axis_label("cycles per pixel")
+        .y_axis_label("modulation")
+        .show(ui, |plot| {
+            plot.line(Line::new("horizontal", PlotPoints::from(mtf.horizontal.clone())).width(2.0));
+            plot.line(Line::new("vertical", PlotPoints::from(mtf.vertical.clone())).width(2.0));
+        });
+}
+
+/// Both cuts as columns; the shorter one ends with empty (NaN) cells.
+fn curve(mtf: &Mtf) -> Curve {
+    let cell = |cut: &[[f64; 2]], index: usize, entry: usize| cut.get(index).map_or(f64::NAN, |point| point[entry]);
+    let rows = (0..mtf.horizontal.len().max(mtf.vertical.len()))
+        .map(|index| {
+            vec![
+                cell(&mtf.horizontal, index, 0),
+                cell(&mtf.horizontal, index, 1),
+                cell(&mtf.vertical, index, 0),
+                cell(&mtf.vertical, index, 1),
+            ]
+        })
+        .collect();
+    let header = ["horizontal_cycles_per_px", "horizontal_modulation", "vertical_cycles_per_px", "vertical_modulation"];
+    Curve { header: header.map(String::from).to_vec(), rows, names: Vec::new() }
+}

@@ -1,0 +1,431 @@
+//! Runs that optimize the mask: what to start, how it goes, and every mask on the way.
+
+use std::sync::Arc;
+
+use egui::{ComboBox, ProgressBar, Ui};
+
+use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
+use crate::objects::ObjectSource;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::panels::messages::Severity;
+use crate::studio::panels::run_results;
+use crate::studio::state::app_state::{Leave, State};
+use crate::studio::widgets::number_field::NumberField;
+use crate::workbench::{DesignRun, RunStatus, Start, spoken};
+
+/// Random starts of one order.
+const STARTS: u64 = 8;
+
+/// What a run starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum From {
+    Design,
+    Heuristic,
+    Random,
+    RandomStarts,
+}
+
+impl From {
+    const ALL: [Self; 4] = [Self::Design, Self::Heuristic, Self::Random, Self::RandomStarts];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Design => "This design",
+            Self::Heuristic => "Heuristic layout",
+            Self::Random => "Random lenslets",
+            Self::RandomStarts => "8 random starts",
+        }
+    }
+}
+
+/// What the form asks for.
+pub struct OptimizeForm {
+    from: From,
+    /// Lenslets of a heuristic start.
+    heuristic: usize,
+    /// Lenslets of random starts.
+    count: usize,
+    /// Seed of the first of them and of the run, where it is not that of the design.
+    seed: Option<u64>,
+    settings: IdealSettings,
+    /// What the mask climbs, where a person chose.
+    objective: Option<Objective>,
+    /// The frame that is looked at; the newest one where none was chosen.
+    pub frame: Option<usize>,
+    /// The run that led to the result which was chosen; where none was, the last run is looked at.
+    pub chosen: Option<Arc<DesignRun>>,
+    /// Whether the mask shows the ways of the lenslets.
+    pub trails: bool,
+}
+
+impl Default for OptimizeForm {
+    fn default() -> Self {
+        let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
+        Self {
+            from: From::Design,
+            heuristic: 9,
+            count: 25,
+            seed: None,
+            settings,
+            objective: None,
+            frame: None,
+            chosen: None,
+            trails: true,
+        }
+    }
+}
+
+impl OptimizeForm {
+    /// Steps that a run is to take which came to its end.
+    pub fn further_steps(&self, run: &DesignRun) -> usize {
+        // Steps for another objective say nothing of this run.
+        let of_run = Some(&run.settings).filter(|settings| settings.objective != self.settings.objective);
+        of_run.unwrap_or(&self.settings).steps
+    }
+
+    /// Settings that suit the objects.
+    fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
+        // What was chosen for beads says nothing of other objects.
+        let chosen = self.objective.filter(|&objective| offered(objective, preset, objects));
+        let objective = chosen.unwrap_or_else(|| Objective::usual(preset, objects));
+        if (self.settings.preset, self.settings.objective) != (preset, objective) {
+            self.settings = self.settings.clone().turned_to(preset, objective);
+        }
+    }
+}
+
+/// Shows the panel.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let form = &mut state.optimize_form;
+    form.turn_to(form.settings.preset, &state.bench.design().objects);
+    let run = state.run.clone();
+    let active = run.as_ref().filter(|run| run.is_active());
+    if let Some(run) = active {
+        progress(ui, state, run);
+        ui.separator();
+    }
+    let room = ui.available_height();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        let top = ui.cursor().top();
+        if active.is_none() {
+            order(ui, state, run.as_ref());
+            ui.separator();
+        }
+        let Some(run) = &run else {
+            ui.weak(
+                "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask of \
+                 the run is shown in place of your design, which stays as it is until you accept one.",
+            );
+            return;
+        };
+        if let RunStatus::Failed(sentence) = &run.status {
+            ui.colored_label(ui.visuals().error_fg_color, sentence);
+        }
+        run_results::show(ui, state, run, room - (ui.cursor().top() - top));
+    });
+}
+
+/// What to start.
+fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
+    let form = &mut state.optimize_form;
+    ui.horizontal_wrapped(|ui| {
+        let response = ComboBox::from_id_salt("start from")
+            .selected_text(form.from.name())
+            .width(112.0)
+            .show_ui(ui, |ui| {
+                for from in From::ALL {
+                    ui.selectable_value(&mut form.from, from, from.name());
+                }
+            })
+            .response;
+        name_widget(&response, "Start from");
+        match form.from {
+            From::Design => {}
+            From::Heuristic => {
+                let field = NumberField::whole("Heuristic lenslets", 1..=9).counting(" lenslet", " lenslets");
+                field.edit_whole(ui, &mut form.heuristic);
+            }
+            From::Random | From::RandomStarts => {
+                let field = NumberField::whole("Random lenslets", 1..=64).counting(" lenslet", " lenslets");
+                field.edit_whole(ui, &mut form.count);
+                let seed = form.seed.unwrap_or(state.bench.open_design().seed);
+                let (field, edit) = NumberField::seed("Seed of the start").prefix("seed ").show(ui, seed as f64);
+                field.on_hover_text("Of the lenslets, the first of several, and of the run");
+                if let Some(edit) = edit {
+                    form.seed = Some(edit.value as u64);
+                }
+            }
+        }
+        let response = ComboBox::from_id_salt("preset")
+            .selected_text(form.settings.preset.to_string())
+            .width(72.0)
+            .show_ui(ui, |ui| {
+                for (preset, hint) in [
+                    (
+                        Preset::Default,
+                        "Small warm refits of what the mask climbs: whole measurements of beads, patches of 32 x 32 px for a \
+                         density model",
+                    ),
+                    (
+                        Preset::Paper,
+                        "Steps, batches, rates and refits as published, patches of 16 x 16 px; takes hours",
+                    ),
+                ] {
+                    let chosen = form.settings.preset == preset;
+                    if ui.selectable_label(chosen, preset.to_string()).on_hover_text(hint).clicked() {
+                        form.turn_to(preset, &state.bench.design().objects);
+                    }
+                }
+            })
+            .response;
+        name_widget(&response, "Preset");
+        let field = NumberField::whole("Steps", 1..=100_000).counting(" step", " steps");
+        field.edit_whole(ui, &mut form.settings.steps);
+    });
+    details(ui, state);
+    ui.horizontal_wrapped(|ui| {
+        let start = ui.add_enabled(can_start(state), egui::Button::new("Start run"));
+        if start
+            .on_disabled_hover_text(
+                "This design has no lenslets to move; fit some to its PSF (Presets), or start from random ones",
+            )
+            .clicked()
+        {
+            state.guard(&ui.ctx().clone(), Leave::Run);
+        }
+        let Some(last) = last.filter(|run| !run.is_active()) else { return };
+        // Of several starts that came to their end one goes on, the best where the last has failed.
+        let place = run_results::place_of_shown(state, last).unwrap_or(0);
+        let text = if last.status == RunStatus::Finished && last.start_number.1 > 1 {
+            format!("Go on with result {}", place + 1)
+        } else {
+            "Go on".to_owned()
+        };
+        if ui.button(text).on_hover_text("Takes the run further, from where it was left").clicked() {
+            let done = state.bench.extend_run(state.optimize_form.further_steps(last), place, None);
+            run_results::went_on(state, done);
+        }
+        let end = last.can_end_here().then(|| ui.button("End and score"));
+        if let Some(end) = end
+            && end
+                .on_hover_text(
+                    "Ends the run at its last refit, without starts that come after it: one more fit, then bounds of its own for the mask",
+                )
+                .clicked()
+        {
+            let done = state.bench.end_run_here();
+            run_results::went_on(state, done);
+        }
+    });
+}
+
+/// What may change, and how.
+fn details(ui: &mut Ui, state: &mut State) {
+    let locked = state.locks.indices().len();
+    let form = &mut state.optimize_form;
+    let objects = &state.bench.design().objects;
+    ui.collapsing("Details", |ui| {
+        let settings = &mut form.settings;
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Move");
+            let Free { positions, widths, weights } = &mut settings.free;
+            ui.checkbox(positions, "positions");
+            ui.checkbox(widths, "widths");
+            ui.checkbox(weights, "weights");
+            ui.checkbox(&mut settings.anisotropic, "ellipses").on_hover_text("Lets spots become elliptic");
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Climb");
+            for (objective, hint) in OBJECTIVES {
+                let chosen = settings.objective == objective;
+                let offered = offered(objective, settings.preset, objects);
+                let label = ui.add_enabled(offered, egui::Button::selectable(chosen, objective.to_string()));
+                if label.on_hover_text(hint).on_disabled_hover_text(hint).clicked() {
+                    form.objective = Some(objective);
+                }
+            }
+        });
+        if settings.preset == Preset::Paper {
+            ui.horizontal_wrapped(|ui| {
+                ui.label("Rates for");
+                for (name, rates) in PUBLISHED_RATES {
+                    ui.selectable_value(&mut settings.rates, rates, name);
+                }
+            });
+        }
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Patch");
+            for (text, patch) in [("16 px", Some((16, 16))), ("32 px", Some((32, 32))), ("sensor", None)] {
+                let chosen = ui.selectable_label(settings.patch == patch, text);
+                if chosen.clicked() {
+                    settings.patch = patch;
+                }
+            }
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Least distance");
+            let field = NumberField::new("Least distance", 0.0..=8.0).speed(0.05).unit(" px");
+            field.edit(ui, &mut settings.min_separation_px);
+            let mut limited = settings.lenslets.is_some();
+            if ui.checkbox(&mut limited, "Limit number").clicked() {
+                settings.lenslets = limited.then_some(6);
+            }
+            if let Some(count) = &mut settings.lenslets {
+                let field = NumberField::whole("Lenslets in the end", 1..=64).counting(" lenslet", " lenslets");
+                field.edit_whole(ui, count);
+            }
+        });
+        schedule(ui, settings);
+        let text = match locked {
+            0 => "No lenslet is locked".to_owned(),
+            1 => "One locked lenslet stays as it is".to_owned(),
+            _ => format!("{locked} locked lenslets stay as they are"),
+        };
+        ui.weak(text).on_hover_text("The Lenslets room locks them; it counts where the run starts from this design");
+    });
+}
+
+/// Steps of a fit that goes on from the one before it.
+const REFIT: &str = "Refit";
+
+/// When what the mask climbs is fitted, and how fast lenslets move; as the preset says where nobody says otherwise.
+fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
+    let is_refitted = settings.why_unused("refit").is_none();
+    ui.collapsing("Schedule and rates", |ui| {
+        egui::Grid::new("schedule").num_columns(2).show(ui, |ui| {
+            let counts = [
+                ("Refit every", &mut settings.refit_every, "Steps of the mask between two fits of what it climbs"),
+                ("First fit", &mut settings.first_fit, "Steps of the fit to the mask at the start"),
+                (REFIT, &mut settings.refit, "Steps of each fit on the way"),
+                ("Last fit", &mut settings.last_fit, "Steps of the fit to the mask in the end"),
+            ];
+            for (name, count, hint) in counts {
+                let label = ui.label(name).on_hover_text(hint);
+                let field = NumberField::whole(name, 1..=IdealSettings::MOST).counting(" step", " steps");
+                let is_used = name != REFIT || is_refitted;
+                let value = ui.add_enabled_ui(is_used, |ui| field.edit_whole(ui, count)).inner.labelled_by(label.id);
+                value.on_disabled_hover_text("Models that begin anew are fitted as the first and the last one");
+                ui.end_row();
+            }
+            let Rates { position, variance, weight, relative_weight } = &mut settings.rates;
+            let rates = [
+                ("Position rate", position, " px", "How far a centre moves in one step, about"),
+                ("Variance rate", variance, " px\u{b2}", "How much a squared width changes in one step, about"),
+                ("Weight rate", weight, "", "How much a weight changes in one step, about; all weights sum to 1"),
+                ("Relative weight rate", relative_weight, "", "Least change of a weight in one step, as a share of it"),
+            ];
+            for (name, rate, unit, hint) in rates {
+                let label = ui.label(name).on_hover_text(hint);
+                let speed = (0.02 * *rate).max(1e-5);
+                NumberField::new(name, 0.0..=10.0).speed(speed).unit(unit).edit(ui, rate).labelled_by(label.id);
+                ui.end_row();
+            }
+            let label =
+                ui.label("Settle over").on_hover_text("Share of the steps, at the end, over which the rates fall");
+            let field = NumberField::new("Settle over", 0.0..=100.0).unit(" %");
+            let (value, edit) = field.show(ui, 100.0 * settings.settle);
+            value.labelled_by(label.id);
+            if let Some(edit) = edit {
+                settings.settle = edit.value / 100.0;
+            }
+            ui.end_row();
+        });
+        ui.checkbox(&mut settings.warm, "warm").on_hover_text("Every fit goes on from the one before it");
+        let preset = settings.clone().turned_to(settings.preset, settings.objective);
+        if ui.add_enabled(*settings != preset, egui::Button::new("As the preset")).clicked() {
+            *settings = preset;
+        }
+    });
+}
+
+/// Whether a run with this preset can climb this before these objects.
+fn offered(objective: Objective, preset: Preset, objects: &ObjectSource) -> bool {
+    objective.suits(preset) && (objective != Objective::Posterior || objects.is_beads())
+}
+
+/// What a mask can climb, and what that is good for.
+const OBJECTIVES: [(Objective, &str); 3] = [
+    (
+        Objective::Posterior,
+        "What can be told of beads, by a decoder: some minutes. For beads and the default preset; other objects have no known \
+         prior",
+    ),
+    (
+        Objective::Density,
+        "Information under a density model of the measurements, for any objects. Before sparse beads a mask can climb what \
+         the model does not know",
+    ),
+    (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
+];
+
+/// The rates by which lenslets moved before the published objects.
+const PUBLISHED_RATES: [(&str, Rates); 3] =
+    [("beads, Fashion-MNIST", Rates::PAPER), ("MNIST", Rates::PAPER_MNIST), ("CIFAR-10", Rates::PAPER_CIFAR)];
+
+/// Whether a run can be started as the form asks.
+pub fn can_start(state: &State) -> bool {
+    let has_lenslets = state.bench.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
+    let is_free = !state.run.as_ref().is_some_and(DesignRun::is_active);
+    is_free && (has_lenslets || state.optimize_form.from != From::Design)
+}
+
+/// Starts what the form asks for.
+pub fn start(state: &mut State) {
+    let design = Arc::clone(state.bench.open_design());
+    let form = &mut state.optimize_form;
+    (form.frame, form.chosen) = (None, None);
+    form.turn_to(form.settings.preset, &design.objects);
+    let is_random = matches!(form.from, From::Random | From::RandomStarts);
+    let seed = form.seed.filter(|_| is_random).unwrap_or(design.seed);
+    let mut settings = IdealSettings { seed, ..form.settings.clone() };
+    let random = |seed: u64| Start::random(&design, form.count, seed);
+    let starts = match form.from {
+        From::Design => {
+            settings.locked = state.locks.indices().iter().copied().collect();
+            vec![Start { name: design.encoder.describe(), design: Arc::clone(&design) }]
+        }
+        From::Heuristic => vec![Start::heuristic(&design, form.heuristic)],
+        From::Random => vec![random(seed)],
+        From::RandomStarts => (0..STARTS).map(|number| random(seed.wrapping_add(number))).collect(),
+    };
+    if let Err(refusal) = state.bench.start_run(starts, settings) {
+        state.messages.push(Severity::Failure, refusal);
+    }
+}
+
+/// The run that goes on.
+fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let steps = run.settings.steps;
+    ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
+    let of_what = if run.start_number.1 > 1 { " of this start" } else { "" };
+    let left = run.left.map_or(String::new(), |left| format!(", {} left{of_what}", spoken(left)));
+    let doing = match (&run.status, &run.doing) {
+        (RunStatus::Paused, _) => "paused".to_owned(),
+        (_, Some((doing, share))) if *share < 1.0 => format!("{doing}, {:.0} %", 100.0 * share),
+        (_, Some((doing, _))) => doing.clone(),
+        _ => "moving lenslets".to_owned(),
+    };
+    ui.horizontal_wrapped(|ui| {
+        ui.label(format!("{}{left}", run.place()));
+        ui.weak(doing);
+    });
+    ui.horizontal_wrapped(|ui| {
+        if run.status == RunStatus::Paused {
+            if ui.button("Resume run").clicked() {
+                state.bench.pause_run(false);
+            }
+        } else if ui.button("Pause run").clicked() {
+            state.bench.pause_run(true);
+        }
+        if ui.button("Stop run").clicked() {
+            state.bench.stop_run();
+        }
+        let mut follow = state.bench.is_following();
+        let hint = "Shows the masks of the run as they come, in place of your design";
+        if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
+            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
+            state.bench.follow_run(follow);
+        }
+        ui.checkbox(&mut state.optimize_form.trails, "Trails");
+    });
+}

@@ -1,0 +1,47 @@
+//! The strip that says that a mask of the run is shown in place of the open design, and what can become of it.
+
+use egui::{RichText, Ui};
+
+use crate::studio::app::actions::Action;
+use crate::studio::app::studio::file_name;
+use crate::studio::state::app_state::State;
+
+/// Least width for a third button, points.
+const ROOM: f32 = 640.0;
+
+/// Shows the strip while such a mask is shown.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    if !state.bench.is_looking() {
+        return;
+    }
+    let fill = ui.visuals().panel_fill.lerp_to_gamma(ui.visuals().selection.bg_fill, 0.35);
+    let frame = egui::Frame::new().fill(fill).inner_margin(egui::Margin::symmetric(8, 4));
+    egui::Panel::top("run strip").frame(frame).show(ui, |ui| {
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            // In a narrow window that is left to the Edit menu; without it the other button may do the same.
+            let has_room = ui.available_width() > ROOM && state.bench.can_accept();
+            let actions = [Action::LookAway, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
+            for action in actions {
+                if ui.button(action.label()).on_hover_text(hint(state, action)).clicked() {
+                    action.run(&ui.ctx().clone(), state);
+                }
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let name = file_name(state.bench.path());
+                let text = format!("A mask of the run is shown; {name} is as you left it.");
+                ui.add(egui::Label::new(RichText::new(text)).truncate());
+            });
+        });
+    });
+}
+
+fn hint(state: &State, action: Action) -> &'static str {
+    match action {
+        Action::Accept if state.bench.can_accept() => "Puts this mask into the design, as one step that can be undone",
+        Action::Accept => {
+            "The design has changed since the run was started, so that this mask is opened as a design of its own"
+        }
+        Action::OpenMask => "Leaves the design as it is and opens this mask as a design of its own",
+        _ => "Shows the design again; the run goes on, and its masks can be shown again (Optimize, Newest)",
+    }
+}

@@ -1,0 +1,401 @@
+//! What came of a run: its results, every mask on the way with its numbers, and their curves.
+
+use std::sync::Arc;
+
+use egui::{Align, Color32, Layout, Slider, Ui, vec2};
+use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
+
+use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
+use crate::information::{Bracket, Estimate, between, rounded, with_interval};
+use crate::plural::counted;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::information::{DENSITY, LOWER};
+use crate::studio::panels::lenslets::COUNTS;
+use crate::studio::panels::messages::Severity;
+use crate::studio::panels::trajectories::TRAIL;
+use crate::studio::state::app_state::State;
+use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
+
+/// Height of what stands above the curve of a run, its numbers and the slider, in points.
+const ABOVE_PLOT: f32 = 84.0;
+/// Width of the button beside that slider, in points.
+const NEWEST_WIDTH: f32 = 68.0;
+/// Colour of the Tamura coefficient in plots.
+const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
+/// Colour of the number of lenslets in plots.
+const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
+
+/// Shows the run, or the one that led to the result that was chosen; `room` points of height are seen without scrolling.
+pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
+    let chosen = state.optimize_form.chosen.clone();
+    let run = chosen.as_deref().unwrap_or(all);
+    ranking(ui, state, all);
+    comparison(ui, state, all);
+    if run.frames.is_empty() {
+        if run.is_active() {
+            ui.weak("The first fit takes some seconds.");
+        }
+        return;
+    }
+    let last = run.frames.len() - 1;
+    let shown = state.optimize_form.frame.unwrap_or(last).min(last);
+    value(ui, state, run, shown);
+    rewind(ui, state, run, shown);
+    if chosen.is_none() || all.status == RunStatus::Finished {
+        go_on_from(ui, state, all, run, shown);
+    }
+    information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
+    notes(ui, state, run);
+    other_plots(ui, run);
+}
+
+/// Takes up what has become of the run. When it has come to its end its result is shown, of several starts the best: that is the mask
+/// which was scored, without dark lenslets.
+pub fn take_up(state: &mut State) {
+    let was_followed = state.bench.is_following();
+    state.run = state.bench.take_up_run();
+    let has_ended = |run: &&DesignRun| run.status == RunStatus::Finished;
+    if was_followed && let Some(run) = state.run.as_ref().filter(has_ended).cloned() {
+        let place = if run.alone || run.start_number.1 == 1 { place_of(&run, &run) } else { Some(0) };
+        if let Some(place) = place {
+            show_result(state, &run, place);
+        }
+    }
+}
+
+/// Shows a result and the run that led to it.
+fn show_result(state: &mut State, run: &DesignRun, place: usize) {
+    if let Some(result) = run.ranked.get(place)
+        && let Some(array) = result.design.encoder.lenslets()
+    {
+        state.optimize_form.frame = None;
+        state.optimize_form.chosen = run.that_led_to(place).map(Arc::new);
+        state.bench.follow_run(false);
+        state.go(|bench| bench.look_at(array, &result.design));
+    }
+}
+
+/// The place of the result that is looked at: that of the last run where none was chosen. None where that run has no result.
+pub fn place_of_shown(state: &State, run: &DesignRun) -> Option<usize> {
+    place_of(run, state.optimize_form.chosen.as_deref().unwrap_or(run))
+}
+
+/// The place among the results of `all` of the one that a run has led to.
+fn place_of(all: &DesignRun, run: &DesignRun) -> Option<usize> {
+    let record = run.record.as_ref()?;
+    all.ranked.iter().position(|result| result.record.as_ref().is_some_and(|other| Arc::ptr_eq(other, record)))
+}
+
+/// What a mask is worth.
+fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
+    let frame = &run.frames[shown];
+    ui.horizontal(|ui| {
+        // What is left beside the button in the corner.
+        let room = vec2((ui.available_width() - 34.0).max(80.0), 20.0);
+        ui.allocate_ui_with_layout(room, Layout::left_to_right(Align::Min).with_main_wrap(true), |ui| {
+            ui.set_min_width(room.x);
+            let (sign, hint) = match run.settings.objective {
+                Objective::Density | Objective::PixelCnn => (
+                    '\u{2264}',
+                    "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
+                     climb because it is loose; the lower bound tells.",
+                ),
+                Objective::Posterior => (
+                    '\u{2265}',
+                    "What the decoder of the run tells of fresh scenes: the information is at least this. A bracket of the \
+                     design follows the posterior and tells more.",
+                ),
+            };
+            ui.strong(format!("{sign} {}", with_interval(frame.bits_per_pixel, frame.interval_95)));
+            let text = format!("bits per pixel at step {}", frame.step);
+            ui.label(text).on_hover_text(hint);
+            // The last that was taken up to this frame.
+            if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
+                let text = format!("\u{2265} {}", rounded(lower.bits_per_pixel));
+                ui.colored_label(LOWER, text).on_hover_text(
+                    "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
+                     least this.",
+                );
+            }
+        });
+        more(ui, state, run);
+    });
+    let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
+    ui.weak(format!(
+        "{patch}, {} ({:.1} effective), Tamura {:.3}",
+        counted(frame.distinct_lenslets, "lenslet"),
+        frame.effective_lenslets,
+        frame.tamura
+    ))
+    .on_hover_text(COUNTS);
+}
+
+/// What can be taken from the run.
+fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let more = ui.menu_button("...", |ui| {
+        if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
+            let curve = curve_of(run.settings.objective, &run.frames);
+            state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+        }
+        if let Some(record) = &run.record {
+            let export = ui.button("Export record of run...");
+            if export.on_hover_text("Everything that is needed to repeat the run, as JSON").clicked() {
+                state.dialogs.ask(Purpose::ExportRecord(Arc::clone(record)), state.bench.path());
+            }
+        }
+        let copy = ui.button("Copy command of run");
+        if copy.on_hover_text("The command line that makes the same run again").clicked() {
+            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings, &run.events));
+        }
+    });
+    let hint = "Export the curve or the record of the run, or copy the command line that makes it again";
+    name_widget(&more.response.on_hover_text(hint), "More of the run");
+}
+
+/// A slider over all masks so far, from that of the start to the newest.
+fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
+    let last = run.frames.len() - 1;
+    ui.horizontal(|ui| {
+        let back = ui.small_button("Start").on_hover_text("The mask that the run started from");
+        name_widget(&back, "Back to start");
+        if back.clicked()
+            && let Some(array) = run.start.encoder.lenslets()
+        {
+            state.optimize_form.frame = Some(0);
+            state.bench.follow_run(false);
+            state.go(|bench| bench.look_at(array, &run.start));
+        }
+        ui.spacing_mut().slider_width = (ui.available_width() - NEWEST_WIDTH).max(60.0);
+        let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
+        name_widget(&slider, "Rewind");
+        if slider.changed() && shown <= last {
+            state.optimize_form.frame = Some(shown);
+            state.bench.follow_run(false);
+            state.go(|bench| bench.look_at(&run.frames[shown].array, &run.start));
+        }
+        let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
+        name_widget(&newest, "Show newest");
+        if newest.clicked() {
+            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
+            let newest = state.run.clone();
+            let run = newest.as_ref().unwrap_or(run);
+            state.go(|bench| bench.look_at(&run.array, &run.start));
+            state.bench.follow_run(run.is_active());
+        }
+    });
+}
+
+/// Lets a run that waits, was stopped or has ended go on from an earlier mask that is shown.
+fn go_on_from(ui: &mut Ui, state: &mut State, all: &DesignRun, run: &DesignRun, shown: usize) {
+    if shown + 1 >= run.frames.len() || all.status == RunStatus::Running || all.is_being_scored() {
+        return;
+    }
+    // Of several starts that came to their end the one that is shown goes on, if it can.
+    let is_of_several = all.status == RunStatus::Finished && all.start_number.1 > 1;
+    let Some(place) = place_of(all, run).or((!is_of_several).then_some(0)) else { return };
+    let text = format!("Go on from step {}", run.frames[shown].step);
+    let hint = "The run takes up this mask again and goes on from it, where with Go on or Resume it would go on from the newest. \
+                The masks after it stay in the curve";
+    if ui.button(text).on_hover_text(hint).clicked() {
+        let done = if all.status == RunStatus::Paused {
+            state.bench.resume_run_from(shown)
+        } else {
+            state.bench.extend_run(state.optimize_form.further_steps(all), place, Some(shown))
+        };
+        went_on(state, done);
+    }
+}
+
+/// Shows the run that goes on, or why it does not.
+pub fn went_on(state: &mut State, done: Result<(), String>) {
+    match done {
+        Ok(()) => (state.optimize_form.frame, state.optimize_form.chosen) = (None, None),
+        Err(refusal) => state.messages.push(Severity::Failure, refusal),
+    }
+}
+
+/// A curve over the steps of a run.
+fn points(run: &DesignRun, value: &dyn Fn(&Frame) -> f64) -> PlotPoints<'static> {
+    run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
+}
+
+/// Information with its interval; a line marks the mask that is shown.
+fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
+    let link = ui.scope_id().with("run");
+    let (name, colour) = match run.settings.objective {
+        Objective::Density | Objective::PixelCnn => ("upper bound", DENSITY),
+        Objective::Posterior => ("lower bound", LOWER),
+    };
+    Plot::new("Information of the run")
+        .height(height)
+        .link_axis(link, [true, false])
+        .include_x(0.0)
+        .allow_scroll(false)
+        .y_axis_label("bits per pixel")
+        .show(ui, |plot| {
+            let column = |value: &dyn Fn(&Frame) -> f64| -> Vec<f64> { run.frames.iter().map(value).collect() };
+            let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
+            let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
+            plot.add(band.fill_color(colour.gamma_multiply(0.35)));
+            let values = || points(run, &|frame| frame.bits_per_pixel);
+            plot.line(Line::new(name, values()).color(colour).width(2.0));
+            plot.points(Points::new("refits", values()).color(colour).radius(2.0));
+            if shown + 1 < run.frames.len() {
+                plot.vline(VLine::new("shown", run.frames[shown].step as f64).color(TRAIL).width(1.0));
+            }
+            let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
+            let lower: Vec<[f64; 2]> = lower.collect();
+            if !lower.is_empty() {
+                plot.line(Line::new("lower bound", PlotPoints::from(lower.clone())).color(LOWER).width(2.0));
+                plot.points(Points::new("lower bound", PlotPoints::from(lower)).color(LOWER).radius(2.5));
+            }
+        });
+}
+
+/// What becomes of the mask.
+fn other_plots(ui: &mut Ui, run: &DesignRun) {
+    let link = ui.scope_id().with("run");
+    for (name, axis, colour, value) in [
+        (
+            "effective lenslets",
+            "lenslets",
+            LENSLETS,
+            &(|frame: &Frame| frame.effective_lenslets) as &dyn Fn(&Frame) -> f64,
+        ),
+        ("sensor Tamura", "sensor Tamura", TAMURA, &|frame: &Frame| frame.tamura),
+    ] {
+        Plot::new(name)
+            .height(90.0)
+            .link_axis(link, [true, false])
+            .include_x(0.0)
+            .allow_scroll(false)
+            .y_axis_label(axis)
+            .show(ui, |plot| plot.line(Line::new(name, points(run, value)).color(colour).width(2.0)));
+    }
+}
+
+/// What the run had to do besides climbing.
+fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
+    for line in IdealEvent::detours(&run.events) {
+        ui.weak(line);
+    }
+    if let Some(sentence) = gain_in_words(&run.frames, run.settings.objective).filter(|_| !run.is_active()) {
+        ui.weak(sentence);
+    }
+    // The ceiling of this mask, in patches like those of the run.
+    let is_shown = state.bench.design().encoder.lenslets() == Some(&*run.array);
+    let information = state.live.information.as_ref().filter(|information| {
+        is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
+    });
+    let ceiling = information.and_then(|information| information.value.ceiling_bits());
+    if let (Some(ceiling), Some(last)) = (ceiling, run.frames.last())
+        && last.interval_95[0] > ceiling
+    {
+        let warning = "The run's estimate lies above what the objects hold at all: judge the design by a bracket.";
+        ui.colored_label(ui.visuals().warn_fg_color, warning);
+    }
+}
+
+/// Results of finished starts, the best first.
+fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    for sentence in &run.failures {
+        ui.colored_label(ui.visuals().error_fg_color, sentence);
+    }
+    for (place, result) in run.ranked.iter().enumerate() {
+        let estimate = &result.estimate;
+        ui.horizontal_wrapped(|ui| {
+            let bits = match estimate.lower() {
+                Some(lower) => between(lower, estimate.bits_per_pixel),
+                None => format!("\u{2264} {}", with_interval(estimate.bits_per_pixel, estimate.interval_95)),
+            };
+            let text = format!("{}. {}: {bits}", place + 1, result.name);
+            let open = ui.button(text).on_hover_text(format!(
+                "Shows this design and the run that led to it. Its numbers, bits per pixel on objects that the run never saw, \
+                 in patches and for the whole sensor, come from models of their own: a bracket, ranked by its lower bound, or \
+                 the live estimate where no lower bound is known; for the whole sensor where that is known of all. In patches: {}",
+                with_intervals(estimate)
+            ));
+            name_widget(&open, &format!("Result {}", place + 1));
+            if open.clicked() {
+                show_result(state, run, place);
+            }
+            let copy = ui.small_button("Copy").on_hover_text("The command lines that compute these numbers again");
+            name_widget(&copy, &format!("Copy command of result {}", place + 1));
+            if copy.clicked() {
+                let commands = result.requests().into_iter().map(|request| estimate_command(&result.design, &request));
+                state.copy_command(ui.ctx(), commands.collect::<Result<Vec<_>, _>>().map(|lines| lines.join("\n")));
+            }
+            if let Some(sensor) = &result.sensor {
+                let told = format!("The same for whole measurements: {}", with_intervals(sensor));
+                ui.weak(format!("sensor {}", short(sensor))).on_hover_text(told);
+            }
+        });
+    }
+}
+
+/// The best result beside its start and the heuristic layouts.
+fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+    let has_result = run.ranked.first().is_some_and(|best| best.record.is_some());
+    if has_result && !run.is_active() {
+        let compare = ui.button("Compare with heuristic layouts");
+        let hint = "Estimates the best result, its start and the nine published layouts alike, in patches and for the whole \
+                    sensor: 22 fits of 20 s, and their scoring. Stop it when you like; it goes on from there";
+        if compare.on_hover_text(hint).clicked()
+            && let Err(refusal) = state.bench.compare_result()
+        {
+            state.messages.push(Severity::Failure, refusal);
+        }
+    }
+    if let Some(sentence) = &run.comparison_failure {
+        ui.colored_label(ui.visuals().error_fg_color, sentence);
+    }
+    let Some(study) = run.comparison.as_ref().filter(|study| !study.cells.is_empty()) else { return };
+    egui::CollapsingHeader::new("Comparison").default_open(true).show(ui, |ui| {
+        egui::Grid::new("comparison").num_columns(1 + study.settings.patches.len()).striped(true).show(ui, |ui| {
+            ui.weak("bits per pixel");
+            for &patch in &study.settings.patches {
+                ui.weak(patches_of(patch));
+            }
+            ui.end_row();
+            for design in &study.settings.designs {
+                ui.label(&design.name);
+                for &patch in &study.settings.patches {
+                    let cell = study.cells.iter().find(|cell| cell.design == design.name && cell.patch == patch);
+                    let told = cell.and_then(|cell| cell.estimate.as_ref());
+                    let failure = cell.and_then(|cell| cell.failure.clone());
+                    match (told, failure) {
+                        (Some(told), _) => ui.label(short(told)).on_hover_text(with_intervals(told)),
+                        (None, Some(sentence)) => ui.weak("failed").on_hover_text(sentence),
+                        (None, None) => ui.weak("\u{2026}"),
+                    };
+                }
+                ui.end_row();
+            }
+        });
+        for sentence in verdict(study) {
+            ui.label(sentence);
+        }
+    });
+}
+
+/// An estimate with the intervals of its bounds, 95 %.
+fn with_intervals(estimate: &Estimate) -> String {
+    let upper = |bits, of| format!("at most {}", with_interval(bits, of));
+    match &estimate.bracket {
+        Some(Bracket {
+            lower: Some(lower), lower_interval_95: Some(of_lower), upper: bits, upper_interval_95, ..
+        }) => {
+            format!("at least {}, {}", with_interval(*lower, *of_lower), upper(*bits, *upper_interval_95))
+        }
+        _ => upper(estimate.bits_per_pixel, estimate.interval_95),
+    }
+}
+
+/// An estimate in little room.
+fn short(estimate: &Estimate) -> String {
+    match estimate.lower() {
+        Some(lower) => between(lower, estimate.bits_per_pixel),
+        None => format!("\u{2264} {}", rounded(estimate.bits_per_pixel)),
+    }
+}

@@ -1,0 +1,182 @@
+//! What is imaged, and the sensor that images it.
+
+use egui::Ui;
+
+use crate::objects::ObjectSource;
+use crate::sensor::Noise;
+use crate::studio::canvas::image_view::name_widget;
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::state::app_state::State;
+use crate::studio::widgets::number_field::NumberField;
+use crate::workbench::{Command, Design};
+
+/// Shows the settings.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let design = state.bench.design().clone();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        objects(ui, state, &design);
+        ui.add_space(6.0);
+        ui.separator();
+        sensor(ui, state, &design);
+    });
+}
+
+fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
+    ui.strong("Objects");
+    ui.add_space(2.0);
+    let density = match &design.objects {
+        ObjectSource::Beads { density } | ObjectSource::BeadsMax { density } | ObjectSource::Volume { density, .. } => {
+            *density
+        }
+        _ => 0.02,
+    };
+    let mut chosen = None;
+    ui.horizontal_wrapped(|ui| {
+        let mut kind = |ui: &mut Ui, selected: bool, text: &str, hint: &str, source: ObjectSource| {
+            if ui.selectable_label(selected, text).on_hover_text(hint).clicked() && !selected {
+                chosen = Some(source);
+            }
+        };
+        let is = |test: fn(&ObjectSource) -> bool| test(&design.objects);
+        kind(
+            ui,
+            is(|source| matches!(source, ObjectSource::Beads { .. })),
+            "Beads",
+            "Randomly placed points, the whole set scaled to the mean below",
+            ObjectSource::Beads { density },
+        );
+        kind(
+            ui,
+            is(|source| matches!(source, ObjectSource::BeadsMax { .. })),
+            "Equal beads",
+            "Every bead has 2000 photons, however many there are",
+            ObjectSource::BeadsMax { density },
+        );
+        kind(
+            ui,
+            is(|source| matches!(source, ObjectSource::Volume { .. })),
+            "Volume",
+            "Five independent planes of beads; each lenslet sees the plane it is focused on",
+            ObjectSource::Volume { planes: 5, density },
+        );
+    });
+    if let Some(source) = chosen {
+        state.send(&Command::SetObjects(source));
+    }
+    let from_file = match &design.objects {
+        ObjectSource::Beads { .. } | ObjectSource::BeadsMax { .. } | ObjectSource::Volume { .. } => false,
+        ObjectSource::Idx(_) | ObjectSource::Cifar(_) | ObjectSource::Images(_) | ObjectSource::Stack(_) => true,
+    };
+    ui.horizontal(|ui| {
+        if ui
+            .button("Open objects...")
+            .on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, a picture, or a folder of pictures")
+            .clicked()
+        {
+            state.dialogs.ask(Purpose::OpenObjects, state.bench.path());
+        }
+        if from_file {
+            let text = design.objects.to_string();
+            ui.add(egui::Label::new(&text).truncate()).on_hover_text(text);
+        }
+    });
+    if !from_file {
+        labelled(ui, "Density", |ui| {
+            let hint = "Share of pixels that hold a bead";
+            let field = NumberField::new("Bead density", 0.0002..=1.0).speed(0.0005).decimals(4);
+            if let Some(edit) = field.show(ui, density).1 {
+                let density = edit.value;
+                let source = match &design.objects {
+                    ObjectSource::BeadsMax { .. } => ObjectSource::BeadsMax { density },
+                    ObjectSource::Volume { planes, .. } => ObjectSource::Volume { planes: *planes, density },
+                    _ => ObjectSource::Beads { density },
+                };
+                state.send_edit(edit, &Command::SetObjects(source));
+            }
+            ui.weak("of pixels").on_hover_text(hint);
+        });
+    }
+    if design.objects.has_mean() {
+        labelled(ui, "Mean", |ui| {
+            let field = NumberField::new("Mean photons", 0.01..=1e7).decimals(2);
+            if let Some(edit) = field.show(ui, design.mean_photons).1 {
+                state.send_edit(edit, &Command::SetMeanPhotons(edit.value));
+            }
+            ui.weak("photons per pixel");
+        });
+    }
+    if let Some(scene) = state.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
+        ui.weak(scene.value.set.describe());
+        if let Some(understood) = scene.value.set.understood() {
+            ui.weak(format!("File: {understood}"));
+        }
+        for notice in scene.value.set.notices() {
+            ui.colored_label(ui.visuals().warn_fg_color, notice);
+        }
+    } else if let Some(busy) = &state.live.busy {
+        ui.weak(busy);
+    } else if let Some(failure) = state.failure() {
+        ui.colored_label(ui.visuals().error_fg_color, failure);
+    }
+}
+
+fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
+    ui.strong("Sensor");
+    ui.add_space(2.0);
+    let sigma = design.noise.read_sigma().unwrap_or(5.0);
+    labelled(ui, "Noise", |ui| {
+        for (text, hint, noise) in [
+            ("Shot", "Photon counting, Poisson", Noise::Shot),
+            ("Read", "Gaussian, the same everywhere", Noise::Read { sigma }),
+            ("Both", "Photon counting and read noise", Noise::ShotRead { sigma }),
+            ("None", "Noiseless; information is then unbounded", Noise::None),
+        ] {
+            let selected = std::mem::discriminant(&noise) == std::mem::discriminant(&design.noise);
+            let response = ui.selectable_label(selected, text).on_hover_text(hint);
+            name_widget(&response, &format!("{text} noise"));
+            if response.clicked() && !selected {
+                state.send(&Command::SetNoise(noise));
+            }
+        }
+    });
+    if design.noise.read_sigma().is_some() {
+        labelled(ui, "Read noise", |ui| {
+            let field = NumberField::new("Read noise sigma", 0.05..=1e5).speed(0.1).decimals(2);
+            if let Some(edit) = field.show(ui, sigma).1 {
+                let sigma = edit.value;
+                let noise =
+                    if design.noise.has_shot_noise() { Noise::ShotRead { sigma } } else { Noise::Read { sigma } };
+                state.send_edit(edit, &Command::SetNoise(noise));
+            }
+            ui.weak("photons, standard deviation");
+        });
+    }
+    labelled(ui, "Background", |ui| {
+        let field = NumberField::new("Background photons", 0.0..=1e7).speed(0.5).decimals(2);
+        if let Some(edit) = field.show(ui, design.bias_photons).1 {
+            state.send_edit(edit, &Command::SetBias(edit.value));
+        }
+        ui.weak("photons per pixel");
+    });
+    labelled(ui, "Seed", |ui| {
+        if let Some(edit) = NumberField::seed("Seed").show(ui, design.seed as f64).1 {
+            state.send_edit(edit, &Command::SetSeed(edit.value as u64));
+        }
+        if ui.button("New").on_hover_text("Draws other objects and other noise").clicked() {
+            state.bench.begin_step();
+            state.send(&Command::SetSeed(design.seed.wrapping_add(1) % 9_000_000_000_000_000));
+        }
+    });
+}
+
+/// A setting with its name in front, names aligned.
+fn labelled(ui: &mut Ui, name: &str, add: impl FnOnce(&mut Ui)) {
+    ui.horizontal(|ui| {
+        ui.set_min_height(22.0);
+        ui.allocate_ui_with_layout(egui::vec2(78.0, 18.0), egui::Layout::left_to_right(egui::Align::Center), |ui| {
+            ui.set_min_width(78.0);
+            ui.label(name);
+        });
+        add(ui);
+    });
+}

@@ -1,0 +1,186 @@
+//! The power spectrum of the shown measurement beside that of its noise.
+
+use egui::Ui;
+use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line, Plot, PlotPoints};
+
+use crate::information::PowerSpectrum;
+use crate::sensor::Noise;
+use crate::studio::canvas::image_view::{name_widget, placeholder, significant};
+use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::panels::information::CEILING;
+use crate::studio::state::app_state::State;
+use crate::workbench::{CloserKey, Curve};
+
+/// Draws the spectrum.
+pub fn show(ui: &mut Ui, state: &mut State) {
+    let Some(measurements) = state.live.measurements.clone() else {
+        placeholder(ui, "Computing");
+        return;
+    };
+    let Some(closer) = state.look_closer(&measurements) else {
+        placeholder(ui, "Computing");
+        return;
+    };
+    let spectrum = &closer.spectrum;
+    let current = is_shown(state, &closer.key);
+    let powers: Vec<[f64; 2]> = spectrum.radial.iter().copied().filter(|[_, power]| *power > 0.0).collect();
+    if powers.is_empty() {
+        placeholder(ui, "This measurement has no frequencies above 0.");
+        return;
+    }
+    let (name, noise) = noise_level(state.bench.design().noise, spectrum.mean);
+    // The noise of this sensor says nothing of an earlier measurement.
+    let noise = noise.filter(|noise| *noise > 0.0 && current);
+    // The plot knows no logarithmic axis: it draws logarithms, and its marks say of what.
+    let points: PlotPoints<'static> = powers.iter().map(|&[frequency, power]| [frequency, power.log10()]).collect();
+    let mut plot = Plot::new("Power spectrum of the measurement")
+        .legend(Legend::default().position(Corner::RightTop))
+        .include_x(0.0)
+        .include_x(0.5)
+        .allow_scroll(false)
+        .x_grid_spacer(tenths)
+        .y_grid_spacer(decades)
+        .x_axis_formatter(|mark: GridMark, _| format!("{:.1}", mark.value))
+        .y_axis_formatter(|mark: GridMark, _| power_mark(mark.value))
+        .label_formatter(|position| {
+            let HoverPosition::NearDataPoint { plot_name, position, .. } = position else { return None };
+            let power = significant(10.0_f64.powf(position.y));
+            Some(format!("{plot_name}\n{:.3} cycles/px: {power} photons\u{b2}", position.x))
+        })
+        .x_axis_label("cycles per pixel")
+        .y_axis_label("power, photons\u{b2}");
+    if let Some(noise) = noise {
+        // A decade around the noise is always seen.
+        plot = plot.include_y(noise.log10() - 0.5).include_y(noise.log10() + 0.5);
+    }
+    plot.show(ui, |plot| {
+        let line = Line::new(if current { "measurement" } else { "an earlier one" }, points);
+        plot.line(line.width(if current { 2.0 } else { 1.0 }));
+        if let Some(noise) = noise {
+            plot.hline(HLine::new(name, noise.log10()).color(CEILING).width(1.5));
+        }
+    });
+}
+
+/// Whether a closer look is one at the measurement as it is shown.
+fn is_shown(state: &State, key: &CloserKey) -> bool {
+    state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy)
+}
+
+/// Asks where to write the spectrum to.
+pub fn export_button(ui: &mut Ui, state: &mut State) {
+    let closer = state.live.closer.clone().filter(|closer| is_shown(state, &closer.key));
+    let export = ui.add_enabled(closer.is_some(), egui::Button::new("Export CSV...").small());
+    name_widget(&export, "Export spectrum as CSV");
+    if export.clicked()
+        && let Some(closer) = closer
+    {
+        let curve = curve(&closer.spectrum, state.bench.design().noise);
+        state.dialogs.ask(Purpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
+    }
+}
+
+/// The power of the sensor's noise at a mean, photons^2, and what to call it; where a sensor has none, that of shot noise
+/// stands in its place.
+fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
+    let read = noise.read_sigma().map(|sigma| sigma * sigma);
+    match (noise, read) {
+        (Noise::Read { .. }, read) => ("read noise", read),
+        (Noise::ShotRead { .. }, Some(read)) => ("shot and read noise", Some(mean + read)),
+        _ => ("shot noise of this mean", Some(mean)),
+    }
+}
+
+/// Steps between marks are made ten times as long until there are about this many at most: the axes can be zoomed out without end.
+const MOST_MARKS: f64 = 100.0;
+
+/// The multiples of `step`, or of ten, a hundred and so on times it, that lie between two bounds, and the step between them.
+fn multiples((low, high): (f64, f64), mut step: f64) -> (f64, impl Iterator<Item = f64>) {
+    let span = high - low;
+    while span.is_finite() && span / step > MOST_MARKS {
+        step *= 10.0;
+    }
+    let (first, last) =
+        if span.is_finite() { ((low / step).ceil() as i64, (high / step).floor() as i64) } else { (0, -1) };
+    (step, (first..=last).map(move |multiple| step * multiple as f64))
+}
+
+/// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
+fn tenths(input: GridInput) -> Vec<GridMark> {
+    let (step, tenths) = multiples(input.bounds, 0.1);
+    tenths.map(|value| GridMark { value, step_size: 2.5 * step }).collect()
+}
+
+/// Marks at 1, 2 and 5 times the powers of ten, of an axis of logarithms; at powers of ten alone where many are seen.
+fn decades(input: GridInput) -> Vec<GridMark> {
+    let (low, high) = input.bounds;
+    let (step, decades) = multiples((low - 1.0, high), 1.0);
+    let parts: &[(f64, f64)] =
+        if high - low < MOST_MARKS / 3.0 { &[(1.0, 1.0), (2.0, 0.3), (5.0, 0.3)] } else { &[(1.0, 1.0)] };
+    decades
+        .flat_map(|decade| {
+            parts.iter().map(move |(part, size)| GridMark { value: decade + part.log10(), step_size: size * step })
+        })
+        .filter(|mark| (low..=high).contains(&mark.value))
+        .collect()
+}
+
+/// What a mark of the axis says, by its logarithm.
+fn power_mark(logarithm: f64) -> String {
+    let power = 10.0_f64.powf(logarithm);
+    match power {
+        1.0..1e5 => format!("{power:.0}"),
+        0.001..1.0 => format!("{power:.3}").trim_end_matches('0').to_owned(),
+        // Far out a power is too large, or too small, to be told from its logarithm otherwise.
+        _ if logarithm.fract() == 0.0 => format!("1e{logarithm:.0}"),
+        _ => format!("{power:.0e}"),
+    }
+}
+
+/// The spectrum as columns for a file.
+fn curve(spectrum: &PowerSpectrum, noise: Noise) -> Curve {
+    let level = noise_level(noise, spectrum.mean).1.unwrap_or(f64::NAN);
+    let header = ["cycles_per_px", "power_photons2", "noise_photons2"];
+    let rows = spectrum.radial.iter().map(|&[frequency, power]| vec![frequency, power, level]).collect();
+    Curve { header: header.map(String::from).to_vec(), rows, names: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_the_power_of_its_variance() {
+        assert_eq!(noise_level(Noise::Shot, 40.0).1, Some(40.0));
+        assert_eq!(noise_level(Noise::Read { sigma: 3.0 }, 40.0).1, Some(9.0));
+        assert_eq!(noise_level(Noise::ShotRead { sigma: 3.0 }, 40.0).1, Some(49.0));
+    }
+
+    #[test]
+    fn marks_are_round_powers() {
+        let marks = decades(GridInput { bounds: (0.9, 2.4), base_step_size: 0.01 });
+        let texts: Vec<String> = marks.iter().map(|mark| power_mark(mark.value)).collect();
+        assert_eq!(texts, ["10", "20", "50", "100", "200"]);
+        assert_eq!([-1.0, 5.0, 7.0, -400.0].map(power_mark), ["0.1", "1e5", "1e7", "1e-400"]);
+    }
+
+    #[test]
+    fn marks_stay_few_however_far_the_axes_are_zoomed_out() {
+        let marks = |bounds| {
+            let input = || GridInput { bounds, base_step_size: 0.01 };
+            [tenths(input()), decades(input())].map(|marks| marks.len())
+        };
+        assert_eq!(marks((0.0, 0.5)), [6, 2]);
+        for bounds in [(-3.0, 30.0), (-1.0, 40.0), (-1e3, 1e3), (-1e12, 1e12), (1e300, 2e300), (-1e300, 1.0)] {
+            assert!(
+                marks(bounds).into_iter().all(|count| (2..=105).contains(&count)),
+                "{bounds:?} {:?}",
+                marks(bounds)
+            );
+        }
+        for (low, high) in [(f64::NAN, 1.0), (0.0, f64::NAN), (f64::NEG_INFINITY, f64::INFINITY), (f64::MIN, f64::MAX)]
+        {
+            assert_eq!(marks((low, high)), [0, 0]);
+        }
+    }
+}

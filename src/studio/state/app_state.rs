@@ -1,0 +1,446 @@
+//! What the panels share: the workbench, what is selected and shown, and where the pointer is.
+
+use std::cmp::Reverse;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::optics::Lenslet;
+use crate::workbench::{
+    Closer, CloserKey, CloserOrder, Colormap, Command, Design, DesignRun, Estimates, Live, LiveEstimate, LiveRecord,
+    Measurements, Recovered, Snapshots, Stamped, Workbench,
+};
+
+use crate::studio::app::app_data::Preferences;
+use crate::studio::app::capture::Capture;
+use crate::studio::app::layout::Pane;
+use crate::studio::canvas::image_view::{ImageView, Palettes};
+use crate::studio::dialogs::confirm_discard;
+use crate::studio::dialogs::palette::Palette;
+use crate::studio::dialogs::path_dialog::{Dialogs, Purpose};
+use crate::studio::dialogs::settings_dialogs::Sheet;
+use crate::studio::dialogs::welcome::Guide;
+use crate::studio::panels::compare::Comparison;
+use crate::studio::panels::edit_history::Trail;
+use crate::studio::panels::estimates::EstimateForm;
+use crate::studio::panels::information_overlay::InformationOverlay;
+use crate::studio::panels::jobs::JobsWindow;
+use crate::studio::panels::linked_cursor::LinkedCursor;
+use crate::studio::panels::messages::{Messages, Severity};
+use crate::studio::panels::mtf::MtfView;
+use crate::studio::panels::optimize::{self, OptimizeForm};
+use crate::studio::state::locks::Locks;
+use crate::studio::widgets::clipboard::Clipboard;
+use crate::studio::widgets::number_field::Edit;
+
+/// The state of the window. Panels read it, and change the design only through [`State::send`].
+pub struct State {
+    /// The open design and its worker.
+    pub bench: Workbench,
+    /// Results as of this frame.
+    pub live: Live,
+    /// Longer estimates as of this frame.
+    pub estimates: Estimates,
+    /// The run that optimizes the mask, as of this frame.
+    pub run: Option<DesignRun>,
+    /// What the Optimize room asks for.
+    pub optimize_form: OptimizeForm,
+    /// What the Estimates room asks for.
+    pub estimate_form: EstimateForm,
+    /// Whether the mask shows where the gradient would move lenslets.
+    pub arrows: bool,
+    /// The patch whose information map is shown; the mean over many where there is none.
+    pub map_sample: Option<usize>,
+    /// Indices of the selected lenslets.
+    pub selection: BTreeSet<usize>,
+    /// The lenslets that runs leave as they are.
+    pub locks: Locks,
+    /// The pictures.
+    pub views: Views,
+    /// Colours of all maps.
+    pub palettes: Palettes,
+    /// Which of the live objects is shown.
+    pub sample: usize,
+    /// Whether the measurement is shown with noise.
+    pub noisy: bool,
+    /// What the MTF room shows.
+    pub mtf_view: MtfView,
+    /// What was last asked for of the one measurement that is looked at.
+    pub closer_asked: Option<CloserKey>,
+    /// Where information comes from, over the measurement.
+    pub overlay: InformationOverlay,
+    /// Where the pointer is in the object or the measurement.
+    pub cursor: LinkedCursor,
+    /// The value under the pointer, for the status bar.
+    pub hover: Option<String>,
+    /// Information after each edit.
+    pub trail: Trail,
+    /// What was told.
+    pub messages: Messages,
+    /// What takes texts that are copied.
+    pub clipboard: Clipboard,
+    /// Open dialogs.
+    pub dialogs: Dialogs,
+    /// The drag on the mask canvas, if one is going on.
+    pub drag: Option<MaskDrag>,
+    /// What waits for an answer about unsaved changes.
+    pub leaving: Option<Leaving>,
+    /// Designs that were put aside.
+    pub snapshots: Snapshots,
+    /// How they are compared.
+    pub comparison: Comparison,
+    /// What a person has chosen, from one day to the next.
+    pub preferences: Preferences,
+    /// What draws the window; none in tests.
+    pub renderer: Option<&'static str>,
+    /// Where everything is kept that outlives the window, if anywhere.
+    pub folder: Option<PathBuf>,
+    /// How the rooms are to be arranged.
+    pub arrange: Option<Arrange>,
+    /// The open palette.
+    pub palette: Option<Palette>,
+    /// The open sheet.
+    pub sheet: Option<Sheet>,
+    /// The list of jobs.
+    pub jobs: JobsWindow,
+    /// Pictures of rooms.
+    pub capture: Capture,
+    /// Where each room was drawn last, points.
+    pub rooms: Vec<(Pane, egui::Rect)>,
+    /// The room that fills the window, if one does.
+    pub maximised: Option<Pane>,
+    /// What newcomers are shown.
+    pub guide: Guide,
+    /// Seed of the last random start.
+    random_start: Option<u64>,
+}
+
+/// What would leave the open design behind, or a run.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Leave {
+    /// Starting from the default design.
+    New,
+    /// Starting from a design that comes with the program.
+    Sample(Box<Design>),
+    /// Asking for a design file.
+    Open,
+    /// Opening a design file that was dropped on the window.
+    OpenFile(PathBuf),
+    /// Closing the window.
+    Close,
+    /// Starting a run in place of the last one.
+    Run,
+    /// Opening the mask of the run that is shown as a design of its own.
+    Accept,
+}
+
+/// A wish for the rooms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arrange {
+    /// One is to come to the front.
+    Show(Pane),
+    /// All go back to where they are in a new window.
+    Reset,
+    /// The arrangement is remembered under this number.
+    Remember(usize),
+    /// The arrangement of this number comes back.
+    Recall(usize),
+}
+
+/// A question about unsaved changes.
+pub struct Leaving {
+    /// What waits.
+    pub what: Leave,
+    /// The answer was to save; when the file is written it goes on.
+    pub saving: bool,
+}
+
+/// The pictures, each with its own colours and limits.
+pub struct Views {
+    /// Point spread function under the lenslets.
+    pub psf: ImageView,
+    /// One object.
+    pub object: ImageView,
+    /// One measurement.
+    pub measurement: ImageView,
+    /// Two-dimensional transfer function.
+    pub mtf: ImageView,
+    /// Information of the pixels of a patch.
+    pub information: ImageView,
+}
+
+/// A drag on the mask canvas.
+pub enum MaskDrag {
+    /// Lenslets are moved: their state when the drag began, and the pointer's place then, in PSF pixels.
+    Move {
+        /// Indices and lenslets.
+        from: Vec<(usize, Lenslet)>,
+        /// Pointer (x, y).
+        start: (f64, f64),
+        /// Whether the pointer has been farther from there than in a click: a long press trembles.
+        begun: bool,
+    },
+    /// A box is drawn around lenslets, from this pointer place in PSF pixels.
+    Select {
+        /// Pointer (x, y).
+        start: (f64, f64),
+        /// What was selected before and stays so.
+        kept: BTreeSet<usize>,
+    },
+}
+
+impl State {
+    /// The state of a new window on a workbench.
+    pub fn new(bench: Workbench) -> Self {
+        let (live, estimates) = (bench.live(), bench.estimates());
+        Self {
+            bench,
+            live,
+            estimates,
+            run: None,
+            optimize_form: OptimizeForm::default(),
+            estimate_form: EstimateForm::default(),
+            arrows: true,
+            map_sample: None,
+            selection: BTreeSet::new(),
+            locks: Locks::default(),
+            views: Views {
+                psf: ImageView::new("PSF", "", Colormap::Viridis),
+                object: ImageView::new("Object", "photons", Colormap::Gray),
+                measurement: ImageView::new("Measurement", "photons", Colormap::Gray),
+                mtf: ImageView::new("MTF map", "", Colormap::Viridis),
+                information: ImageView::new("Information map", "bits", Colormap::Inferno),
+            },
+            palettes: Palettes::default(),
+            sample: 0,
+            noisy: true,
+            mtf_view: MtfView::default(),
+            closer_asked: None,
+            overlay: InformationOverlay::default(),
+            cursor: LinkedCursor::default(),
+            hover: None,
+            trail: Trail::default(),
+            messages: Messages::default(),
+            clipboard: Clipboard::default(),
+            dialogs: Dialogs::default(),
+            drag: None,
+            leaving: None,
+            snapshots: Snapshots::default(),
+            comparison: Comparison::default(),
+            preferences: Preferences::default(),
+            renderer: None,
+            folder: None,
+            arrange: None,
+            palette: None,
+            sheet: None,
+            jobs: JobsWindow::default(),
+            capture: Capture::default(),
+            rooms: Vec::new(),
+            maximised: None,
+            guide: Guide::default(),
+            random_start: None,
+        }
+    }
+
+    /// Does what leaves the open design or a run behind, at once or after a question about what would be lost.
+    pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
+        let asks = match what {
+            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
+            Leave::Close => self.bench.is_dirty() || confirm_discard::going_on(self).is_some(),
+            _ => self.bench.is_dirty(),
+        };
+        if asks {
+            self.leaving = Some(Leaving { what, saving: false });
+        } else {
+            self.leave(ctx, what);
+        }
+    }
+
+    /// Leaves the open design or a run behind.
+    pub fn leave(&mut self, ctx: &egui::Context, what: Leave) {
+        self.leaving = None;
+        if matches!(what, Leave::New | Leave::Sample(_)) {
+            self.selection.clear();
+        }
+        match what {
+            Leave::New => self.bench.start_from(Design::default()),
+            Leave::Sample(design) => self.bench.start_from(*design),
+            Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
+            Leave::OpenFile(path) => self.bench.open_file(path),
+            Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            Leave::Run => optimize::start(self),
+            Leave::Accept => self.bench.accept_as_new(),
+        }
+    }
+
+    /// A seed that the last random start did not have; the design's own at first.
+    pub fn next_random_start(&mut self, seed: u64) -> u64 {
+        let next = self.random_start.map_or(seed, |last| last.wrapping_add(1));
+        self.random_start = Some(next);
+        next
+    }
+
+    /// Changes the design; a refusal is told.
+    pub fn send(&mut self, command: &Command) {
+        let are_others = !self.bench.shows_own_lenslets();
+        if let Err(error) = self.bench.apply(command) {
+            return self.messages.push(Severity::Failure, error.to_string());
+        }
+        match command {
+            Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
+            Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
+                self.selection.clear();
+                self.drag = None; // what it holds by their indices are others now
+            }
+            _ => {}
+        }
+        match (are_others, command.edits_lenslets()) {
+            // Whoever edits a mask of the run has accepted it.
+            (true, true) => self.locks.check(self.bench.lenslets()),
+            // The open design is shown again.
+            (true, false) => self.selection.clear(),
+            (false, _) => {}
+        }
+        self.locks.follow(command, self.bench.lenslets());
+    }
+
+    /// Changes the design as a number field says; a typed number is a step of undo of its own.
+    pub fn send_edit(&mut self, edit: Edit, command: &Command) {
+        if edit.is_typed {
+            self.bench.begin_step();
+        }
+        self.send(command);
+        if edit.is_typed {
+            self.bench.begin_step();
+        }
+    }
+
+    /// Goes to another design, back or forth. Indices of what is held, selected or locked may mean other lenslets there.
+    pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
+        let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
+        let before = shown(&self.bench);
+        go(&mut self.bench);
+        self.drag = None;
+        if shown(&self.bench) != before {
+            self.selection.clear();
+        }
+        self.locks.check(self.bench.lenslets());
+    }
+
+    /// Lenslets of the open design.
+    pub fn lenslet_count(&self) -> usize {
+        self.bench.design().encoder.lenslets().map_or(0, |array| array.lenslets.len())
+    }
+
+    /// The selected lenslets with their indices.
+    pub fn selected_lenslets(&self) -> Vec<(usize, Lenslet)> {
+        let Some(array) = self.bench.design().encoder.lenslets() else { return Vec::new() };
+        self.selection.iter().filter_map(|&index| Some((index, *array.lenslets.get(index)?))).collect()
+    }
+
+    /// Adds a lenslet in the middle of the grid, like the last one.
+    pub fn add_lenslet(&mut self) {
+        let Some(array) = self.bench.design().encoder.lenslets() else { return };
+        let (x, y) = ((array.cols / 2) as f64, (array.rows / 2) as f64);
+        let like = array.lenslets.last();
+        let sigma = like.map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
+        let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
+        self.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
+    }
+
+    /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind in either,
+    /// newest first.
+    pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
+        let usual = self.folder.as_ref().map(|home| home.join("unsaved"));
+        // Where the folder of the preferences is not there, changes are still worth keeping.
+        for folder in self.preferences.unsaved.iter().chain(&usual) {
+            match self.bench.keep_unsaved_in(folder) {
+                Ok(mut found) => {
+                    // The folder of the preferences may not have been there the last time.
+                    if let Some(usual) = usual.as_ref().filter(|&usual| usual != folder) {
+                        found.extend(Workbench::left_unsaved_in(usual));
+                        found.sort_by_key(|left| Reverse(left.kept_at));
+                    }
+                    return found;
+                }
+                Err(error) => self.messages.push(Severity::Failure, error.to_string()),
+            }
+        }
+        Vec::new()
+    }
+
+    /// Keeps unsaved changes in another folder, or in the usual one again. What another program left there is offered by the
+    /// next window.
+    pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
+        self.preferences.unsaved = folder;
+        drop(self.keep_unsaved());
+    }
+
+    /// The live estimate, where it is that of the design as it is now.
+    pub fn live_estimate(&self) -> Option<&LiveEstimate> {
+        let live = self.estimates.live.as_ref()?;
+        Some(&*live.value).filter(|_| self.is_current(live.revision))
+    }
+
+    /// The measurements, where they are of the design as it is now.
+    pub fn current_measurements(&self) -> Option<&Stamped<Measurements>> {
+        self.live.measurements.as_ref().filter(|measurements| self.is_current(measurements.revision))
+    }
+
+    /// Why the design as it is now has no numbers, where it has none.
+    pub fn failure(&self) -> Option<&str> {
+        let (revision, failure) = self.live.failure.as_ref()?;
+        self.is_current(*revision).then_some(failure.as_str())
+    }
+
+    /// Asks for what is computed of the shown measurement alone, its spectrum and where its information comes from, and
+    /// returns the newest that there is.
+    pub fn look_closer(&mut self, measurements: &Stamped<Measurements>) -> Option<Arc<Closer>> {
+        let live = self.live_estimate().filter(|_| self.overlay.shown && self.is_current(measurements.revision));
+        let (steps, model) = live.map(|live| (live.recipe.steps, Arc::clone(&live.model))).unzip();
+        let key = CloserKey { revision: measurements.revision, sample: self.sample, noisy: self.noisy, steps };
+        if self.closer_asked != Some(key) {
+            self.closer_asked = Some(key);
+            self.bench.look_closer(CloserOrder { key, measurements: Arc::clone(&measurements.value), model });
+        }
+        self.live.closer.clone()
+    }
+
+    /// What is needed to compute the live estimate again.
+    pub fn live_record(&self) -> Option<LiveRecord> {
+        let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.bench.design()))?;
+        Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
+    }
+
+    /// Puts a text into the clipboard and says whether it is there; `what` begins that sentence: "The numbers are".
+    pub fn copy(&mut self, ctx: &egui::Context, text: String, what: &str) {
+        match self.clipboard.put(ctx, text) {
+            Ok(()) => self.messages.push(Severity::Done, format!("{what} in the clipboard")),
+            Err(reason) => {
+                let failure = format!("{what} not in the clipboard of the system, for it failed: {reason}");
+                self.messages.push(Severity::Failure, failure);
+            }
+        }
+    }
+
+    /// Puts a command line into the clipboard, or tells why there is none.
+    pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
+        match command {
+            Ok(text) => self.copy(ctx, text, "The command line is"),
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
+    }
+
+    /// Deletes the selected lenslets.
+    pub fn delete_selection(&mut self) {
+        let indices: Vec<usize> = self.selection.iter().copied().collect();
+        if !indices.is_empty() {
+            self.send(&Command::DeleteLenslets(indices));
+        }
+    }
+
+    /// Whether a result of this revision is that of the open design.
+    pub fn is_current(&self, revision: u64) -> bool {
+        revision == self.bench.revision()
+    }
+}
