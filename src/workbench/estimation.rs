@@ -26,6 +26,18 @@ use crate::information::{
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::sensor::Patches;
 
+/// What decides an estimate of a design.
+pub(super) fn identity(design: &Design, objects_fingerprint: &String, request: &EstimateRequest) -> Identity {
+    let content = json!({
+        "design": json_of(design),
+        "objects": objects_fingerprint,
+        "request": request.identity(),
+    });
+    let earlier = request.earlier_identities();
+    let earlier = earlier.into_iter().map(|text| format!("{:#?}", (design, objects_fingerprint, text))).collect();
+    Identity { content, earlier }
+}
+
 /// Told of analytic bounds where patches show some parts of tiles more often than others.
 const PHASES: &str = "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and \
                       one only for whole tiles";
@@ -98,13 +110,7 @@ pub(super) fn estimate_on_patches(
         let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
         return Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 }.into());
     }
-    let mut kept = KeptEstimate::open(request.keep.as_deref(), || {
-        let objects = set.fingerprint();
-        let content = json!({ "design": json_of(design), "objects": objects, "request": request.identity() });
-        let earlier = request.earlier_identities();
-        let earlier = earlier.into_iter().map(|text| format!("{:#?}", (design, &objects, text))).collect();
-        Identity { content, earlier }
-    })?;
+    let mut kept = KeptEstimate::open(request.keep.as_deref(), || identity(design, &set.fingerprint(), request))?;
     let mut trials = Vec::with_capacity(repetitions);
     let mut seconds = 0.0;
     for index in 0..repetitions {

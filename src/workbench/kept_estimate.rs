@@ -331,14 +331,19 @@ impl FitKeeper for KeptFit {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
+    use std::ops::ControlFlow;
+
     use ndarray::Array2;
 
     use super::*;
     use crate::formats::json_of;
-    use crate::information::{DecoderKind, Estimator, Protocol, TrialSettings};
-    use crate::optics::{Encoder, PsfImage};
+    use crate::information::{DecoderKind, EngineChoice, Estimator, Protocol, TrialSettings};
+    use crate::optics::{Encoder, PsfImage, heuristic_layout};
     use crate::sensor::Noise;
-    use crate::workbench::Design;
+    use crate::workbench::estimate_files::EstimateFolder;
+    use crate::workbench::estimation::identity;
+    use crate::workbench::{DensityModel, Design, EstimateRequest, Scene, WeightsFiles};
 
     #[test]
     fn estimates_of_psf_images_that_differ_in_one_pixel_have_different_keys() {
@@ -356,6 +361,65 @@ mod tests {
 
     fn named(name: &str) -> Identity {
         Identity { content: json!(name), earlier: Vec::new() }
+    }
+
+    /// The files of an estimate in progress as the program wrote them before they had a format.
+    #[test]
+    fn checkpoints_of_earlier_programs_are_resumed() {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden");
+        let folder = tempfile::tempdir().unwrap();
+        let copied = |name: &str| {
+            let path = folder.path().join(Path::new(name).file_name().unwrap());
+            std::fs::copy(golden.join(name), &path).unwrap();
+            path
+        };
+        let estimates = folder.path().join("estimates");
+        std::fs::create_dir_all(estimates.join("pending")).unwrap();
+        let order = golden.join("window-v0/estimates/pending/order.json");
+        std::fs::copy(order, estimates.join("pending/order.json")).unwrap();
+        let (order, given_up) = EstimateFolder::open(estimates).interrupted().unwrap();
+        assert_eq!(given_up, None);
+        let objects = objects_of(&order.design);
+        let state = copied("window-v0/estimates/pending/state");
+        let kept = KeptEstimate::open(Some(&state), || identity(&order.design, &objects, &order.request)).unwrap();
+        assert!(kept.parts.trials.len() == 1 && kept.parts.decoder.is_some() && kept.parts.earlier_key.is_some());
+        drop(kept);
+        // It was written again with its format and the key of today, and is the same estimate still.
+        let text = std::fs::read_to_string(&state).unwrap();
+        assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate-checkpoint\",\"format_version\":1,"));
+        let kept = KeptEstimate::open(Some(&state), || identity(&order.design, &objects, &order.request)).unwrap();
+        assert!(kept.parts.trials.len() == 1 && kept.parts.earlier_key.is_some());
+        drop(kept);
+        let other = EstimateRequest { patches_test: 1499, ..order.request.clone() };
+        assert!(KeptEstimate::open(Some(&state), || identity(&order.design, &objects, &other)).is_err());
+
+        // One that was stopped during its first fit, whose state has a key of its own.
+        let path = copied("resume-v0");
+        let mut packed = flate2::read::GzDecoder::new(File::open(golden.join("resume-v0.fit-1.gz")).unwrap());
+        let mut fit = File::create(folder.path().join("resume-v0.fit-1")).unwrap();
+        std::io::copy(&mut packed, &mut fit).unwrap();
+        drop(fit);
+        let encoder = Encoder::Lenslets(heuristic_layout(2));
+        let design = Design { encoder, seed: 3, ..Design::default() };
+        let request = EstimateRequest {
+            model: DensityModel::new(Estimator::Full, None, EngineChoice::default()).of_steps(30_000),
+            protocol: Protocol::Default,
+            patch: Some((8, 8)),
+            patches_train: 10_000,
+            patches_test: 32,
+            fresh: false,
+            trials: 1,
+            keep: None,
+            weights: WeightsFiles::default(),
+        };
+        let kept = KeptEstimate::open(Some(&path), || identity(&design, &objects_of(&design), &request)).unwrap();
+        let fit = kept.fit("1").unwrap();
+        let key = crate::network::read_detail(&fit.load().unwrap().unwrap(), "key").unwrap();
+        assert_eq!(fit.key(), key);
+    }
+
+    fn objects_of(design: &Design) -> String {
+        Scene::open(design, &|_| ControlFlow::Continue(())).unwrap().set.fingerprint()
     }
 
     #[cfg(target_os = "linux")]
