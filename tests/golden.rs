@@ -101,7 +101,7 @@ fn runs_are_resumed() {
             // The command line gives each start a folder of its own.
             None => std::fs::read(folder.path().join("start-2/run.safetensors")).unwrap(),
         };
-        assert!(at == 0 || order.ranked.len() == 1 && order.ranked[0].record.is_some());
+        assert_eq!(order.ranked.len(), at);
         let mut resumed = false;
         let mut watch = |_: &IdealProgress<'_>| {
             resumed = true;
