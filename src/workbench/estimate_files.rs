@@ -4,7 +4,6 @@
 use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +12,7 @@ use super::estimate_request::EstimateRequest;
 use super::measured::MeasuredOrder;
 use super::progress::FitPoint;
 use super::worker::Live;
-use crate::formats::{DocumentKind, FormatError, Listed, create_folder, lock_folder};
+use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::information::{Estimate, NUMBERS_VERSION};
 
 /// An estimate that was asked for.
@@ -145,23 +144,17 @@ impl EstimateFolder {
 
     /// The newest finished estimates, oldest first. What cannot be read is left as it is.
     pub fn read(&self) -> Vec<FinishedEstimate> {
-        let Ok(entries) = std::fs::read_dir(&self.folder) else { return Vec::new() };
-        let has = |file: &PathBuf, ending| file.extension().is_some_and(|found| found == ending);
-        let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-        for file in files.iter().filter(|file| self.lock.is_some() && has(file, DELETED)) {
+        let is_deleted = |file: &PathBuf| file.extension().is_some_and(|ending| ending == DELETED);
+        let entries = std::fs::read_dir(&self.folder).into_iter().flatten();
+        let deleted = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(is_deleted);
+        for file in deleted.filter(|_| self.lock.is_some()) {
             // One that stays behind goes the next time.
             let _ = std::fs::remove_file(file);
         }
-        files.retain(|file| has(file, "json"));
-        // Sorted by name they are in the order in which they came.
-        files.sort();
-        let newest = files.iter().skip(files.len().saturating_sub(Self::MOST));
-        let read = |path: &PathBuf| {
-            let estimate: FinishedEstimate = FINISHED.read(path).ok()?;
-            estimate.order.design.check().ok()?;
-            Some(FinishedEstimate { file: Some(path.file_name()?.to_string_lossy().into_owned()), ..estimate })
-        };
-        newest.filter_map(read).collect()
+        let documents = DocumentFolder { folder: self.folder.clone(), kind: FINISHED, most: Self::MOST };
+        let found = documents.read(|estimate: &FinishedEstimate| estimate.order.design.check().is_ok());
+        let found = found.map(|found| found.documents).unwrap_or_default();
+        found.into_iter().map(|(file, estimate)| FinishedEstimate { file: Some(file), ..estimate }).collect()
     }
 
     /// Writes one into a file of its own.
@@ -169,8 +162,7 @@ impl EstimateFolder {
     /// # Errors
     /// Where that cannot be written.
     pub fn keep(&self, estimate: &mut FinishedEstimate) -> Result<(), FormatError> {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let name = format!("{:024}-{}.json", now.as_nanos(), std::process::id());
+        let name = DocumentFolder::new_name();
         FINISHED.write(&self.folder.join(&name), estimate)?;
         estimate.file = Some(name);
         Ok(())

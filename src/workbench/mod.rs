@@ -78,6 +78,6 @@ pub use refinement::{LiveEstimate, LiveRecipe};
 pub use repeat::{estimate_command, images_command, look_command, repeat_command, run_command};
 pub use samples::{SAMPLES, Sample};
 pub use simulation::{Simulated, Simulator, notices_of};
-pub use snapshots::{Bits, FileChange, FileText, Snapshot, SnapshotNumbers, Snapshots};
+pub use snapshots::{Bits, FileChange, Snapshot, SnapshotNumbers, Snapshots};
 pub use stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use worker::{Live, Stamped, Worker};

@@ -2,15 +2,14 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Condvar, Mutex};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
 use super::design::Design;
 use super::threads::lock;
-use crate::formats::{DocumentKind, FormatError, TEMPORARY_PREFIX, create_folder};
+use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 
 /// Least time between two files.
 const EVERY: Duration = Duration::from_secs(5);
@@ -44,30 +43,12 @@ struct Kept {
     seconds: u64,
 }
 
-/// What is to be done next.
-enum Order {
-    /// Write this.
-    Keep(Arc<Design>, Option<PathBuf>),
-    /// There is nothing to lose: remove the file.
-    Forget,
-}
-
-#[derive(Default)]
-struct Slot {
-    order: Option<Order>,
-    /// Files whose contents are in the next one that is written.
-    superseded: Vec<Recovered>,
-    stop: bool,
-    /// Whether the newest order is done.
-    done: bool,
-    /// Why the last file was not written, where it has not been told.
-    failure: Option<String>,
-}
-
 /// Keeps the open design in a file while it has unsaved changes, on a thread of its own.
 pub struct Autosave {
-    slot: Arc<(Mutex<Slot>, Condvar)>,
-    thread: Option<JoinHandle<()>>,
+    writer: FileWriter,
+    file: PathBuf,
+    /// Files whose contents are in the next one that is written.
+    superseded: Arc<Mutex<Vec<Recovered>>>,
     /// Contents and whether they are unsaved, as they were noted last.
     noted: Option<(u64, bool)>,
     lock_file: PathBuf,
@@ -90,13 +71,9 @@ impl Autosave {
         let lock = File::create(&lock_file).map_err(|error| FormatError::from_write(&lock_file, error))?;
         // Where the folder's file system knows no locks, a second program would offer what this one has open.
         let _ = lock.try_lock();
-        let slot: Arc<(Mutex<Slot>, Condvar)> = Arc::default();
-        let shared = Arc::clone(&slot);
-        let thread = std::thread::Builder::new()
-            .name("lenslet-autosave".into())
-            .spawn(move || keep(&shared, &file))
-            .map_err(|error| FormatError::from_write(folder, error))?;
-        Ok((Self { slot, thread: Some(thread), noted: None, lock_file, lock: Some(lock) }, found))
+        let writer =
+            FileWriter::start("lenslet-autosave", EVERY).map_err(|error| FormatError::from_write(folder, error))?;
+        Ok((Self { writer, file, superseded: Arc::default(), noted: None, lock_file, lock: Some(lock) }, found))
     }
 
     /// Notes the open design: `contents` is the number of what it holds, `path` its file. Returns why the last attempt to
@@ -109,30 +86,32 @@ impl Autosave {
     ) -> Option<String> {
         if self.noted != Some((contents, unsaved)) {
             self.noted = Some((contents, unsaved));
-            let order = if unsaved { Order::Keep(Arc::clone(design), path.map(Path::to_owned)) } else { Order::Forget };
-            let mut slot = lock(&self.slot.0);
-            (slot.order, slot.done) = (Some(order), false);
-            drop(slot);
-            self.slot.1.notify_all();
+            let superseded = Arc::clone(&self.superseded);
+            let then: AfterWrite = Box::new(move || lock(&superseded).drain(..).for_each(Recovered::discard));
+            if unsaved {
+                let (design, path) = (Arc::clone(design), path.map(Path::to_owned));
+                self.writer.write(self.file.clone(), Box::new(move || content(&design, path)), Some(then));
+            } else {
+                self.writer.remove(self.file.clone(), Some(then));
+            }
         }
-        lock(&self.slot.0).failure.take()
+        self.writer.take_failure()
     }
 
     /// Whether the design that was noted last is kept, or need not be.
     pub fn is_done(&self) -> bool {
-        lock(&self.slot.0).done
+        self.writer.is_idle()
     }
 
     /// The design need not be kept any more: whoever closed it was asked about unsaved changes. Where this is not called, a
     /// renderer that was lost for example, what is unsaved stays and is offered again.
     pub fn close(&mut self) {
-        lock(&self.slot.0).order = Some(Order::Forget);
-        self.slot.1.notify_all();
+        self.writer.remove(self.file.clone(), None);
     }
 
     /// The file of a recovered design is removed as soon as the design is kept anew.
     pub fn supersede(&self, recovered: Recovered) {
-        lock(&self.slot.0).superseded.push(recovered);
+        lock(&self.superseded).push(recovered);
     }
 }
 
@@ -148,75 +127,22 @@ impl Recovered {
 
 impl Drop for Autosave {
     fn drop(&mut self) {
-        lock(&self.slot.0).stop = true;
-        self.slot.1.notify_all();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        // The lock is held until the last change is written.
+        self.writer.finish();
         drop(self.lock.take());
         let _ = std::fs::remove_file(&self.lock_file);
     }
 }
 
-/// The thread: does the newest order, files at most every [`EVERY`]. One that cannot be written is tried again.
-fn keep((slot, changed): &(Mutex<Slot>, Condvar), file: &Path) {
-    let (mut tried, mut told): (Option<Instant>, _) = (None, None);
-    let mut guard = lock(slot);
-    loop {
-        let wait = match (&guard.order, tried) {
-            (None, _) if guard.stop => return,
-            (None, _) => Duration::MAX,
-            (Some(Order::Keep(..)), Some(at)) if !guard.stop => EVERY.saturating_sub(at.elapsed()),
-            (Some(_), _) => Duration::ZERO,
-        };
-        if wait == Duration::MAX {
-            guard = changed.wait(guard).unwrap_or_else(std::sync::PoisonError::into_inner);
-            continue;
-        }
-        if wait > Duration::ZERO {
-            guard = changed.wait_timeout(guard, wait).unwrap_or_else(std::sync::PoisonError::into_inner).0;
-            continue;
-        }
-        let (order, superseded) = (guard.order.take(), std::mem::take(&mut guard.superseded));
-        drop(guard);
-        let mut failed = None;
-        match order {
-            Some(Order::Keep(design, path)) => {
-                if let Err(error) = write(file, &design, path.clone()) {
-                    failed = Some((error.to_string(), Order::Keep(design, path)));
-                }
-                tried = Some(Instant::now());
-            }
-            // It may never have been written.
-            Some(Order::Forget) => drop(std::fs::remove_file(file)),
-            None => {}
-        }
-        guard = lock(slot);
-        guard.done = failed.is_none() && guard.order.is_none();
-        let Some((reason, order)) = failed else {
-            superseded.into_iter().for_each(Recovered::discard);
-            told = None;
-            continue;
-        };
-        guard.superseded.extend(superseded);
-        if guard.order.is_none() && !guard.stop {
-            guard.order = Some(order);
-        }
-        if told.as_ref() != Some(&reason) {
-            guard.failure = Some(reason.clone());
-            told = Some(reason);
-        }
-    }
-}
-
-fn write(file: &Path, design: &Design, path: Option<PathBuf>) -> Result<(), FormatError> {
+/// What the file holds of a design that was opened from or saved to `path`; none where it has no JSON form.
+fn content(design: &Design, path: Option<PathBuf>) -> Option<Vec<u8>> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     // The next program may be started in another folder.
     let path = path.and_then(|path| std::path::absolute(path).ok());
     // JSON holds Unicode alone: without its path the design is kept all the same.
     let path = path.filter(|path| path.to_str().is_some());
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
-    UNSAVED_DESIGN.write(file, &Kept { design, path, seconds })
+    serde_json::to_vec_pretty(&UNSAVED_DESIGN.marked(&Kept { design, path, seconds })).ok()
 }
 
 /// Files whose owners no longer run.
@@ -256,7 +182,7 @@ fn is_half_written(file: &Path) -> bool {
 mod tests {
     use super::*;
 
-    fn until(done: impl Fn() -> bool) {
+    fn until(mut done: impl FnMut() -> bool) {
         for _ in 0..2000 {
             if done() {
                 return;
@@ -341,7 +267,10 @@ mod tests {
         std::fs::create_dir(&name).unwrap();
         let design = Arc::new(Design::default());
         let mut told = autosave.note(&design, (2, true), None);
-        until(|| lock(&autosave.slot.0).failure.is_some() || told.is_some());
+        until(|| {
+            told = told.take().or_else(|| autosave.writer.take_failure());
+            told.is_some()
+        });
         told = told.or_else(|| autosave.note(&design, (2, true), None));
         assert!(told.unwrap().contains("a folder or device"));
         // It is tried again, whether or not anything changes.

@@ -4,7 +4,7 @@ mod numbers;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use ndarray::{Array2, Axis};
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ use super::evaluation::Optics;
 use super::export::Curve;
 use super::worker::Live;
 use crate::design::merged;
-use crate::formats::{DocumentKind, FormatError, create_folder};
+use crate::formats::{DocumentFolder, DocumentKind, FileContent, FormatError, create_folder};
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -172,11 +172,9 @@ pub struct Snapshots {
     written: Option<Instant>,
 }
 
-/// What makes the text of a file, away from the window: masks that are pictures have millions of numbers.
-pub type FileText = Box<dyn FnOnce() -> Option<String> + Send>;
-
-/// What is to become of a file: its new text, or none where it is to go.
-pub type FileChange = (String, Option<FileText>);
+/// What is to become of a file, by its name: its new content, or none where it is to go. The content is made away from the window,
+/// for masks that are images have millions of numbers.
+pub type FileChange = (String, Option<FileContent>);
 
 impl Snapshots {
     /// Most designs that are kept.
@@ -196,15 +194,13 @@ impl Snapshots {
             return Err(format!("{} designs are put aside; delete some before you keep another", Self::MOST));
         }
         self.last += 1;
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let mut snapshot = Snapshot {
             number: self.last,
             name: format!("Design {}", self.last),
             design: Arc::clone(design),
             scene: scene_of(design),
             revision: Some(revision),
-            // Sorted by name, files are in the order in which designs were kept.
-            file: format!("{:024}-{}.json", now.as_nanos(), std::process::id()),
+            file: DocumentFolder::new_name(),
             changed: true,
             drawn: false,
             asked: false,
@@ -224,18 +220,10 @@ impl Snapshots {
     /// Where the folder cannot be made.
     pub fn read(folder: &Path) -> Result<(Self, (usize, usize)), FormatError> {
         create_folder(folder)?;
-        let mut files: Vec<_> = std::fs::read_dir(folder)
-            .map_err(|error| FormatError::from_read(folder, error))?
-            .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|file| file.extension().is_some_and(|ending| ending == "json"))
-            .collect();
-        files.sort();
-        let found = files.len();
+        let documents = DocumentFolder { folder: folder.to_owned(), kind: SNAPSHOT, most: Self::MOST };
+        let found = documents.read(|kept: &Kept| kept.design.check().is_ok())?;
         let mut all = Self::default();
-        let unlisted = found.saturating_sub(Self::MOST);
-        for path in files.iter().skip(unlisted) {
-            let Ok(Kept { name, design, program_version, numbers }) = SNAPSHOT.read(path) else { continue };
-            let Some(file) = path.file_name().filter(|_| design.check().is_ok()) else { continue };
+        for (file, Kept { name, design, program_version, numbers }) in found.documents {
             all.last += 1;
             let numbers = Some(numbers).filter(|_| program_version == NUMBERS_VERSION);
             let numbers = numbers.and_then(|numbers| serde_json::from_value(numbers).ok()).unwrap_or_default();
@@ -245,7 +233,7 @@ impl Snapshots {
                 scene: scene_of(&design),
                 design,
                 revision: None,
-                file: file.to_string_lossy().into_owned(),
+                file,
                 changed: false,
                 drawn: false,
                 asked: false,
@@ -254,8 +242,7 @@ impl Snapshots {
                 numbers,
             });
         }
-        let read = all.entries.len();
-        Ok((all, (found - unlisted - read, unlisted)))
+        Ok((all, (found.unreadable, found.unlisted)))
     }
 
     /// Forgets one, its file as well, until it is [brought back](Snapshots::bring_back).
@@ -293,7 +280,7 @@ impl Snapshots {
             let text = move || {
                 let numbers = serde_json::to_value(numbers).ok()?;
                 let program_version = NUMBERS_VERSION.to_owned();
-                serde_json::to_string(&SNAPSHOT.marked(&Kept { name, design, program_version, numbers })).ok()
+                serde_json::to_vec(&SNAPSHOT.marked(&Kept { name, design, program_version, numbers })).ok()
             };
             changes.push((snapshot.file.clone(), Some(Box::new(text))));
         }

@@ -3,19 +3,19 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread::JoinHandle;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use egui_tiles::Tree;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::formats::{DocumentKind, FormatError, read_json, write_safely};
+use crate::formats::{DocumentKind, FileWriter, FormatError, json_of, read_json};
 use crate::information::EngineChoice;
 use crate::studio::app::layout::{Pane, restored};
 use crate::studio::app::window::RendererChoice;
-use crate::workbench::{FileChange, FileText};
+use crate::workbench::FileChange;
 
 /// Designs that are remembered.
 const RECENT: usize = 10;
@@ -115,9 +115,9 @@ pub struct Home {
     /// What the files hold.
     preferences: Preferences,
     layout: String,
-    orders: Option<Sender<(PathBuf, Option<FileText>)>>,
-    failures: Receiver<String>,
-    thread: Option<JoinHandle<()>>,
+    /// What the file of preferences was last given by this window.
+    written: Arc<Mutex<Value>>,
+    writer: FileWriter,
 }
 
 impl Home {
@@ -138,37 +138,13 @@ impl Home {
     pub fn in_folder(folder: &Path, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Result<Self, HomeError> {
         let refused = |reason| HomeError { folder: folder.to_owned(), reason };
         std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).map_err(refused)?;
-        let (orders, ordered) = channel::<(PathBuf, Option<FileText>)>();
-        let (tell, failures) = channel();
-        let thread = std::thread::Builder::new().name("lenslet-home".into()).spawn(move || {
-            let write = |path: &Path, text: &str| write_safely(path, |file| file.write_all(text.as_bytes()));
-            // What could not be written is tried again when something else could, and in the end.
-            let mut failed: BTreeMap<PathBuf, String> = BTreeMap::new();
-            for (path, text) in ordered {
-                failed.remove(&path);
-                let Some(text) = text else {
-                    // It may never have been written.
-                    let _ = std::fs::remove_file(&path);
-                    continue;
-                };
-                let Some(text) = text() else { continue };
-                if let Err(error) = write(&path, &text) {
-                    // Without a window nobody listens.
-                    let _ = tell.send(error.to_string());
-                    failed.insert(path, text);
-                } else {
-                    failed.retain(|path, text| write(path, text).is_err());
-                }
-            }
-            failed.retain(|path, text| write(path, text).is_err());
-        });
+        let writer = FileWriter::start("lenslet-app-data", Duration::ZERO).map_err(refused)?;
         Ok(Self {
             folder: folder.to_owned(),
             preferences: preferences.clone(),
             layout: layout.and_then(|layout| layout_text(layout).ok()).unwrap_or_default(),
-            orders: Some(orders),
-            failures,
-            thread: Some(thread.map_err(refused)?),
+            written: Arc::new(Mutex::new(json_of(&preferences.storable()))),
+            writer,
         })
     }
 
@@ -205,20 +181,23 @@ impl Home {
     /// once.
     pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
         if self.preferences != *preferences {
-            let before = std::mem::replace(&mut self.preferences, preferences.clone()).storable();
+            self.preferences = preferences.clone();
+            let now = match serde_json::to_value(preferences.storable()) {
+                Ok(now) => now,
+                Err(error) => return Some(format!("the preferences were not saved: {error}")),
+            };
             let path = self.folder.join(PREFERENCES);
-            match (serde_json::to_value(before), serde_json::to_value(preferences.storable())) {
-                (Ok(before), Ok(now)) => {
-                    let file = path.clone();
-                    let text = move || {
-                        let is_newer = PREFERENCES_KIND.is_newer(&file);
-                        let text = || text_of(&PREFERENCES_KIND.marked(&changed(&file, &before, now))).ok();
-                        if is_newer { None } else { text() }
-                    };
-                    self.order(path, Some(Box::new(text)));
+            let (file, written, value) = (path.clone(), Arc::clone(&self.written), now.clone());
+            let content = move || {
+                if PREFERENCES_KIND.is_newer(&file) {
+                    return None;
                 }
-                (Err(error), _) | (_, Err(error)) => return Some(format!("the preferences were not kept: {error}")),
-            }
+                let before = written.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                bytes_of(&PREFERENCES_KIND.marked(&changed(&file, &before, value)))
+            };
+            let written = Arc::clone(&self.written);
+            let then = move || *written.lock().unwrap_or_else(PoisonError::into_inner) = now;
+            self.writer.write(path, Box::new(content), Some(Box::new(then)));
         }
         if let Some(Ok(text)) = layout.map(layout_text)
             && text != self.layout
@@ -226,31 +205,20 @@ impl Home {
             self.layout.clone_from(&text);
             let path = self.folder.join(LAYOUT);
             let file = path.clone();
-            self.order(path, Some(Box::new(move || (!LAYOUT_KIND.is_newer(&file)).then_some(text))));
+            let content = move || (!LAYOUT_KIND.is_newer(&file)).then(|| text.into_bytes());
+            self.writer.write(path, Box::new(content), None);
         }
-        self.failures.try_recv().ok()
+        self.writer.take_failure()
     }
 
-    /// Writes and removes files of kept designs, on another thread.
+    /// Writes and removes files of snapshots, on another thread.
     pub fn keep_designs(&self, changes: Vec<FileChange>) {
-        for (name, text) in changes {
-            self.order(self.folder.join(KEPT).join(name), text);
-        }
-    }
-
-    fn order(&self, path: PathBuf, text: Option<FileText>) {
-        if let Some(orders) = &self.orders {
-            // The thread ends with this.
-            let _ = orders.send((path, text));
-        }
-    }
-}
-
-impl Drop for Home {
-    fn drop(&mut self) {
-        self.orders = None;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+        for (name, content) in changes {
+            let path = self.folder.join(KEPT).join(name);
+            match content {
+                Some(content) => self.writer.write(path, content, None),
+                None => self.writer.remove(path, None),
+            }
         }
     }
 }
@@ -283,6 +251,11 @@ fn with_others(own: &Value, known: Option<&Value>) -> Value {
         }
         _ => own.clone(),
     }
+}
+
+/// The content of a file; none where the value has no JSON form.
+fn bytes_of(value: &impl Serialize) -> Option<Vec<u8>> {
+    text_of(value).ok().map(String::into_bytes)
 }
 
 /// JSON with sorted keys, so that equal values are equal texts.

@@ -1,0 +1,298 @@
+//! One thread that writes files in the background: the newest content of each, safely, and again where that failed.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::{FormatError, remove_if_there, write_safely};
+
+/// Makes the content of a file, on the thread that writes it; none leaves the file as it is.
+pub type FileContent = Box<dyn FnOnce() -> Option<Vec<u8>> + Send>;
+/// Runs on that thread once the file is as it was asked for.
+pub type AfterWrite = Box<dyn FnOnce() + Send>;
+
+/// Time until a write that failed is tried again.
+const RETRY_AFTER: Duration = Duration::from_secs(5);
+
+/// What is to become of a file.
+enum Content {
+    Make(FileContent),
+    /// Made, but not yet written: an earlier attempt failed.
+    Made(Vec<u8>),
+    Removed,
+}
+
+/// A file to be written or removed.
+struct Task {
+    content: Content,
+    then: Option<AfterWrite>,
+    /// Not before this.
+    due: Option<Instant>,
+}
+
+/// What the thread and its owner share.
+#[derive(Default)]
+struct Queue {
+    /// The newest task of each file.
+    tasks: BTreeMap<PathBuf, Task>,
+    /// The file that is being written.
+    busy: bool,
+    stop: bool,
+    /// When a file was last written.
+    written: Option<Instant>,
+    /// Why the last write failed, until it is asked for.
+    failure: Option<String>,
+    /// The same, so that it is reported once.
+    reported: Option<String>,
+}
+
+/// What to do next.
+enum Next {
+    Do(PathBuf, Task),
+    Wait(Option<Duration>),
+    End,
+}
+
+impl Queue {
+    /// The next task at a time. The last one of all is followed by the end, where it was asked for.
+    fn next(&mut self, now: Instant, every: Duration) -> Next {
+        let paced = self.written.map(|at| at + every);
+        let due = |task: &Task| match task.content {
+            Content::Removed => task.due,
+            Content::Make(_) | Content::Made(_) => task.due.max(paced),
+        };
+        let soonest = self.tasks.iter().min_by_key(|(_, task)| due(task)).map(|(path, task)| (path.clone(), due(task)));
+        match soonest {
+            None if self.stop => Next::End,
+            None => Next::Wait(None),
+            Some((path, due)) => match due.filter(|&due| due > now && !self.stop) {
+                Some(due) => Next::Wait(Some(due - now)),
+                None => self.tasks.remove(&path).map_or(Next::Wait(None), |task| Next::Do(path, task)),
+            },
+        }
+    }
+
+    /// Notes how a task ended at a time; one that failed stays, unless there is a newer one of its file or no time.
+    fn note(&mut self, path: PathBuf, task: Task, error: Option<FormatError>, now: Instant) {
+        self.busy = false;
+        if matches!(task.content, Content::Make(_) | Content::Made(_)) {
+            self.written = Some(now);
+        }
+        let Some(error) = error else {
+            self.reported = None;
+            return;
+        };
+        let reason = error.to_string();
+        if self.reported.as_ref() != Some(&reason) {
+            self.failure = Some(reason.clone());
+            self.reported = Some(reason);
+        }
+        if !self.stop {
+            let retried = Task { due: Some(now + RETRY_AFTER), ..task };
+            self.tasks.entry(path).or_insert(retried);
+        }
+    }
+}
+
+impl Task {
+    /// Does it. What comes back is the task as it is to be tried again, and why it failed, if it did.
+    fn run(mut self, path: &Path) -> (Self, Option<FormatError>) {
+        let done = match std::mem::replace(&mut self.content, Content::Removed) {
+            Content::Removed => remove_if_there(path),
+            Content::Make(make) => match make() {
+                None => Ok(()),
+                Some(bytes) => self.write(path, bytes),
+            },
+            Content::Made(bytes) => self.write(path, bytes),
+        };
+        if done.is_ok()
+            && let Some(then) = self.then.take()
+        {
+            then();
+        }
+        (self, done.err())
+    }
+
+    fn write(&mut self, path: &Path, bytes: Vec<u8>) -> Result<(), FormatError> {
+        let written = write_safely(path, |file| file.write_all(&bytes));
+        self.content = Content::Made(if written.is_ok() { Vec::new() } else { bytes });
+        written
+    }
+}
+
+/// Writes and removes files on a thread of its own. Dropping it does what is left to do, without waiting, and ends the thread.
+pub struct FileWriter {
+    queue: Arc<(Mutex<Queue>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl FileWriter {
+    /// A writer whose thread has this name and writes one file at most every so often.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn start(name: &str, every: Duration) -> io::Result<Self> {
+        let queue: Arc<(Mutex<Queue>, Condvar)> = Arc::default();
+        let shared = Arc::clone(&queue);
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || work(&shared, every))?;
+        Ok(Self { queue, thread: Some(thread) })
+    }
+
+    /// Writes a file soon, in place of what was last asked for it; `then` runs once it is written.
+    pub fn write(&self, path: PathBuf, content: FileContent, then: Option<AfterWrite>) {
+        self.put(path, Task { content: Content::Make(content), then, due: None });
+    }
+
+    /// Removes a file at once; one that is not there is fine.
+    pub fn remove(&self, path: PathBuf, then: Option<AfterWrite>) {
+        self.put(path, Task { content: Content::Removed, then, due: None });
+    }
+
+    fn put(&self, path: PathBuf, task: Task) {
+        lock(&self.queue.0).tasks.insert(path, task);
+        self.queue.1.notify_all();
+    }
+
+    /// Whether all files are as they were last asked for.
+    pub fn is_idle(&self) -> bool {
+        let queue = lock(&self.queue.0);
+        queue.tasks.is_empty() && !queue.busy
+    }
+
+    /// Why the last write failed, once.
+    pub fn take_failure(&self) -> Option<String> {
+        lock(&self.queue.0).failure.take()
+    }
+}
+
+impl FileWriter {
+    /// Does what is left to do, without waiting, and ends the thread; nothing is written after that.
+    pub fn finish(&mut self) {
+        lock(&self.queue.0).stop = true;
+        self.queue.1.notify_all();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for FileWriter {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+/// The thread.
+fn work((queue, changed): &(Mutex<Queue>, Condvar), every: Duration) {
+    let mut guard = lock(queue);
+    loop {
+        match guard.next(Instant::now(), every) {
+            Next::End => return,
+            Next::Wait(None) => guard = changed.wait(guard).unwrap_or_else(PoisonError::into_inner),
+            Next::Wait(Some(time)) => {
+                guard = changed.wait_timeout(guard, time).unwrap_or_else(PoisonError::into_inner).0;
+            }
+            Next::Do(path, task) => {
+                guard.busy = true;
+                drop(guard);
+                let (task, error) = task.run(&path);
+                guard = lock(queue);
+                guard.note(path, task, error, Instant::now());
+            }
+        }
+    }
+}
+
+/// Files are written even where another thread ended in a panic while it held the queue.
+fn lock(queue: &Mutex<Queue>) -> MutexGuard<'_, Queue> {
+    queue.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EVERY: Duration = Duration::from_secs(3);
+
+    fn text(text: &str) -> Content {
+        let bytes = text.as_bytes().to_vec();
+        Content::Make(Box::new(|| Some(bytes)))
+    }
+
+    fn task(content: Content) -> Task {
+        Task { content, then: None, due: None }
+    }
+
+    /// Does what is due at a time, and tells how long to wait after it.
+    fn do_all(queue: &mut Queue, now: Instant) -> Option<Duration> {
+        loop {
+            match queue.next(now, EVERY) {
+                Next::End => return None,
+                Next::Wait(time) => return time,
+                Next::Do(path, task) => {
+                    let (task, error) = task.run(&path);
+                    queue.note(path, task, error, now);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_newest_content_is_written_at_most_every_so_often_and_removal_does_not_wait() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other) = (folder.path().join("a"), folder.path().join("b"));
+        let (mut queue, start) = (Queue::default(), Instant::now());
+        queue.tasks.insert(path.clone(), task(text("one")));
+        assert_eq!(do_all(&mut queue, start), None);
+        queue.tasks.insert(path.clone(), task(text("two")));
+        queue.tasks.insert(path.clone(), task(text("three")));
+        std::fs::write(&other, b"x").unwrap();
+        queue.tasks.insert(other.clone(), task(Content::Removed));
+        let second = Duration::from_secs(1);
+        assert_eq!(do_all(&mut queue, start + second), Some(EVERY - second));
+        assert!(std::fs::read(&path).unwrap() == b"one" && !other.exists());
+        assert_eq!(do_all(&mut queue, start + EVERY), None);
+        assert_eq!(std::fs::read(&path).unwrap(), b"three");
+    }
+
+    #[test]
+    fn a_write_that_fails_is_reported_once_and_tried_again_until_it_succeeds() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        std::fs::create_dir(&path).unwrap();
+        let (mut queue, start) = (Queue::default(), Instant::now());
+        queue.tasks.insert(path.clone(), task(text("one")));
+        assert_eq!(do_all(&mut queue, start), Some(RETRY_AFTER));
+        assert!(queue.failure.take().unwrap().contains("a folder or device"));
+        assert_eq!(do_all(&mut queue, start + RETRY_AFTER), Some(RETRY_AFTER));
+        assert_eq!(queue.failure.take(), None, "it is known");
+        std::fs::remove_dir(&path).unwrap();
+        assert_eq!(do_all(&mut queue, start + 2 * RETRY_AFTER), None);
+        assert_eq!(std::fs::read(&path).unwrap(), b"one");
+    }
+
+    #[test]
+    fn what_is_left_is_written_in_the_end_without_waiting() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let writer = FileWriter::start("test-writer", Duration::from_hours(1)).unwrap();
+        let (tell, told) = std::sync::mpsc::channel();
+        for text in ["one", "two", "three"] {
+            let tell = tell.clone();
+            let then: AfterWrite = Box::new(move || tell.send(text).unwrap());
+            writer.write(path.clone(), Box::new(|| Some(text.into())), Some(then));
+        }
+        writer.write(folder.path().join("b"), Box::new(|| None), None);
+        drop(writer);
+        assert_eq!(std::fs::read(&path).unwrap(), b"three");
+        assert_eq!(told.try_iter().last(), Some("three"));
+        assert!(!folder.path().join("b").exists());
+        // A folder in the place of a file does not keep the program from ending.
+        let writer = FileWriter::start("test-writer", EVERY).unwrap();
+        writer.write(folder.path().to_path_buf(), Box::new(|| Some(Vec::new())), None);
+        drop(writer);
+    }
+}
