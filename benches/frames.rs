@@ -10,9 +10,9 @@ use egui_kittest::kittest::Queryable;
 use egui_kittest::wgpu::create_render_state;
 use egui_kittest::{Harness, TestRenderer};
 use image::RgbaImage;
+use lenslet_studio::forward::Design;
 use lenslet_studio::optics::{Encoder, random_layout};
 use lenslet_studio::studio::Studio;
-use lenslet_studio::workbench::Design;
 
 /// The program's own.
 #[global_allocator]

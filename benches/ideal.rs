@@ -9,7 +9,8 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Imaging, Objective, Preset};
+use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Objective, Preset};
+use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{
     CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitLength, HeldDensity, spot_slope,
 };
@@ -44,7 +45,7 @@ fn beads() -> ObjectSet {
 
 fn up_a_density_model(criterion: &mut Criterion) {
     let set = beads();
-    let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
+    let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
     let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
     let start = random_layout(25, 1);
     let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
@@ -114,7 +115,7 @@ fn up_a_density_model(criterion: &mut Criterion) {
 
 fn up_the_posterior(criterion: &mut Criterion) {
     let set = beads();
-    let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
+    let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
     let start = random_layout(25, 1);
     let psf = render_psf(&start, 1).expect("a PSF");
     let mut group = criterion.benchmark_group("ideal");

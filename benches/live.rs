@@ -5,8 +5,9 @@
 
 use std::time::{Duration, Instant};
 
+use lenslet_studio::forward::Design;
 use lenslet_studio::optics::{Encoder, heuristic_layout};
-use lenslet_studio::workbench::{Command, Design, LiveEstimate, Workbench};
+use lenslet_studio::workbench::{Command, LiveEstimate, Workbench};
 
 /// Seconds after an edit at which the estimate is read a second time.
 const SOON: f64 = 5.0;

@@ -9,15 +9,16 @@
 //!
 //! | floor | modules | hold |
 //! |---|---|---|
-//! | -1 | [`plural`] | counts beside their words, for the sentences of all floors |
+//! | -1 | [`plural`], [`seeds`] | counts beside their words, for the sentences of all floors |
 //! | 0 | [`formats`] | array and picture files, safe writing |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 1 | [`network`] | the parts that networks on the CPU are built from; knows no optics |
-//! | 2 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
-//! | 3 | [`design`] | the gradient of information by the mask |
-//! | 3 | [`studies`] | scenes of known information, for tests of the estimators |
-//! | 4 | [`workbench`] | the open design, commands, the worker, exports |
-//! | 5 | `studio`, `cli` | window, command line |
+//! | 2 | [`forward`] | the forward model: objects, mask and sensor |
+//! | 3 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
+//! | 4 | [`design`] | the gradient of information by the mask |
+//! | 4 | [`studies`] | scenes of known information, for tests of the estimators |
+//! | 6 | [`workbench`] | the open design, commands, the worker, exports |
+//! | 7 | `studio`, `cli` | window, command line |
 //!
 //! # Conventions
 //! - Images are `ndarray` arrays of shape (rows, cols), row 0 at the top; stacks are (n, rows, cols); volumes are
@@ -31,11 +32,13 @@
 pub mod cli;
 pub mod design;
 pub mod formats;
+pub mod forward;
 pub mod information;
 pub mod network;
 pub mod objects;
 pub mod optics;
 pub mod plural;
+pub mod seeds;
 pub mod sensor;
 pub mod sparsity;
 pub mod studies;

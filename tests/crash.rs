@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command as Process, Stdio};
 use std::time::{Duration, Instant};
 
+use lenslet_studio::forward::Design;
 use lenslet_studio::optics::Lenslet;
-use lenslet_studio::workbench::{Command, Design, LensletChange, Outcome, Recovered, Workbench};
+use lenslet_studio::workbench::{Command, LensletChange, Outcome, Recovered, Workbench};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

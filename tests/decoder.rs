@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use lenslet_studio::design::Imaging;
+use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{
     BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, PosteriorBound,
     PosteriorFit, QuickLowerBound, decoder_lower_bound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
@@ -140,7 +140,7 @@ fn a_start_helps_and_must_fit() {
 #[test]
 fn a_short_fit_undoes_nothing_that_a_decoder_knows() {
     let set = ObjectSet::open(&"beads:0.03".parse().unwrap(), &ObjectOptions::default()).unwrap();
-    let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+    let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
     let psf = render_psf(&heuristic_layout(9), 1).unwrap();
     let channel = imaging.bead_channel(psf.view(), (32, 32)).unwrap();
     let shipped = Decoder::shipped().unwrap();

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Limits, Spot};
 use lenslet_studio::sensor::Noise;
-use lenslet_studio::workbench::Design;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use serde_json::{Value, json};

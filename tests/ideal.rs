@@ -3,14 +3,17 @@
 use std::ops::ControlFlow;
 
 use lenslet_studio::design::{
-    Free, Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, Imaging, Objective, Preset, derived_seed, merged,
+    Free, Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, Objective, Preset, merged,
 };
 use lenslet_studio::formats::write_array;
+use lenslet_studio::forward::Design;
+use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{Encoder, Lenslet, LensletArray, Limits, Spot, render_psf};
+use lenslet_studio::seeds::derived_seed;
 use lenslet_studio::sensor::{Noise, Patches};
-use lenslet_studio::workbench::{Design, run_ideal};
+use lenslet_studio::workbench::run_ideal;
 use ndarray::{Array3, ArrayView3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -60,11 +63,11 @@ fn up_a_pixelcnn() -> IdealSettings {
     IdealSettings { steps, objects: 6, patches: 8, patch, refit_every, first_fit, refit, last_fit, ..paper }
 }
 
-fn imaging(set: &ObjectSet) -> Imaging<'_> {
-    Imaging::new(set, (12, 12), 10.0, Noise::Shot).unwrap()
+fn forward_model(set: &ObjectSet) -> ForwardModel<'_> {
+    ForwardModel::new(set, (12, 12), 10.0, Noise::Shot).unwrap()
 }
 
-fn run<'a>(imaging: &'a Imaging<'a>, start: &LensletArray, settings: IdealSettings) -> Ideal<'a> {
+fn run<'a>(imaging: &'a ForwardModel<'a>, start: &LensletArray, settings: IdealSettings) -> Ideal<'a> {
     let mut ideal = Ideal::new(imaging, start, Limits::default(), settings).unwrap();
     while !ideal.is_finished() {
         ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
@@ -75,7 +78,7 @@ fn run<'a>(imaging: &'a Imaging<'a>, start: &LensletArray, settings: IdealSettin
 #[test]
 fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
     let set = beads(0.03);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let settings = IdealSettings {
         steps: 300,
         refit_every: 5,
@@ -110,7 +113,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     lenslet_studio::formats::write_array(&path, objects.view()).unwrap();
     let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
     let set = ObjectSet::open(&ObjectSource::Stack(path), &options).unwrap();
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let settings = IdealSettings {
         steps: 200,
         refit_every: 5,
@@ -122,7 +125,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     // What a Gaussian of the same covariance tells, in closed form.
-    let known = imaging.known_moments(Split::All, (12, 12), (8, 8)).unwrap();
+    let known = imaging.analytic_moments(Split::All, (12, 12), (8, 8)).unwrap();
     let truth = |array: &LensletArray| {
         let psf = render_psf(array, 1).unwrap();
         let (signal, noise) = (900.0 * psf.iter().map(|p| p * p).sum::<f64>(), 110.0);
@@ -140,7 +143,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
 #[test]
 fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.1, weight: 1e-3, relative_weight: 0.0 };
     // Slopes by fewer scenes are so noisy that the last digits of sums decide where such a run ends.
     let tried = IdealSettings::new(Preset::Default, Objective::Posterior, 3).tried;
@@ -161,7 +164,7 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
 #[test]
 fn the_published_procedure_sharpens_a_lenslet_too() {
     let set = beads(0.03);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let rates = lenslet_studio::design::Rates { variance: 0.1, ..up_a_pixelcnn().rates };
     let settings =
         IdealSettings { steps: 40, patches: 64, refit_every: 20, first_fit: 60, refit: 60, rates, ..up_a_pixelcnn() };
@@ -183,7 +186,7 @@ fn interrupted_runs_go_on_bit_for_bit() {
 #[test]
 fn equal_runs_are_equal_on_any_number_of_threads() {
     let set = beads(0.05);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     for settings in [settings(), up_the_posterior(), up_a_pixelcnn()] {
         let settings = IdealSettings { steps: 6, ..settings };
         let on = |threads: usize| {
@@ -200,7 +203,7 @@ fn equal_runs_are_equal_on_any_number_of_threads() {
 
 fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let set = beads(0.05);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let settings = || settings.clone();
     let whole = run(&imaging, &two(), settings());
     assert_ne!(whole.state().array, two());
@@ -253,7 +256,7 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
 #[test]
 fn information_is_told_of_held_out_objects_only() {
     let set = beads(0.05);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let ideal = run(&imaging, &two(), IdealSettings { steps: 4, ..settings() });
     let frame = ideal.state().frames.last().unwrap();
     let psf = render_psf(&frame.array, 1).unwrap();
@@ -275,7 +278,7 @@ fn information_is_told_of_held_out_objects_only() {
 #[test]
 fn only_what_is_free_moves_and_the_wished_number_is_left() {
     let set = beads(0.05);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let start =
         mask((0..5).map(|i| Lenslet::round(2.0 + 1.7 * f64::from(i), 9.0 - 1.3 * f64::from(i), 1.0, 0.2)).collect());
     let free = Free { positions: true, widths: false, weights: false };
@@ -297,7 +300,7 @@ fn only_what_is_free_moves_and_the_wished_number_is_left() {
 #[test]
 fn spots_may_become_elliptic() {
     let set = beads(0.05);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let ideal = run(&imaging, &two(), IdealSettings { anisotropic: true, steps: 8, ..settings() });
     for lenslet in &ideal.state().array.lenslets {
         let Spot::Anisotropic { .. } = lenslet.spot else { panic!("{lenslet:?}") };
@@ -309,20 +312,20 @@ fn spots_may_become_elliptic() {
 #[test]
 fn a_mask_or_setting_that_allows_no_run_is_told() {
     let set = beads(0.05);
-    let imaging = imaging(&set);
+    let imaging = forward_model(&set);
     let told = |start: &LensletArray, settings: IdealSettings| {
         Ideal::new(&imaging, start, Limits::default(), settings).err().unwrap().to_string()
     };
     assert!(told(&mask(Vec::new()), settings()).contains("no lenslet"));
     assert!(told(&two(), IdealSettings { patches: 0, ..settings() }).contains("patches is 0"));
-    let silent = Imaging::new(&set, (12, 12), 10.0, Noise::None).unwrap();
+    let silent = ForwardModel::new(&set, (12, 12), 10.0, Noise::None).unwrap();
     let error = Ideal::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
     assert!(error.contains("noise"), "{error}");
     let error = Ideal::new(&silent, &two(), Limits::default(), up_the_posterior()).err().unwrap().to_string();
     assert!(error.contains("without noise"), "{error}");
     let spread = ObjectSet::open(&"beads:1".parse().unwrap(), &ObjectOptions { field: (27, 27), mean_photons: 100.0 });
     let (known, spread) = (up_the_posterior(), spread.unwrap());
-    let full = self::imaging(&spread);
+    let full = self::forward_model(&spread);
     let of_unknown = Ideal::new(&full, &two(), Limits::default(), known).err().unwrap().to_string();
     assert!(of_unknown.contains("objective is posterior"), "{of_unknown}");
 }

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use lenslet_studio::formats::read_stack;
+use lenslet_studio::forward::{Design, Simulator};
 use lenslet_studio::information::{Estimate, Protocol};
 use lenslet_studio::optics::{Encoder, heuristic_layout};
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::sparsity::tamura_of_stack;
 use lenslet_studio::workbench::{
-    DensityModel, Design, EstimateRequest, MeasurementFormat, Simulator, WeightsFiles, estimate, measure_into,
+    DensityModel, EstimateRequest, MeasurementFormat, WeightsFiles, estimate, measure_into,
 };
 
 const SETS: [(&str, &str); 3] = [

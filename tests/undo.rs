@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet, heuristic_layout};
 use lenslet_studio::sensor::Noise;
-use lenslet_studio::workbench::{Command, Design, LensletChange, Outcome, Workbench};
+use lenslet_studio::workbench::{Command, LensletChange, Outcome, Workbench};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 

@@ -12,12 +12,13 @@ use clap::builder::{OsStringValueParser, TypedValueParser};
 
 use super::output;
 use crate::formats::{ImageFile, split_kind};
+use crate::forward::Design;
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::optics::{
     Diffuser, Encoder, PsfImage, depth_layout, fit_lenslets, heuristic_layout, import_psf, psf_file, random_layout,
 };
-use crate::workbench::{Design, EvaluationError, MeasuredSource};
+use crate::workbench::{EvaluationError, MeasuredSource};
 
 /// An encoder named by `--lenslets`.
 #[derive(Clone, Debug, PartialEq, Eq)]

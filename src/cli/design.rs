@@ -15,11 +15,12 @@ use super::design_runs::{
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
 use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
+use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::plural::counted;
 use crate::workbench::study::{PublishedSet, Study, StudyRecord, StudySettings};
-use crate::workbench::{Design, IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
+use crate::workbench::{IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
 /// Arguments of `design`.
 #[derive(Args, Debug)]

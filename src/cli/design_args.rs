@@ -7,9 +7,10 @@ use anyhow::{Context, bail};
 use clap::Args;
 
 use super::choices::{EncoderChoice, encoder_argument, objects_argument};
+use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
-use crate::workbench::{DESIGN_FILE, Design};
+use crate::workbench::DESIGN_FILE;
 
 /// Most bytes that are read from standard input.
 const LARGEST_DESIGN: u64 = 256 << 20;

@@ -11,12 +11,13 @@ use super::choices::about_objects;
 use super::output::{self, Meter};
 use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::formats::check_writable;
+use crate::forward::Design;
 use crate::information::InformationError;
 use crate::objects::Progress;
 use crate::plural::counted;
 use crate::workbench::study::{StudyDesign, StudySettings};
 use crate::workbench::{
-    DESIGN_FILES, Design, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
+    DESIGN_FILES, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
     curve_of, design_outputs, run_ideal, score_in_patches, score_settings, score_whole, spoken, write_design,
 };
 

@@ -13,9 +13,10 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::output::Meter;
 use super::{Failure, output};
 use crate::formats::check_writable;
+use crate::forward::Design;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol, interval_behind};
 use crate::workbench::{
-    Calibration, DensityModel, Design, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
+    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
     estimate, has_name_of_fit, tells_of_unwritten_weights,
 };
 

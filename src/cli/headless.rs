@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::look::Look;
 use super::{Failure, output};
-use crate::workbench::{Design, export_design};
+use crate::forward::Design;
+use crate::workbench::export_design;
 
 /// Folder that a run without a window exports to.
 const FOLDER: &str = "lenslet-studio-export";

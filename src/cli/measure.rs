@@ -11,9 +11,8 @@ use super::design_runs::RECORD;
 use super::output::Meter;
 use super::tamura::Summary;
 use super::{Failure, output};
-use crate::workbench::{
-    DESIGN_FILE, DESIGN_FILES, MEASUREMENT_STACKS, MeasurementFormat, Simulator, measure_into, notices_of,
-};
+use crate::forward::{Simulator, notices_of};
+use crate::workbench::{DESIGN_FILE, DESIGN_FILES, MEASUREMENT_STACKS, MeasurementFormat, measure_into};
 
 /// Most objects of one run; as 96 x 96 px floats they fill 370 GB.
 const MOST_OBJECTS: usize = 10_000_000;
@@ -69,7 +68,7 @@ impl Arguments {
         let outputs: Vec<PathBuf> = stacks.chain([self.out.join(DESIGN_FILE)]).collect();
         self.design.check_inputs_stay(&outputs, &design)?;
         check_no_other(&self.out, &design, &[RECORD, DESIGN_FILES[0]])?;
-        let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error))?;
+        let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error.into()))?;
         if let Some(understood) = simulator.set().understood() {
             output::tell(format_args!("{}: {understood}", design.objects));
         }

@@ -6,10 +6,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::error::IdealError;
-use super::imaging::{Imaging, derived_seed};
+use crate::forward::ForwardModel;
 use crate::information::HeldDensity;
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
+use crate::seeds::derived_seed;
 use crate::sensor::{Convolution, Patches};
 
 /// The objects, and what chance does to their measurements.
@@ -77,7 +78,7 @@ pub struct GradientDraw {
     pub seed: u64,
 }
 
-impl Imaging<'_> {
+impl ForwardModel<'_> {
     /// The [`information_gradient`] of freshly drawn measurements, cut to patches of `patch` (rows, cols), which the model
     /// must take.
     ///

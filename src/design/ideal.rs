@@ -13,17 +13,18 @@ use serde_json::json;
 
 use super::error::IdealError;
 use super::guide::{DensityGuide, Guide, GuideFit, PixelCnnGuide, PosteriorGuide, Valued};
-use super::imaging::{Imaging, derived_seed};
 use super::merge::merged;
 use super::movement::project;
 use super::settings::{IdealSettings, Objective};
 use super::state::{Doing, Frame, IdealEvent, IdealProgress, IdealState};
 use super::watched::Watched;
 use crate::formats::{content_key, json_of};
+use crate::forward::ForwardModel;
 use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLowerBound};
 use crate::network::read_detail;
 use crate::objects::Split;
 use crate::optics::{LensletArray, Limits, Spot, render_psf};
+use crate::seeds::derived_seed;
 use crate::sparsity::tamura_of_stack;
 
 /// Held-out measurements that the Tamura coefficient is taken from.
@@ -37,7 +38,7 @@ pub type OnIdeal<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
 
 /// A run that goes on as long as it is told to [`advance`](Ideal::advance).
 pub struct Ideal<'a> {
-    imaging: &'a Imaging<'a>,
+    imaging: &'a ForwardModel<'a>,
     /// The mask before the first step, within the limits.
     start: LensletArray,
     limits: Limits,
@@ -55,7 +56,7 @@ impl<'a> Ideal<'a> {
     /// # Errors
     /// Where settings, mask, objects and noise do not allow one.
     pub fn new(
-        imaging: &'a Imaging<'a>,
+        imaging: &'a ForwardModel<'a>,
         start: &LensletArray,
         limits: Limits,
         settings: IdealSettings,
@@ -352,7 +353,7 @@ mod tests {
     }
 
     /// One lenslet before a small sensor, and a step of it in every round.
-    pub(super) fn small<'a>(imaging: &'a Imaging<'a>, settings: &IdealSettings) -> Ideal<'a> {
+    pub(super) fn small<'a>(imaging: &'a ForwardModel<'a>, settings: &IdealSettings) -> Ideal<'a> {
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let settings = IdealSettings { refit_every: 1, ..settings.clone() };
         Ideal::new(imaging, &start, Limits::default(), settings).unwrap()
@@ -365,7 +366,7 @@ mod tests {
     }
 
     /// A short run up the posterior of such beads, a step in every round.
-    pub(super) fn short<'a>(imaging: &'a Imaging<'a>, lenslets: &[Lenslet], steps: usize) -> Ideal<'a> {
+    pub(super) fn short<'a>(imaging: &'a ForwardModel<'a>, lenslets: &[Lenslet], steps: usize) -> Ideal<'a> {
         let start = LensletArray { rows: 16, cols: 16, lenslets: lenslets.to_vec() };
         let settings = IdealSettings {
             patch: Some((16, 16)),
@@ -396,7 +397,7 @@ mod tests {
     #[test]
     fn a_run_with_a_limit_on_lenslets_knows_its_own_state() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((500, 500)),
             lenslets: Some(2),
@@ -417,7 +418,7 @@ mod tests {
     #[test]
     fn a_run_is_left_in_the_midst_of_a_step() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((5, 5)),
             first_fit: 1,

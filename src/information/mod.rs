@@ -3,6 +3,7 @@
 #![allow(clippy::needless_pass_by_value, reason = "array views are passed by value, as ndarray itself does")]
 
 mod analytic;
+mod analytic_moments;
 mod bits;
 mod block_toeplitz;
 mod bootstrap;
@@ -21,6 +22,7 @@ mod gaussian_estimate;
 mod held_density;
 mod interpolation;
 mod likelihood;
+mod measurement_stream;
 mod paired_difference;
 mod pixelcnn;
 mod poisson;
@@ -41,6 +43,7 @@ mod trial;
 pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
 pub use analytic::{AnalyticGaussian, GaussianBound};
+pub use analytic_moments::AnalyticMoments;
 pub use bits::{between, interval_behind, rounded, with_decimals, with_interval};
 pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
 pub use bootstrap::{bootstrap_interval, paired_interval};
@@ -66,6 +69,7 @@ pub(crate) use gaussian_estimate::dequantised;
 pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
 pub use held_density::HeldDensity;
 pub use likelihood::log_likelihood;
+pub use measurement_stream::MeasurementStream;
 pub use paired_difference::{PairedDifference, TestPatches};
 pub use pixelcnn::{
     BurnDevice, DataScale, Engine, EngineChoice, FitReport, HeldPixelCnn, Mixtures, PixelCnn, PixelCnnFit,

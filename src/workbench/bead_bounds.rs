@@ -3,21 +3,22 @@
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 
-use super::design::Design;
 use super::estimate_request::{DensityModel, EstimateRequest};
 use super::evaluation::EvaluationError;
 use super::kept_estimate::KeptEstimate;
 use super::live_bounds::{ABOVE, BELOW};
 use super::patch_source::seen_psf;
 use super::progress::{Watch, tell};
-use super::simulation::imaging;
-use crate::design::{Imaging, derived_seed};
+use crate::forward::Design;
+use crate::forward::ForwardModel;
+use crate::forward::forward_model;
 use crate::information::{
     BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength, InformationError, NamedBound,
     PosteriorBound, PosteriorFit, Protocol, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
     posterior_upper_bound,
 };
 use crate::objects::ObjectSet;
+use crate::seeds::derived_seed;
 
 /// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
 /// above, which is soon as good as it gets; the rest is that of the density model.
@@ -39,7 +40,7 @@ const DECODER: u64 = 4;
 /// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
 pub(super) fn bead_channel(
     design: &Design,
-    imaging: &Imaging<'_>,
+    imaging: &ForwardModel<'_>,
     patch: (usize, usize),
 ) -> Result<(Option<BeadChannel>, Option<InformationError>), EvaluationError> {
     let Some(channel) = imaging.bead_channel(seen_psf(design, imaging.set)?.view(), patch) else {
@@ -68,7 +69,7 @@ pub fn lower_bound_at_once(
     set: &ObjectSet,
     patch: (usize, usize),
 ) -> Result<Option<NamedBound>, EvaluationError> {
-    let (channel, _) = bead_channel(design, &imaging(design, set)?, patch)?;
+    let (channel, _) = bead_channel(design, &forward_model(design, set)?, patch)?;
     let mut watch = |_: &_| ControlFlow::Continue(());
     channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), &mut watch))
 }

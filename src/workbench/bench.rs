@@ -6,7 +6,6 @@ use std::sync::Arc;
 use super::activity::{Activities, Activity, ActivityKind};
 use super::closer::CloserOrder;
 use super::command::{Command, CommandError};
-use super::design::Design;
 use super::estimate_files::{EstimateOrder, FinishedEstimate};
 use super::estimate_request::EstimateRequest;
 use super::estimator::Estimates;
@@ -19,6 +18,7 @@ use super::threads::{Threads, Wake};
 use super::watched::WatchedRun;
 use super::worker::{Live, Wanted, Worker};
 use crate::formats::FormatError;
+use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use super::design::{Design, DesignError};
+use crate::forward::{Design, DesignError};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, Lenslet, LensletArray, Limits};
 use crate::plural::counted;

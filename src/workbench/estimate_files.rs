@@ -7,12 +7,12 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::design::Design;
 use super::estimate_request::EstimateRequest;
 use super::measured::MeasuredOrder;
 use super::progress::FitPoint;
 use super::worker::Live;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
+use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
 
 /// An estimate that was asked for.

@@ -9,21 +9,22 @@ use serde_json::json;
 use super::bead_bounds::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
 };
-use super::design::Design;
 use super::estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
 use super::evaluation::{EvaluationError, ceiling_of};
 use super::kept_estimate::{Identity, KeptEstimate};
 use super::patch_source::{PatchSource, seen_psf};
 use super::progress::{EstimateProgress, Watch, in_trial, tell};
-use super::simulation::{imaging, notices_of, open_set_with};
-use crate::design::{Imaging, derived_seed, mean_measurement};
 use crate::formats::json_of;
+use crate::forward::Design;
+use crate::forward::{ForwardModel, mean_measurement};
+use crate::forward::{forward_model, notices_of, open_set_with};
 use crate::information::{
     CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
     Trial, TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
+use crate::seeds::derived_seed;
 use crate::sensor::Patches;
 
 /// What decides an estimate of a design.
@@ -83,7 +84,7 @@ pub(super) fn estimate_on_patches(
     }
     // Published densities took the noise as it is.
     let bounding = if request.protocol == Protocol::Paper { design.clone() } else { design.bounding() };
-    let imaging = imaging(&bounding, &set)?;
+    let imaging = forward_model(&bounding, &set)?;
     let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
     let (rows, cols) = convolver.plan().measurement_shape();
     let patch = request.patch.unwrap_or((rows, cols));
@@ -336,10 +337,10 @@ fn causal(
 /// Mean and autocovariance of the measurements, from those of the objects of a split and the PSF.
 pub(super) fn moments(
     design: &Design,
-    imaging: &Imaging<'_>,
+    imaging: &ForwardModel<'_>,
     (split, patch): (Split, (usize, usize)),
 ) -> Result<Moments, EvaluationError> {
-    let known = imaging.known_moments(split, design.encoder.grid(), patch)?;
+    let known = imaging.analytic_moments(split, design.encoder.grid(), patch)?;
     Ok(known.of(seen_psf(design, imaging.set)?.view())?)
 }
 
@@ -357,7 +358,7 @@ fn analytic(
     tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
-    let known = source.imaging.known_moments(Split::All, design.encoder.grid(), patch)?;
+    let known = source.imaging.analytic_moments(Split::All, design.encoder.grid(), patch)?;
     let psf = seen_psf(design, source.imaging.set)?;
     let mean = mean_measurement(source.imaging.set, psf.view(), design.bias_photons);
     let bound = known.covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;

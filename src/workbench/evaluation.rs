@@ -8,9 +8,11 @@ use std::ops::ControlFlow;
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use thiserror::Error;
 
-use super::design::{Design, DesignError};
-use crate::design::{IdealError, mean_measurement, merged, spots_on_sensor};
+use crate::design::{IdealError, merged};
 use crate::formats::FormatError;
+use crate::forward::ForwardError;
+use crate::forward::{Design, DesignError};
+use crate::forward::{bead_response, mean_measurement};
 use crate::information::{
     AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };
@@ -64,6 +66,16 @@ pub enum EvaluationError {
         /// The objects.
         objects: String,
     },
+}
+
+impl From<ForwardError> for EvaluationError {
+    fn from(error: ForwardError) -> Self {
+        match error {
+            ForwardError::Design(error) => Self::Design(error),
+            ForwardError::Objects(error) => Self::Objects(error),
+            ForwardError::Sensor(error) => Self::Sensor(error),
+        }
+    }
 }
 
 impl EvaluationError {
@@ -295,7 +307,7 @@ impl SceneOptics {
         let interval_95 = bootstrap_interval(&[gaussian.entropy_y], &per_image, design.seed)?;
         let ceiling = match &self.beads {
             Some((table, spot)) => {
-                let on_sensor = spots_on_sensor(spot, seen);
+                let on_sensor = bead_response(spot, seen);
                 Some(table.evaluate(on_sensor.view(), design.bias_photons, self.patch, design.noise.bounding())?)
             }
             None => None,
@@ -322,7 +334,7 @@ pub(super) fn ceiling_of(
     let seen = psf.slice_move(ndarray::s![..set.planes(), .., ..]);
     let beads = bead_ceiling(set)?;
     let ceiling = beads.map(|(table, spot)| {
-        let spots = spots_on_sensor(&spot, seen);
+        let spots = bead_response(&spot, seen);
         table.evaluate_exact(spots.view(), design.bias_photons, patch, design.noise.bounding())
     });
     ceiling.transpose()

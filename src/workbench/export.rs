@@ -6,9 +6,9 @@ use ndarray::Axis;
 use thiserror::Error;
 
 use super::colormap::Colormap;
-use super::design::{Design, DesignError, DesignFileError};
 use super::evaluation::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
+use crate::forward::{Design, DesignError, DesignFileError};
 use crate::optics::Spot;
 
 /// Why an export was not written.

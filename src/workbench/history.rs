@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::design::Design;
+use crate::forward::Design;
 
 /// Most steps that are kept.
 const STEPS: usize = 1000;

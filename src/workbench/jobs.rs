@@ -7,13 +7,13 @@ use std::sync::Arc;
 use ndarray::{Array2, Array3, ArrayD, Axis};
 
 use super::colormap::Colormap;
-use super::design::Design;
 use super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use super::export::{self, Curve};
 use super::ideal::IdealRecord;
 use super::live_record::LiveRecord;
 use super::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::formats::write_png_rgb;
+use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
@@ -215,9 +215,9 @@ impl Outcome {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
             Self::ObjectsOpened { source, understood: Some(understood), .. } => {
-                format!("Imaging {source}: {understood}")
+                format!("ForwardModel {source}: {understood}")
             }
-            Self::ObjectsOpened { source, .. } => format!("Imaging {source}"),
+            Self::ObjectsOpened { source, .. } => format!("ForwardModel {source}"),
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
             Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),

@@ -338,12 +338,13 @@ mod tests {
 
     use super::*;
     use crate::formats::json_of;
+    use crate::forward::Design;
     use crate::information::{DecoderKind, EngineChoice, Estimator, Protocol, TrialSettings};
     use crate::optics::{Encoder, PsfImage, heuristic_layout};
     use crate::sensor::Noise;
     use crate::workbench::estimate_files::EstimateFolder;
     use crate::workbench::estimation::identity;
-    use crate::workbench::{DensityModel, Design, EstimateRequest, Scene, WeightsFiles};
+    use crate::workbench::{DensityModel, EstimateRequest, Scene, WeightsFiles};
 
     #[test]
     fn estimates_of_psf_images_that_differ_in_one_pixel_have_different_keys() {

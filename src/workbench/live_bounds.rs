@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::design::Design;
 use super::refinement::LiveEstimate;
-use crate::design::derived_seed;
+use crate::forward::Design;
 use crate::information::{
     BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PairedDifference,
     PosteriorBound, PosteriorFit, QuickLowerBound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
     savings_gain,
 };
+use crate::seeds::derived_seed;
 
 /// Half width of the interval of the decoder's bound that is enough, bits per pixel.
 const LOWER_HALF_WIDTH: f64 = 0.002;

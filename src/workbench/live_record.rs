@@ -7,11 +7,11 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::record::LIVE_ESTIMATE;
 use super::refinement::{LiveEstimate, LiveRecipe, repeated};
 use crate::formats::{FormatError, content_key, create_folder, json_of, write_json};
+use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::Progress;
 use crate::optics::Encoder;

@@ -4,12 +4,13 @@ use std::sync::{Arc, OnceLock};
 
 use ndarray::{Array3, Axis, s};
 
-use super::design::Design;
 use super::estimation::moments;
 use super::evaluation::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
 use super::live_bounds::Beads;
 use super::refinement::{LiveEstimate, LiveRecipe};
-use crate::design::{Imaging, MeasurementStream, derived_seed};
+use crate::forward::Design;
+use crate::forward::ForwardModel;
+use crate::information::MeasurementStream;
 use crate::information::{
     BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
     NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map_unless,
@@ -17,6 +18,7 @@ use crate::information::{
 };
 use crate::network::Averaging;
 use crate::objects::Split;
+use crate::seeds::derived_seed;
 use crate::sensor::{Convolver, Noise};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
@@ -36,7 +38,7 @@ const SHOWN: usize = 8;
 /// A design with what its estimates are made of.
 pub(super) struct Subject<'a> {
     design: &'a Design,
-    imaging: &'a Imaging<'a>,
+    imaging: &'a ForwardModel<'a>,
     pub patch: (usize, usize),
     convolver: Convolver,
     pub channel: Option<BeadChannel>,
@@ -52,7 +54,7 @@ impl<'a> Subject<'a> {
         design: &'a Design,
         noise: Noise,
         scene: &Scene,
-        imaging: &'a Imaging<'a>,
+        imaging: &'a ForwardModel<'a>,
     ) -> Result<Self, EvaluationError> {
         let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
         let psf = design.psf(scene.set.planes())?;
@@ -241,8 +243,8 @@ fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, Informatio
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::simulation::imaging;
     use super::*;
+    use crate::forward::forward_model;
     use crate::information::information_map;
     use crate::optics::{Encoder, heuristic_layout};
 
@@ -258,7 +260,7 @@ mod tests {
         let scene = Arc::new(Scene::open(&before, &|_| ControlFlow::Continue(())).unwrap());
         let mut known = None;
         let mut bits = |design: &Design| -> Vec<f64> {
-            let imaging = imaging(design, &scene.set).unwrap();
+            let imaging = forward_model(design, &scene.set).unwrap();
             let subject = Subject::new(design, design.noise, &scene, &imaging).unwrap();
             let (train, test) = (subject.stream(Split::Train), subject.test(96).unwrap());
             let model = known.get_or_insert_with(|| subject.model(&train, &test, None).unwrap());

@@ -19,7 +19,6 @@ use super::kept_estimate::{Identity, KeptEstimate};
 use super::measured_error::MeasuredError;
 use super::patch_source::LARGEST_PATCHES_BYTES;
 use super::progress::{Watch, in_trial, report_understood, tell};
-use crate::design::derived_seed;
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
     CausalRequest, Covariance, Estimate, FitKeeper, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
@@ -27,6 +26,7 @@ use crate::information::{
 };
 use crate::objects::ObjectSource;
 use crate::plural::counted;
+use crate::seeds::derived_seed;
 use crate::sensor::{Noise, Patches, SensorError};
 
 /// One image in this many is held out for the test patches.

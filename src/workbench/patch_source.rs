@@ -5,12 +5,13 @@ use std::rc::Rc;
 
 use ndarray::{Array3, ArrayView3, Axis};
 
-use super::design::Design;
 use super::evaluation::EvaluationError;
 use super::progress::{Watch, tell};
-use crate::design::{Imaging, derived_seed};
+use crate::forward::Design;
+use crate::forward::ForwardModel;
 use crate::information::{InformationError, Protocol, SharedPictures, Trial};
 use crate::objects::{ObjectSet, Split};
+use crate::seeds::derived_seed;
 use crate::sensor::{Convolver, Noise, Patches};
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
@@ -27,7 +28,7 @@ type Shown = ((usize, u64), Rc<SharedPictures>);
 /// Where patches come from.
 pub(super) struct PatchSource<'a> {
     pub design: &'a Design,
-    pub imaging: &'a Imaging<'a>,
+    pub imaging: &'a ForwardModel<'a>,
     /// For the PSF of the design.
     pub convolver: &'a Convolver,
     pub patch: (usize, usize),
@@ -40,7 +41,7 @@ impl<'a> PatchSource<'a> {
     /// Of a design and its imaging, with the convolver for its PSF.
     pub fn new(
         design: &'a Design,
-        imaging: &'a Imaging<'a>,
+        imaging: &'a ForwardModel<'a>,
         convolver: &'a Convolver,
         (patch, protocol): ((usize, usize), Protocol),
     ) -> Self {
@@ -172,8 +173,8 @@ fn step_model(step: &str) -> &'static str {
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::simulation::open_set_with;
     use super::*;
+    use crate::forward::open_set_with;
     use crate::objects::ObjectSource;
 
     #[test]
@@ -191,7 +192,7 @@ mod tests {
         let whole = Design { objects: ObjectSource::Stack(pages), ..mosaics.clone() };
         for (design, grid) in [(mosaics, (32, 32)), (whole, (16, 16))] {
             let set = open_set_with(&design, &|_| ControlFlow::Continue(())).unwrap();
-            let imaging = Imaging::new(&set, grid, 10.0, design.noise).unwrap();
+            let imaging = ForwardModel::new(&set, grid, 10.0, design.noise).unwrap();
             let mut psf = Array3::zeros((1, grid.0, grid.1));
             psf[[0, 9, 4]] = 1.0;
             let convolver = imaging.convolver(psf.view()).unwrap();

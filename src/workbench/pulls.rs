@@ -2,10 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use crate::design::{GradientDraw, IdealError, Imaging, derived_seed};
+use crate::design::{GradientDraw, IdealError};
+use crate::forward::ForwardModel;
 use crate::information::{CausalModel, Decoder};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient};
+use crate::seeds::derived_seed;
 
 /// Fresh scenes of a block, and fewer of measurements with more pixels than these; blocks tell by how much they differ what is chance.
 const SCENES: f64 = 8.0;
@@ -32,7 +34,7 @@ pub struct Pull {
 /// The pulls on the lenslets of a design: by the live estimate, or, where that is loose, by what can be told of beads. A loose density
 /// model pulls to where it is looser still; a decoder errs where beads are many, which is where density models do not.
 pub(super) struct Pulls<'a> {
-    imaging: &'a Imaging<'a>,
+    imaging: &'a ForwardModel<'a>,
     /// None for other masks, which nothing pulls.
     array: Option<&'a LensletArray>,
     seed: u64,
@@ -46,7 +48,7 @@ pub(super) struct Pulls<'a> {
 
 impl<'a> Pulls<'a> {
     /// Before any scene.
-    pub fn new(imaging: &'a Imaging<'a>, array: Option<&'a LensletArray>, seed: u64) -> Self {
+    pub fn new(imaging: &'a ForwardModel<'a>, array: Option<&'a LensletArray>, seed: u64) -> Self {
         let decoder = Decoder::shipped().filter(|_| imaging.set.bead_prior().is_some());
         let seed = derived_seed(seed, PULLS);
         Self { imaging, array, seed, decoder, blocks: Vec::new(), are_decoded: false, told: None }
@@ -153,11 +155,11 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::design::Design;
     use super::super::evaluation::Scene;
     use super::super::live_subject::Subject;
-    use super::super::simulation::imaging;
     use super::*;
+    use crate::forward::Design;
+    use crate::forward::forward_model;
     use crate::optics::{Encoder, Lenslet};
 
     #[test]
@@ -166,7 +168,7 @@ mod tests {
         let encoder = Encoder::Lenslets(LensletArray { rows: 32, cols: 32, lenslets });
         let design = Design { encoder, objects: "beads:0.11".parse().unwrap(), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
-        let imaging = imaging(&design, &scene.set).unwrap();
+        let imaging = forward_model(&design, &scene.set).unwrap();
         let subject = Subject::new(&design, design.noise, &scene, &imaging).unwrap();
         let model = subject.model(&subject.stream(Split::Train), &subject.test(32).unwrap(), None).unwrap();
         let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);

@@ -7,9 +7,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use super::design::Design;
 use super::threads::lock;
 use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
+use crate::forward::Design;
 
 /// Least time between two files.
 const EVERY: Duration = Duration::from_secs(5);

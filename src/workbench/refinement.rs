@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 use ndarray::{Array2, Array3};
 use serde::{Deserialize, Serialize};
 
-use super::design::Design;
 use super::evaluation::{EvaluationError, Scene};
 use super::live_bounds::{Beads, Draws, SensorBounds};
 use super::live_subject::{SCORED, SCORED_LAST, Subject};
 use super::pulls::{Pull, Pulls};
-use super::simulation::imaging;
+use crate::forward::Design;
+use crate::forward::forward_model;
 use crate::information::{
     CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PairedDifference, PatchBatch,
     PatchStream,
@@ -215,7 +215,7 @@ impl Refiner {
     ) -> Result<(), EvaluationError> {
         let asked = Instant::now();
         let bounding = design.bounding();
-        let imaging = imaging(&bounding, &scene.set)?;
+        let imaging = forward_model(&bounding, &scene.set)?;
         let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
         let mut beads = subject.beads(before);
         let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
@@ -414,7 +414,7 @@ pub(super) fn repeated(
     go_on: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<LiveEstimate, EvaluationError> {
     let bounding = design.bounding();
-    let imaging = imaging(&bounding, &scene.set)?;
+    let imaging = forward_model(&bounding, &scene.set)?;
     let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
     let test = subject.test(recipe.test_patches)?;
     let (train, validation) = subject.fitting()?;

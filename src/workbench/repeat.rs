@@ -6,11 +6,11 @@
 use std::path::Path;
 
 use super::calibration::Calibration;
-use super::design::Design;
 use super::estimate_request::{DensityModel, EstimateRequest};
 use super::ideal::ends_of;
 use super::measured::MeasuredOrder;
 use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
+use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
 

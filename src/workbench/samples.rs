@@ -1,6 +1,6 @@
 //! Designs that come with the program.
 
-use super::design::Design;
+use crate::forward::Design;
 
 /// A design to start from.
 pub struct Sample {

@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 use ndarray::{Array2, Axis};
 use serde::{Deserialize, Serialize};
 
-use super::design::Design;
 use super::estimator::Estimates;
 use super::evaluation::Optics;
 use super::export::Curve;
 use super::worker::Live;
 use crate::design::merged;
 use crate::formats::{DocumentFolder, DocumentKind, FileContent, FormatError, create_folder};
+use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
 use crate::plural::counted;

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayViewD, Axis};
 
-use super::design::Design;
+use super::evaluation::EvaluationError;
 use super::export::{DESIGN_FILE, ExportError, put_in_place};
-use super::simulation::Simulator;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
+use crate::forward::Design;
+use crate::forward::Simulator;
 use crate::sparsity::tamura_of_stack;
 
 /// File format of measurement stacks.
@@ -171,7 +172,7 @@ fn measure_in_batches(
     let mut first = 0;
     while first < count {
         let length = batch.min(count - first);
-        let part = simulator.measure(first, length)?;
+        let part = simulator.measure(first, length).map_err(EvaluationError::from)?;
         objects.append(match simulator.set().planes() {
             1 => part.objects.index_axis(Axis(1), 0).into_dyn(),
             _ => part.objects.view().into_dyn(),

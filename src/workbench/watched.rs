@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::bench::Workbench;
-use super::design::Design;
 use super::evaluation::EvaluationError;
 use super::ideal::{DesignRun, KeptRun, RunStatus, Start};
 use crate::design::IdealSettings;
+use crate::forward::Design;
 use crate::optics::{Encoder, LensletArray};
 
 /// What the workbench knows of the run beside the run itself.

@@ -13,11 +13,11 @@ use std::thread::JoinHandle;
 
 use super::activity::{Activities, ActivityKind, Entry};
 use super::closer::{Closer, CloserOrder};
-use super::design::Design;
 use super::estimator::Estimator;
 use super::evaluation::{LiveInformation, Measurements, Optics, Scene};
 use super::jobs::{Job, Outcome};
 use super::threads::{SpareCores, Threads, Wake, Work, lock};
+use crate::forward::Design;
 use evaluator::Evaluator;
 
 /// A result and the revision of the design it was computed from.

@@ -2,8 +2,8 @@
 
 use egui::{Key, Modifiers};
 use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
-use lenslet_studio::workbench::Design;
 
 use super::home::at_home;
 use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};

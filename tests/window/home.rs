@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use egui::{Key, Modifiers, Role, Theme, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
-use lenslet_studio::workbench::Design;
+use lenslet_studio::forward::Design;
 
 use super::{Window, answer, click, close, lenslets, menu, open, open_sized, open_window, settle, studio, type_number};
 

@@ -20,10 +20,10 @@ use std::path::Path;
 use egui::{Key, Modifiers, Pos2, Rect, Role, Theme, Vec2, pos2};
 use egui_kittest::kittest::Queryable;
 use egui_kittest::{Harness, LazyRenderer, TestRenderer};
+use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet};
 use lenslet_studio::studio::Studio;
-use lenslet_studio::workbench::Design;
 
 /// The program's own, since the soak weighs what it keeps.
 #[global_allocator]

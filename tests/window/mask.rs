@@ -3,10 +3,10 @@
 use egui::accesskit::Role;
 use egui::{Key, Modifiers, PointerButton, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet, heuristic_layout};
 use lenslet_studio::sensor::Noise;
-use lenslet_studio::workbench::Design;
 
 use super::estimates::wait_for;
 use super::{Window, click, drag, lenslets, menu, open, settle, studio, turn, type_number};

@@ -2,8 +2,8 @@
 
 use egui::{Key, Modifiers, Role, Theme, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::forward::Design;
 use lenslet_studio::sensor::Noise;
-use lenslet_studio::workbench::Design;
 
 use super::estimates::wait_for;
 use super::{Window, answer, click, drag, lenslets, menu, open, open_window, settle, studio, turn, type_number};

@@ -7,19 +7,21 @@ use ndarray::{Array3, ArrayView3, Axis, Slice, concatenate};
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
-use crate::design::imaging::{Imaging, KnownMoments, MeasurementStream, derived_seed};
+use crate::forward::ForwardModel;
+use crate::information::{AnalyticMoments, MeasurementStream};
 use crate::information::{
     CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, HeldDensity, InformationError, NoiseEntropy,
     PatchBatch, PatchStream, Protocol, check_causal_patch, score_while,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
+use crate::seeds::derived_seed;
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
     /// With the noise that bounds from above.
-    imaging: Imaging<'a>,
-    moments: KnownMoments<'a>,
+    imaging: ForwardModel<'a>,
+    moments: AnalyticMoments<'a>,
     patch: (usize, usize),
     seed: u64,
     entropy: NoiseEntropy,
@@ -40,14 +42,14 @@ impl<'a> DensityGuide<'a> {
     /// # Errors
     /// Where objects, noise and patch allow none.
     pub fn new(
-        imaging: &Imaging<'a>,
+        imaging: &ForwardModel<'a>,
         start: &LensletArray,
         limits: &Limits,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
         check_causal_patch(patch)?;
         let imaging = imaging.bounding();
-        let moments = imaging.known_moments(Split::Train, (start.rows, start.cols), patch)?;
+        let moments = imaging.analytic_moments(Split::Train, (start.rows, start.cols), patch)?;
         let held_out = HeldOut::new(&imaging, patch, seed)?;
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let planes = imaging.set.planes();
@@ -194,7 +196,7 @@ mod tests {
     fn a_value_is_left_between_two_parts_of_its_patches() {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let guide = DensityGuide::new(&imaging, &start, &Limits::default(), ((6, 6), 1)).unwrap();
         let left = Cell::new(2);

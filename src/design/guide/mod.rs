@@ -14,10 +14,11 @@ pub(super) use posterior::{BLOCK, PosteriorGuide, bound};
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;
-use super::imaging::{Imaging, derived_seed};
+use crate::forward::ForwardModel;
 use crate::information::{CausalModel, DecoderRefit, SharedPictures, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
+use crate::seeds::derived_seed;
 use crate::sensor::Patches;
 
 /// Factor of the learning rate of fits that go on from weights of a similar mask.
@@ -108,7 +109,7 @@ struct HeldOut {
 }
 
 impl HeldOut {
-    fn new(imaging: &Imaging<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
+    fn new(imaging: &ForwardModel<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
         // A picture that comes again tells nothing new; an interval takes two.
         let count = imaging.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
         let object_seed = derived_seed(seed, 1);
@@ -122,7 +123,11 @@ impl HeldOut {
     }
 
     /// Clean and noisy patches of their measurements, shape (n, rows, cols); the same places and seeds every time.
-    fn measured(&self, imaging: &Imaging<'_>, array: &LensletArray) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
+    fn measured(
+        &self,
+        imaging: &ForwardModel<'_>,
+        array: &LensletArray,
+    ) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
         let psf = render_psf(array, imaging.set.planes())?;
         let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
         let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, PLACES))?.cut(encoded.view());

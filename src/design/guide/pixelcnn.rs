@@ -3,13 +3,15 @@
 use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
-use crate::design::imaging::{Imaging, MeasurementStream, derived_seed};
+use crate::forward::ForwardModel;
+use crate::information::MeasurementStream;
 use crate::information::{
     DataScale, FitProgress, HeldPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnFit, PixelCnnShape, Protocol,
     TrainingPatches, dequantised,
 };
 use crate::objects::Split;
 use crate::optics::{LensletArray, render_psf};
+use crate::seeds::derived_seed;
 
 /// Fresh patches of a fit, of which a tenth validate.
 const TRAINING: usize = 4096;
@@ -23,7 +25,7 @@ const MIN_WIDTH: f32 = 1.0;
 /// The network and the fit of Kabuli et al. 2026.
 pub(in crate::design) struct PixelCnnGuide<'a> {
     /// With the noise that bounds from above.
-    imaging: Imaging<'a>,
+    imaging: ForwardModel<'a>,
     patch: (usize, usize),
     seed: u64,
     /// Exact for values, whereas slopes take the published approximation.
@@ -40,7 +42,7 @@ impl<'a> PixelCnnGuide<'a> {
     /// # Errors
     /// Where objects, noise and patch allow none.
     pub fn new(
-        imaging: &Imaging<'a>,
+        imaging: &ForwardModel<'a>,
         start: &LensletArray,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
@@ -105,7 +107,7 @@ impl Guide for PixelCnnGuide<'_> {
 }
 
 fn stream<'a>(
-    imaging: &Imaging<'a>,
+    imaging: &ForwardModel<'a>,
     array: &LensletArray,
     patch: (usize, usize),
 ) -> Result<MeasurementStream<'a>, IdealError> {

@@ -7,11 +7,12 @@ use ndarray::{Array2, Array3, ArrayView3, s};
 use super::{Guide, GuideFit, OnFit, Slopes, Valued, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
-use crate::design::imaging::{Imaging, derived_seed};
+use crate::forward::ForwardModel;
 use crate::information::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, QuickLowerBound, decoder_savings, spot_slope,
 };
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
+use crate::seeds::derived_seed;
 
 /// Pixels of a patch of 32 x 32 px. Larger ones tell as much of a mask by fewer scenes.
 const SMALL: f64 = 32.0 * 32.0;
@@ -24,7 +25,7 @@ const LAST: usize = 4;
 
 /// The autoregressive decoder of lower bounds.
 pub(in crate::design) struct PosteriorGuide<'a> {
-    imaging: &'a Imaging<'a>,
+    imaging: &'a ForwardModel<'a>,
     patch: (usize, usize),
     seed: u64,
     /// Before any fit to a mask of this run.
@@ -40,7 +41,7 @@ impl<'a> PosteriorGuide<'a> {
     /// # Errors
     /// For objects whose prior is not known, and masks and noise that make no channel.
     pub fn new(
-        imaging: &'a Imaging<'a>,
+        imaging: &'a ForwardModel<'a>,
         start: &LensletArray,
         (patch, seed): ((usize, usize), u64),
     ) -> Result<Self, IdealError> {
@@ -168,7 +169,7 @@ impl Guide for PosteriorGuide<'_> {
     }
 }
 
-impl Imaging<'_> {
+impl ForwardModel<'_> {
     /// How what patches (rows, cols) of freshly drawn measurements tell of beads changes with every lenslet, bits per pixel and
     /// unit of the parameter: by the mean over so many patches, as exact as what the decoder says of single sites.
     ///
@@ -187,7 +188,7 @@ impl Imaging<'_> {
     }
 }
 
-fn channel(imaging: &Imaging<'_>, array: &LensletArray, patch: (usize, usize)) -> Result<BeadChannel, IdealError> {
+fn channel(imaging: &ForwardModel<'_>, array: &LensletArray, patch: (usize, usize)) -> Result<BeadChannel, IdealError> {
     let psf = render_psf(array, imaging.set.planes())?;
     imaging.bead_channel(psf.view(), patch).ok_or_else(no_prior)
 }
@@ -215,7 +216,7 @@ fn by_psf(by_spot: ArrayView3<'_, f64>, bead: &Array2<f64>) -> Array3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::design::spots_on_sensor;
+    use crate::forward::bead_response;
     use crate::objects::{ObjectOptions, ObjectSet};
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
@@ -224,7 +225,7 @@ mod tests {
     fn scenes_tell_the_same_part_by_part() {
         let options = ObjectOptions { field: (47, 47), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.02".parse().unwrap(), &options).unwrap();
-        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let mask = heuristic_layout(3);
         let guide = PosteriorGuide::new(&imaging, &mask, ((8, 8), 1)).unwrap();
         let savings = |scenes: Range<usize>| guide.value_savings(&mask, scenes, &|| true).unwrap();
@@ -243,7 +244,7 @@ mod tests {
         let bead = Array2::from_shape_fn((3, 2), |(r, c)| number(r * 2 + c));
         let psf = Array3::from_shape_fn((2, 4, 5), |(z, r, c)| number(z * 20 + r * 5 + c));
         let by_spot = Array3::from_shape_fn((2, 6, 6), |(z, r, c)| number(z * 36 + r * 6 + c + 3));
-        let (there, back) = (spots_on_sensor(&bead, psf.view()), by_psf(by_spot.view(), &bead));
+        let (there, back) = (bead_response(&bead, psf.view()), by_psf(by_spot.view(), &bead));
         assert_eq!((there.dim(), back.dim()), (by_spot.dim(), psf.dim()));
         assert!(((there * &by_spot).sum() - (back * &psf).sum()).abs() < 1e-9);
     }

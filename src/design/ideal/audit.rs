@@ -70,15 +70,15 @@ mod tests {
     use super::*;
     use crate::design::gradient::GradientDraw;
     use crate::design::guide::{Guide, GuideFit, OnFit, Slopes, Valued};
-    use crate::design::imaging::Imaging;
     use crate::design::settings::{IdealSettings, Objective, Preset};
+    use crate::forward::ForwardModel;
     use crate::optics::LensletArray;
     use crate::sensor::Noise;
 
     #[test]
     fn a_model_that_lost_track_makes_room_for_one_that_begins_anew() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 40,
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_run_goes_on_bit_for_bit_across_an_audit() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((5, 5)),
             first_fit: 1,

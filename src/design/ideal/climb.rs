@@ -7,13 +7,13 @@ use super::{BESIDE_SEEDS, Ideal, STEP_SEEDS};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::guide::{GuideFit, bound};
-use crate::design::imaging::derived_seed;
 use crate::design::movement::{PARAMETERS, by_parameters};
 use crate::design::state::IdealEvent;
 use crate::design::watched::Watched;
 use crate::information::InformationError;
 use crate::objects::Split;
 use crate::optics::LensletArray;
+use crate::seeds::derived_seed;
 
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
@@ -182,16 +182,16 @@ mod tests {
 
     use super::super::tests::{beads, few_beads, short, small, weights_in};
     use super::*;
-    use crate::design::imaging::Imaging;
     use crate::design::settings::{IdealSettings, Objective, Preset};
     use crate::design::state::{Doing, IdealProgress};
+    use crate::forward::ForwardModel;
     use crate::optics::Lenslet;
     use crate::sensor::Noise;
 
     #[test]
     fn the_mask_is_seen_after_every_move() {
         let set = few_beads();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 1.2, 0.5));
         let mut ideal = short(&imaging, &lenslets, 4);
         (ideal.settings.moves, ideal.settings.patches) = (3, 6);
@@ -221,7 +221,7 @@ mod tests {
     #[test]
     fn a_step_without_numbers_leaves_the_mask_where_it_was() {
         let set = few_beads();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 1.2, 0.5));
         let mut ideal = short(&imaging, &lenslets, 4);
         let step = |ideal: &mut Ideal<'_>, slopes: [f64; 3]| {
@@ -243,7 +243,7 @@ mod tests {
     #[test]
     fn a_density_model_keeps_up_with_the_mask_and_resumed_runs_do_the_same() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 60,

@@ -40,15 +40,15 @@ impl Ideal<'_> {
 mod tests {
     use super::super::tests::beads;
     use super::*;
-    use crate::design::imaging::Imaging;
     use crate::design::settings::{Free, IdealSettings, Objective, Preset};
+    use crate::forward::ForwardModel;
     use crate::optics::{Lenslet, LensletArray, Limits};
     use crate::sensor::Noise;
 
     #[test]
     fn pruning_joins_free_lenslets_alone_and_leaves_weights_that_are_held() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let lenslets = [2.0, 2.1, 6.0, 6.4, 9.0].map(|x| Lenslet::round(x, 5.0, 1.0, 0.2)).to_vec();
         let start = LensletArray { rows: 12, cols: 12, lenslets };
         let settings = IdealSettings {

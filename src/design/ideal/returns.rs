@@ -146,15 +146,15 @@ mod tests {
     use super::super::audit::AUDIT_EVERY;
     use super::super::tests::{beads, few_beads, short, small};
     use super::*;
-    use crate::design::imaging::Imaging;
     use crate::design::settings::{IdealSettings, Objective, Preset};
+    use crate::forward::ForwardModel;
     use crate::optics::{Lenslet, Spot};
     use crate::sensor::Noise;
 
     #[test]
     fn a_run_goes_on_from_the_mask_that_somebody_chose() {
         let set = few_beads();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 0.8, 0.5));
         let begun = || short(&imaging, &lenslets, 6);
         let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn a_mask_that_lost_information_is_given_up_by_a_density_model_that_begins_anew() {
         let set = beads();
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 60,
@@ -255,7 +255,7 @@ mod tests {
     #[test]
     fn a_mask_that_lost_information_is_given_up_for_the_best_one() {
         let set = few_beads();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 0.8, 0.5));
         let mut ideal = short(&imaging, &lenslets, 3);
         let advance = |ideal: &mut Ideal<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();

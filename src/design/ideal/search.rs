@@ -12,7 +12,6 @@ use rand_chacha::ChaCha8Rng;
 use super::{Ideal, SEARCH_SEEDS};
 use crate::design::error::IdealError;
 use crate::design::guide::BLOCK;
-use crate::design::imaging::derived_seed;
 use crate::design::merge::{close_pair, joined, merged};
 use crate::design::movement::project;
 use crate::design::settings::IdealSettings;
@@ -20,6 +19,7 @@ use crate::design::state::{Doing, IdealEvent};
 use crate::design::watched::Watched;
 use crate::information::savings_gain;
 use crate::optics::{Lenslet, LensletArray, Limits};
+use crate::seeds::derived_seed;
 
 /// A lenslet is faint that has less than this share of the mean light of the others.
 const FAINT: f64 = 0.25;
@@ -187,8 +187,8 @@ mod tests {
 
     use super::super::tests::{few_beads, short};
     use super::*;
-    use crate::design::imaging::Imaging;
     use crate::design::settings::{Free, Objective, Preset};
+    use crate::forward::ForwardModel;
     use crate::optics::Spot;
     use crate::sensor::Noise;
 
@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn a_dark_lenslet_gets_light_where_that_tells_more_and_resumed_runs_do_the_same() {
         let set = few_beads();
-        let imaging = Imaging::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
         // The whole sensor sees more of the scene through two lenslets.
         let lenslets = [1.0, 0.0].map(|weight| Lenslet::round(4.0, 7.5, 0.8, weight));
         let run = || {

@@ -6,6 +6,7 @@ use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
 
 use crate::formats::FormatError;
+use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
 use crate::studio::app::actions::Action;
 use crate::studio::app::app_data::{Home, KEPT, ZOOM};
@@ -32,9 +33,7 @@ use crate::studio::state::app_state::{Arrange, Leave, State};
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::glyphs;
 use crate::studio::widgets::number_field::take_refusals;
-use crate::workbench::{
-    Activity, ActivityState, Design, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench,
-};
+use crate::workbench::{Activity, ActivityState, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench};
 
 /// The window's contents.
 pub struct Studio {

@@ -7,12 +7,12 @@ use std::rc::Rc;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::forward::Design;
 use crate::studio::app::app_data::Home;
 use crate::studio::app::studio::Studio;
 #[cfg(target_os = "linux")]
 use crate::studio::app::window_system::WindowSystem;
 use crate::studio::widgets::clipboard::Clipboard;
-use crate::workbench::Design;
 
 /// Which graphics interface draws the window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]

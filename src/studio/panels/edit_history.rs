@@ -1,6 +1,7 @@
 //! What the information was after each edit.
 
-use crate::workbench::{Curve, Design, LiveInformation};
+use crate::forward::Design;
+use crate::workbench::{Curve, LiveInformation};
 
 /// Information of past edits.
 #[derive(Default)]

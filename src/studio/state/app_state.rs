@@ -5,9 +5,10 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::forward::Design;
 use crate::optics::Lenslet;
 use crate::workbench::{
-    Closer, CloserKey, CloserOrder, Colormap, Command, Design, DesignRun, Estimates, Live, LiveEstimate, LiveRecord,
+    Closer, CloserKey, CloserOrder, Colormap, Command, DesignRun, Estimates, Live, LiveEstimate, LiveRecord,
     Measurements, Recovered, Snapshots, Stamped, Workbench,
 };
 

@@ -4,10 +4,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::masks::{USUAL_SHARE, between, light, mask, noise};
-use crate::design::{IdealError, Imaging, derived_seed};
+use crate::design::IdealError;
+use crate::forward::ForwardModel;
 use crate::information::{BeadChannel, InformationError};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::optics::render_psf;
+use crate::seeds::derived_seed;
 
 /// Densities of beads, and mean light of objects (photons per pixel).
 const DENSITIES: (f64, f64) = (0.006, 0.15);
@@ -39,6 +41,6 @@ fn channel(seed: u64) -> Result<BeadChannel, IdealError> {
     let psf = render_psf(&array, 1)?;
     let noise = noise(&mut random, NOISES);
     let side = if random.random_bool(SENSOR_SHARE) { SENSOR_SIDE } else { PATCH_SIDE };
-    let imaging = Imaging::new(&set, (array.rows, array.cols), bias, noise)?;
+    let imaging = ForwardModel::new(&set, (array.rows, array.cols), bias, noise)?;
     Ok(imaging.bead_channel(psf.view(), (side, side)).ok_or(InformationError::NoLight)?)
 }

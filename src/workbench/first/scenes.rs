@@ -6,10 +6,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::masks::{USUAL_SHARE, between, light, mask, noise};
 use super::pictures::{TILE, pictures};
-use crate::design::{IdealError, Imaging, derived_seed};
+use crate::design::IdealError;
+use crate::forward::ForwardModel;
 use crate::information::{FirstScene, InformationError, Moments, PatchBatch, PatchStream};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use crate::optics::render_psf;
+use crate::seeds::derived_seed;
 use crate::sensor::{Convolution, Patches};
 
 /// Rows and columns of objects and of patches, px.
@@ -47,9 +49,9 @@ fn scene(seed: u64) -> Result<FirstScene, IdealError> {
         let density = between(&mut random, DENSITIES);
         let options = ObjectOptions { mean_photons, ..ObjectOptions::default() };
         let set = ObjectSet::open(&ObjectSource::Beads { density }, &options)?;
-        let imaging = Imaging::new(&set, grid, bias, noise)?;
+        let imaging = ForwardModel::new(&set, grid, bias, noise)?;
         let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, PATCH);
-        let moments = imaging.known_moments(Split::All, grid, PATCH)?.of(psf.view())?;
+        let moments = imaging.analytic_moments(Split::All, grid, PATCH)?.of(psf.view())?;
         return Ok(FirstScene { noise, patches: stream.draw(FITTED, seed)?, moments });
     }
     let objects = mosaics(&mut random, mean_photons);

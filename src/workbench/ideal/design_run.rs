@@ -8,12 +8,13 @@ use serde::{Deserialize, Serialize};
 use super::record::IdealRecord;
 use super::score::judge_of;
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
+use crate::forward::Design;
 use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
 use crate::workbench::estimate_files::is_estimate_of;
 use crate::workbench::evaluation::Scene;
 use crate::workbench::study::StudyRecord;
-use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, Live, WeightsFiles};
+use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, Live, WeightsFiles};
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -298,10 +298,11 @@ mod tests {
     use super::super::run::run_ideal;
     use super::*;
     use crate::design::{IdealEvent, IdealProgress, Objective, Preset};
+    use crate::forward::Design;
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
-    use crate::workbench::{DensityModel, Design, EstimateRequest, estimate, estimate_command};
+    use crate::workbench::{DensityModel, EstimateRequest, estimate, estimate_command};
 
     #[test]
     fn results_are_scored_by_what_a_command_can_repeat() {

@@ -9,16 +9,18 @@ use serde::{Deserialize, Serialize};
 use super::design_run::{RankedStart, Start};
 use super::record::IdealRecord;
 use super::score::is_about;
-use crate::design::{Ideal, IdealSettings, Imaging, Objective, OnIdeal};
+use crate::design::{Ideal, IdealSettings, Objective, OnIdeal};
 use crate::formats::{
     DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
 };
+use crate::forward::Design;
+use crate::forward::ForwardModel;
+use crate::forward::{forward_model, open_set_with};
 use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray, render_psf};
+use crate::workbench::EvaluationError;
 use crate::workbench::evaluation::ceiling_of;
-use crate::workbench::simulation::{imaging, open_set_with};
 use crate::workbench::study::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
-use crate::workbench::{Design, EvaluationError};
 
 /// Takes a state of a run, which lies between two of its rounds.
 pub(super) type Keep<'a> = &'a mut dyn FnMut(&Ideal<'_>) -> Result<(), EvaluationError>;
@@ -47,7 +49,7 @@ pub fn run_ideal(
 ) -> Result<IdealRecord, EvaluationError> {
     // The result is judged by the test part, of which a run sees nothing.
     let set = open_set_with(design, reading)?.of_training();
-    let imaging = imaging(design, &set)?;
+    let imaging = forward_model(design, &set)?;
     let mut ideal = Ideal::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
     if let Some(GoOn { state, rewind_to }) = from {
         ideal = ideal.resumed(state)?;
@@ -66,7 +68,7 @@ pub fn run_ideal(
 }
 
 /// A sentence where a density model puts the last mask above what its objects hold at all.
-fn above_ceiling(design: &Design, imaging: &Imaging<'_>, ideal: &Ideal<'_>) -> Option<String> {
+fn above_ceiling(design: &Design, imaging: &ForwardModel<'_>, ideal: &Ideal<'_>) -> Option<String> {
     let settings = ideal.settings();
     let last = ideal.state().frames.last().filter(|_| settings.objective != Objective::Posterior)?;
     let psf = render_psf(&last.array, imaging.set.planes()).ok()?;

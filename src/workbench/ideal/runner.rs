@@ -10,12 +10,13 @@ use super::record::IdealRecord;
 use super::run::{GoOn, KeptOrder, KeptRun, run_ideal};
 use super::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::forward::Design;
 use crate::information::Estimate;
 use crate::optics::LensletArray;
 use crate::workbench::activity::{Activities, Entry};
 use crate::workbench::study::{Study, StudyCell, StudyError, StudyEvent};
 use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
-use crate::workbench::{Design, EstimateProgress, EvaluationError};
+use crate::workbench::{EstimateProgress, EvaluationError};
 
 /// Time between two tellings of a fit's progress; moves of the mask are all told.
 const TELL_EVERY: Duration = Duration::from_millis(100);

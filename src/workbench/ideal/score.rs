@@ -5,13 +5,14 @@ use std::time::Duration;
 use super::design_run::score_request;
 use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
+use crate::forward::Design;
+use crate::forward::{forward_model, open_set};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
 use crate::workbench::estimation::read;
 use crate::workbench::progress::Watch;
-use crate::workbench::simulation::{imaging, open_set};
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
-use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, estimate};
+use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, estimate};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
@@ -29,7 +30,7 @@ pub fn score_in_patches(
     budget: Option<Duration>,
     watch: Watch<'_>,
 ) -> Result<Estimate, EvaluationError> {
-    let patch = imaging(design, &read(design, watch)?)?.patch(Some((PATCH, PATCH)));
+    let patch = forward_model(design, &read(design, watch)?)?.patch(Some((PATCH, PATCH)));
     estimate(design, &score_within(design, Some(patch), budget), watch)
 }
 
@@ -50,7 +51,7 @@ pub fn score_whole(
     budget: Option<Duration>,
     watch: Watch<'_>,
 ) -> Result<Option<Estimate>, EvaluationError> {
-    let whole = imaging(design, &read(design, watch)?)?.patch(None);
+    let whole = forward_model(design, &read(design, watch)?)?.patch(None);
     if whole == patches.patch.into() || whole.0 * whole.1 > MAX_PATCH_PIXELS {
         return Ok(None);
     }
@@ -70,7 +71,7 @@ pub fn score_settings(
 ) -> Result<StudySettings, EvaluationError> {
     let start = &record.start;
     let set = open_set(start)?;
-    let imaging = imaging(start, &set)?;
+    let imaging = forward_model(start, &set)?;
     let (patch, sensor) = (imaging.patch(Some((PATCH, PATCH))), imaging.patch(None));
     // Those of heuristic layouts are larger where this grid is larger than theirs.
     let is_sensor = patch == sensor && start.encoder.grid() == (PATCH, PATCH);
@@ -242,8 +243,9 @@ fn highest_of(cell: &StudyCell) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::design::{Ideal, IdealSettings, Imaging, Objective, Preset};
+    use crate::design::{Ideal, IdealSettings, Objective, Preset};
     use crate::formats::write_array;
+    use crate::forward::ForwardModel;
     use crate::information::PairedDifference;
     use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
     use crate::optics::heuristic_layout;
@@ -264,7 +266,7 @@ mod tests {
             let start = design.encoder.lenslets().unwrap();
             let settings =
                 IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
-            let imaging = imaging(&design, &set).unwrap();
+            let imaging = forward_model(&design, &set).unwrap();
             let record = IdealRecord::new(&design, &Ideal::new(&imaging, start, design.limits, settings).unwrap());
             score_settings(&record, &[1], Duration::from_secs(1)).unwrap().patches
         };
@@ -277,7 +279,7 @@ mod tests {
     fn a_result_is_judged_by_density_and_by_lower_bound() {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..Design::default() };
         let set = ObjectSet::open(&design.objects, &ObjectOptions::default()).unwrap();
-        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
         let ideal = Ideal::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();

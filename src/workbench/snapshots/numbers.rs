@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::forward::Design;
 use crate::information::{Bracket, Estimator, NamedBound, Protocol};
-use crate::workbench::design::Design;
 use crate::workbench::estimator::Estimates;
 use crate::workbench::worker::Live;
 

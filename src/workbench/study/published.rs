@@ -7,10 +7,10 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
-use crate::workbench::Design;
 
 /// A published estimate, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -12,11 +12,12 @@ use super::record::{StudyCell, StudyRecord};
 use super::settings::{PlannedCell, StudyKind, StudySettings};
 use super::tables::{CSV_HEADER, csv_row, markdown};
 use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, write_safely};
+use crate::forward::Design;
+use crate::forward::open_set;
 use crate::information::{Estimate, PairedDifference, TestPatches};
 use crate::workbench::estimation::estimate_on_patches;
 use crate::workbench::progress::Watch;
-use crate::workbench::simulation::open_set;
-use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
+use crate::workbench::{EstimateProgress, EstimateRequest, EvaluationError};
 
 /// The file that holds a study; the others are made from it.
 pub const RECORD: &str = "study.json";

@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use super::error::StudyError;
 use super::published::{Published, PublishedSet, heuristic_lenslets, published};
+use crate::forward::Design;
 use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
-use crate::workbench::{DensityModel, Design, EstimateRequest, EvaluationError, WeightsFiles};
+use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 
 /// Bead densities of the published grid.
 const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];

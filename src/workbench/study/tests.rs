@@ -9,13 +9,14 @@ use super::record::StudyRecord;
 use super::run::{Study, StudyEvent};
 use super::settings::{StudyDesign, StudyObjects, StudySettings};
 use crate::formats::FormatError;
+use crate::forward::Design;
+use crate::forward::open_set;
 use crate::information::{
     Bracket, Estimate, Estimator, NamedBound, PairedDifference, Protocol, Provenance, TestPatches, Trial, TrialSettings,
 };
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::{Noise, SensorError};
-use crate::workbench::simulation::open_set;
-use crate::workbench::{Design, EstimateProgress, EstimateRequest, EvaluationError};
+use crate::workbench::{EstimateProgress, EstimateRequest, EvaluationError};
 
 /// An estimate of this many bits per pixel.
 pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {

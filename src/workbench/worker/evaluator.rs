@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::super::activity::{ActivityKind, Entry};
-use super::super::design::Design;
 use super::super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use super::super::jobs::{Job, Outcome, measured_snapshot};
 use super::super::threads::lock;
 use super::{Live, Shared, Stamped, Wanted};
+use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};

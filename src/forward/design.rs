@@ -69,7 +69,7 @@ impl Design {
     pub const MAX_PHOTONS: f64 = 1e7;
 
     /// The design whose measurements bound the information of this one from above by a density; see [`Noise::bounding`].
-    pub(super) fn bounding(&self) -> Self {
+    pub fn bounding(&self) -> Self {
         Self { noise: self.noise.bounding(), ..self.clone() }
     }
 
@@ -162,7 +162,7 @@ impl Design {
     ///
     /// # Errors
     /// As [`Design::save`].
-    pub(super) fn complete_file(&self, path: &Path) -> Result<CompleteFile, DesignFileError> {
+    pub fn complete_file(&self, path: &Path) -> Result<CompleteFile, DesignFileError> {
         let psf = self.psf(1)?;
         let written = (psf.len() <= MOST_PSF_NUMBERS).then(|| rows_of(&psf));
         Ok(DESIGN.complete(path, &DesignFile { design: self, psf: written })?)

@@ -1,17 +1,14 @@
-//! What a mask is designed for: objects, sensor and noise, and the measurements that they make together.
+//! Patches of fresh measurements, cut at random places, and the base images that they show.
 
 use std::ops::Range;
 
-use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, s};
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 
-use super::error::IdealError;
-use crate::information::{
-    AnalyticGaussian, BeadChannel, InformationError, Moments, PatchBatch, PatchStream, SharedPictures,
-};
+use super::{InformationError, PatchBatch, PatchStream, SharedPictures};
+use crate::forward::{ForwardError, ForwardModel};
 use crate::objects::{ObjectSet, PlacedPicture, Split};
-use crate::sensor::{Convolution, Convolver, Noise, Patches, SensorError};
+use crate::seeds::derived_seed;
+use crate::sensor::{Convolver, Noise, Patches, SensorError};
 
 /// Patches that are cut from one measurement while a model is fitted: drawing objects costs more than cutting.
 const PATCHES_PER_OBJECT: usize = 4;
@@ -22,75 +19,7 @@ const VALIDATION_PATCHES: usize = 64;
 /// Least share of the light of a patch that makes a base image one of those that it shows.
 const LEAST_SHARE: f64 = 1e-3;
 
-/// A seed of its own for each purpose of a run.
-pub fn derived_seed(seed: u64, purpose: u64) -> u64 {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream(purpose);
-    random.next_u64()
-}
-
-/// Mean of the measurements of a set of objects through a point spread function of shape (planes, rows, cols) with a
-/// background of `bias`; photons per pixel.
-pub fn mean_measurement(set: &ObjectSet, psf: ArrayView3<'_, f64>, bias: f64) -> f64 {
-    // Where the sensor looks, beads are not thinned out by the border as they are in the mean over whole objects.
-    let mean_object = set.bead_prior().map_or(set.mean(), |prior| prior.probability * prior.spot.sum());
-    mean_object * psf.sum() + bias
-}
-
-/// Objects before a sensor, seen through masks of one size.
-pub struct Imaging<'a> {
-    /// The objects.
-    pub set: &'a ObjectSet,
-    /// Background, photons per pixel.
-    pub bias: f64,
-    /// Noise of the sensor.
-    pub noise: Noise,
-    plan: Convolution,
-}
-
-impl<'a> Imaging<'a> {
-    /// Objects seen through point spread functions of `grid` (rows, cols).
-    ///
-    /// # Errors
-    /// Where the grid is larger than the objects.
-    pub fn new(set: &'a ObjectSet, grid: (usize, usize), bias: f64, noise: Noise) -> Result<Self, SensorError> {
-        Ok(Self { set, bias, noise, plan: Convolution::new(set.field(), grid)? })
-    }
-
-    /// The same with the noise by which densities bound from above; see [`Noise::bounding`].
-    #[must_use]
-    pub fn bounding(&self) -> Self {
-        Self { noise: self.noise.bounding(), plan: self.plan.clone(), ..*self }
-    }
-
-    /// The transforms.
-    pub fn plan(&self) -> &Convolution {
-        &self.plan
-    }
-
-    /// The patch (rows, cols) where `wished` was asked for: no larger than the measurement, which it is where nothing was.
-    pub fn patch(&self, wished: Option<(usize, usize)>) -> (usize, usize) {
-        let (rows, cols) = self.plan.measurement_shape();
-        wished.map_or((rows, cols), |wished| (rows.min(wished.0), cols.min(wished.1)))
-    }
-
-    /// The optics of a point spread function of shape (planes, rows, cols); planes that the objects do not have are
-    /// left out.
-    ///
-    /// # Errors
-    /// For a grid of another size.
-    pub fn convolver(&self, psf: ArrayView3<'_, f64>) -> Result<Convolver, SensorError> {
-        self.plan.with_psf(psf.slice(s![..self.set.planes(), .., ..]))
-    }
-
-    /// The channel from beads to patches of measurements through a point spread function of shape (planes, rows, cols),
-    /// where the objects are beads that leave something to learn.
-    pub fn bead_channel(&self, psf: ArrayView3<'_, f64>, patch: (usize, usize)) -> Option<BeadChannel> {
-        let prior = self.set.bead_prior().filter(|prior| prior.probability < 1.0)?;
-        let spot = spots_on_sensor(&prior.spot, psf.slice(s![..self.set.planes(), .., ..]));
-        Some(BeadChannel { spot, probability: prior.probability, bias: self.bias, noise: self.noise, patch })
-    }
-
+impl<'a> ForwardModel<'a> {
     /// Which base images patches at `places` show through a point spread function of shape (planes, rows, cols), whose
     /// measurements are those of objects `first` and so on of a part and seed; `None` for beads.
     pub fn shared_pictures(
@@ -133,22 +62,6 @@ impl<'a> Imaging<'a> {
         let (fit, validation) = self.set.fitting_parts();
         let validation = validation.map(|split| stream(split).draw_one_each(VALIDATION_PATCHES, seed)).transpose()?;
         Ok((stream(fit), validation))
-    }
-
-    /// What gives the moments of patches of the objects of a split through any mask of `grid` (rows, cols). A model that is
-    /// judged by other objects must not know those.
-    ///
-    /// # Errors
-    /// For patches that are too large.
-    pub fn known_moments(
-        &self,
-        split: Split,
-        grid: (usize, usize),
-        patch: (usize, usize),
-    ) -> Result<KnownMoments<'a>, InformationError> {
-        let reach = (patch.0 + grid.0).max(patch.1 + grid.1) - 2;
-        let covariance = AnalyticGaussian::new(&self.set.autocovariance(split, reach), grid, patch)?;
-        Ok(KnownMoments { set: self.set, bias: self.bias, noise: self.noise, covariance })
     }
 }
 
@@ -203,38 +116,6 @@ fn over(sums: &Array2<f64>, (top, bottom): (usize, usize), (left, right): (usize
     sums[[bottom, right]] - sums[[top, right]] - sums[[bottom, left]] + sums[[top, left]]
 }
 
-/// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
-pub fn spots_on_sensor(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
-    let (planes, rows, cols) = psf.dim();
-    let (spot_rows, spot_cols) = spot.dim();
-    let mut on_sensor = Array3::zeros((planes, rows + spot_rows - 1, cols + spot_cols - 1));
-    for ((row, col), &photons) in spot.indexed_iter() {
-        on_sensor.slice_mut(s![.., row..row + rows, col..col + cols]).scaled_add(photons, &psf);
-    }
-    on_sensor
-}
-
-/// Mean and covariance of measurements, without drawing any.
-pub struct KnownMoments<'a> {
-    set: &'a ObjectSet,
-    bias: f64,
-    noise: Noise,
-    /// The Gaussian of that covariance.
-    pub covariance: AnalyticGaussian,
-}
-
-impl KnownMoments<'_> {
-    /// Those of measurements through a point spread function of shape (planes, rows, cols), which has the objects' planes.
-    ///
-    /// # Errors
-    /// For another shape, or no noise.
-    pub fn of(&self, psf: ArrayView3<'_, f64>) -> Result<Moments, InformationError> {
-        let mean = mean_measurement(self.set, psf, self.bias);
-        let autocovariance = self.covariance.measured_autocovariance(psf, mean, self.noise)?;
-        Ok(Moments { mean, autocovariance })
-    }
-}
-
 /// Measurements of one part of an object set through one mask, cut at random places.
 pub struct MeasurementStream<'a> {
     set: &'a ObjectSet,
@@ -262,7 +143,7 @@ impl MeasurementStream<'_> {
     /// As [`PatchStream::draw`].
     pub fn shared_pictures(
         &self,
-        imaging: &Imaging<'_>,
+        imaging: &ForwardModel<'_>,
         psf: ArrayView3<'_, f64>,
         count: usize,
         seed: u64,
@@ -280,7 +161,7 @@ impl MeasurementStream<'_> {
         (objects, seed): (usize, u64),
         places: Result<Patches, SensorError>,
     ) -> Result<PatchBatch, InformationError> {
-        let cut = || -> Result<_, IdealError> {
+        let cut = || -> Result<_, ForwardError> {
             let places = places?;
             let mut clean = Array3::zeros((places.corners().len(), self.patch.0, self.patch.1));
             for first in (0..objects).step_by(self.set.batch()) {
@@ -313,6 +194,7 @@ mod tests {
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSource};
     use crate::optics::{heuristic_layout, render_psf};
+    use ndarray::s;
 
     /// Mosaics of twelve pictures as large as a tile, of which number k is k + 1 everywhere.
     fn twelve_pictures() -> ObjectSet {
@@ -328,7 +210,7 @@ mod tests {
     #[test]
     fn few_images_are_not_fitted_to_alone() {
         let set = twelve_pictures();
-        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let convolver = imaging.convolver(render_psf(&heuristic_layout(3), 1).unwrap().view()).unwrap();
         let (stream, validation) = imaging.fitting(&convolver, (20, 26), 5).unwrap();
         let validation = validation.unwrap();
@@ -350,7 +232,7 @@ mod tests {
     #[test]
     fn the_light_of_a_patch_is_that_of_the_pictures_it_shows() {
         let (set, psf) = (twelve_pictures(), render_psf(&heuristic_layout(3), 1).unwrap());
-        let imaging = Imaging::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::All, (20, 26));
         // More than are drawn at a time.
         let count = set.batch() + 40;
@@ -370,7 +252,7 @@ mod tests {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let psf = render_psf(&heuristic_layout(2), 1).unwrap().slice_move(s![.., 8..20, 8..20]);
-        let imaging = Imaging::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::Test, (6, 6));
         let (few, more) = (stream.draw_one_each(5, 3).unwrap(), stream.draw_one_each(9, 3).unwrap());
         assert_eq!(few.noisy, more.noisy.slice(s![..5, .., ..]));

@@ -4,9 +4,9 @@ use std::ops::ControlFlow;
 
 use ndarray::{Array3, Array4, Axis, s};
 
-use super::design::{Design, DesignError};
-use super::evaluation::EvaluationError;
-use crate::design::Imaging;
+use super::error::ForwardError;
+use super::model::ForwardModel;
+use crate::forward::{Design, DesignError};
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Progress, Split};
 use crate::sensor::Convolver;
 
@@ -31,8 +31,8 @@ impl<'a> Simulator<'a> {
     /// Opens the objects of a design and renders its PSF.
     ///
     /// # Errors
-    /// [`EvaluationError`] where the objects cannot be read or do not fit the PSF.
-    pub fn new(design: &'a Design) -> Result<Self, EvaluationError> {
+    /// [`ForwardError`] where the objects cannot be read or do not fit the PSF.
+    pub fn new(design: &'a Design) -> Result<Self, ForwardError> {
         let set = open_set(design)?;
         let convolver = convolver(design, &set)?;
         Ok(Self { design, set, convolver })
@@ -52,8 +52,8 @@ impl<'a> Simulator<'a> {
     /// seed alone, so parts of any length make the same whole.
     ///
     /// # Errors
-    /// [`EvaluationError`] where they do not fit into memory.
-    pub fn measure(&self, first: usize, count: usize) -> Result<Simulated, EvaluationError> {
+    /// [`ForwardError`] where they do not fit into memory.
+    pub fn measure(&self, first: usize, count: usize) -> Result<Simulated, ForwardError> {
         let design = self.design;
         let objects = self.set.objects_from(Split::All, first, count, design.seed)?;
         let noiseless = self.convolver.measure(objects.view(), design.bias_photons)?;
@@ -63,15 +63,12 @@ impl<'a> Simulator<'a> {
 }
 
 /// The objects of a design.
-pub(super) fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
+pub fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
     open_set_with(design, &|_| ControlFlow::Continue(()))
 }
 
 /// The objects of a design, telling how far reading is; [`ControlFlow::Break`] stops it.
-pub(super) fn open_set_with(
-    design: &Design,
-    reading: &dyn Fn(Progress) -> ControlFlow<()>,
-) -> Result<ObjectSet, ObjectError> {
+pub fn open_set_with(design: &Design, reading: &dyn Fn(Progress) -> ControlFlow<()>) -> Result<ObjectSet, ObjectError> {
     let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
     ObjectSet::open_with(&design.objects, &options, reading)
 }
@@ -96,11 +93,11 @@ pub fn notices_of(design: &Design, set: &ObjectSet) -> Result<Vec<String>, Desig
 }
 
 /// The optics of a design before a set of objects.
-pub(super) fn convolver(design: &Design, set: &ObjectSet) -> Result<Convolver, EvaluationError> {
-    Ok(imaging(design, set)?.convolver(design.psf(set.planes())?.view())?)
+pub fn convolver(design: &Design, set: &ObjectSet) -> Result<Convolver, ForwardError> {
+    Ok(forward_model(design, set)?.convolver(design.psf(set.planes())?.view())?)
 }
 
 /// The sensor of a design before a set of objects, for any mask of its size.
-pub(super) fn imaging<'a>(design: &Design, set: &'a ObjectSet) -> Result<Imaging<'a>, EvaluationError> {
-    Ok(Imaging::new(set, design.encoder.grid(), design.bias_photons, design.noise)?)
+pub fn forward_model<'a>(design: &Design, set: &'a ObjectSet) -> Result<ForwardModel<'a>, ForwardError> {
+    Ok(ForwardModel::new(set, design.encoder.grid(), design.bias_photons, design.noise)?)
 }

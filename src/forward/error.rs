@@ -1,0 +1,21 @@
+//! Why a design makes no measurements.
+
+use thiserror::Error;
+
+use crate::forward::DesignError;
+use crate::objects::ObjectError;
+use crate::sensor::SensorError;
+
+/// What keeps objects, mask and sensor from making measurements.
+#[derive(Debug, Error)]
+pub enum ForwardError {
+    /// The design itself.
+    #[error(transparent)]
+    Design(#[from] DesignError),
+    /// The objects.
+    #[error(transparent)]
+    Objects(#[from] ObjectError),
+    /// Objects and PSF together.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+}
