@@ -10,4 +10,5 @@ pub(crate) mod state;
 pub(crate) mod widgets;
 
 pub use app::studio::Studio;
-pub use app::window::{RendererChoice, WindowError, open_window};
+pub use app::window::{WindowError, open_window};
+pub use state::preferences::RendererChoice;

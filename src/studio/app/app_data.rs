@@ -1,28 +1,21 @@
 //! What the window remembers from one day to the next: preferences, the arrangement of its rooms, and designs that were put
 //! aside, each in a file of its own.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use egui_tiles::Tree;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 use thiserror::Error;
 
 use crate::formats::{DocumentKind, FileWriter, FormatError, json_of, read_json};
-use crate::information::EngineChoice;
-use crate::studio::app::layout::{Pane, restored};
-use crate::studio::app::window::RendererChoice;
+use crate::studio::app::layout;
+use crate::studio::state::pane::Pane;
+use crate::studio::state::preferences::{Preferences, RECENT, RendererChoice, THREADS, ZOOM};
 use crate::workbench::FileChange;
 
-/// Designs that are remembered.
-const RECENT: usize = 10;
-/// Sizes of everything that one can see and read.
-pub const ZOOM: std::ops::RangeInclusive<f32> = 0.5..=4.0;
-/// Threads that one can choose.
-pub const THREADS: std::ops::RangeInclusive<usize> = 1..=256;
 /// The files.
 const PREFERENCES: &str = "preferences.json";
 const LAYOUT: &str = "layout.json";
@@ -34,72 +27,6 @@ const LAYOUT_KIND: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/
 const GEOMETRY: &str = "app.ron";
 /// The folder of designs that were put aside.
 pub const KEPT: &str = "kept";
-
-/// What a person has chosen.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Preferences {
-    /// Design files, the newest first.
-    pub recent: Vec<PathBuf>,
-    /// Light, dark, or that of the system.
-    pub theme: egui::ThemePreference,
-    /// Size of everything.
-    pub zoom: f32,
-    /// Whether live estimates are computed.
-    pub live: bool,
-    /// What draws the window from the next start on.
-    pub renderer: RendererChoice,
-    /// Whether object and measurement show the same place.
-    pub link_views: bool,
-    /// Whether the first window has asked what to start from.
-    pub welcomed: bool,
-    /// Arrangements of rooms that are remembered, by number.
-    pub layouts: BTreeMap<usize, Tree<Pane>>,
-    /// Threads for everything that computes; as many as there are cores where none is chosen.
-    pub threads: Option<usize>,
-    /// What computes networks of the published kind.
-    pub engine: EngineChoice,
-    /// Folder for unsaved changes in place of the usual one.
-    pub unsaved: Option<PathBuf>,
-}
-
-impl Default for Preferences {
-    fn default() -> Self {
-        Self {
-            recent: Vec::new(),
-            theme: egui::ThemePreference::System,
-            zoom: 1.0,
-            live: true,
-            renderer: RendererChoice::default(),
-            link_views: true,
-            welcomed: false,
-            layouts: BTreeMap::new(),
-            threads: None,
-            engine: EngineChoice::default(),
-            unsaved: None,
-        }
-    }
-}
-
-impl Preferences {
-    /// Puts a design file first.
-    pub fn remember(&mut self, path: &Path) {
-        // A path that is relative today means another file tomorrow.
-        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        self.recent.retain(|known| *known != path);
-        self.recent.insert(0, path);
-        self.recent.truncate(RECENT);
-    }
-
-    /// What of them JSON can hold: not paths that are no Unicode.
-    fn storable(&self) -> Self {
-        let is_text = |path: &PathBuf| path.to_str().is_some();
-        let mut storable = self.clone();
-        storable.recent.retain(is_text);
-        storable.unsaved = storable.unsaved.filter(is_text);
-        storable
-    }
-}
 
 /// Why a folder keeps nothing.
 #[derive(Debug, Error)]
@@ -128,7 +55,7 @@ impl Home {
             preferences.zoom = 1.0;
         }
         preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
-        (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(restored))
+        (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(layout::restored))
     }
 
     /// A folder whose files hold these preferences and this layout.

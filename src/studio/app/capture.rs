@@ -1,41 +1,16 @@
 //! Pictures of rooms as they are on the screen, for reports.
 
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{TryRecvError, channel};
 
 use egui::{Rect, Ui};
 use ndarray::Array3;
 
-use crate::studio::app::layout::Pane;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::dialogs::path_dialog::Purpose;
 use crate::studio::state::app_state::State;
-
-/// Frames between the wish for a picture and the picture: menus and tooltips go away meanwhile.
-const FRAMES: u8 = 8;
-
-/// A picture that is being made.
-#[derive(Default)]
-pub struct Capture {
-    wanted: Option<Wanted>,
-}
-
-struct Wanted {
-    name: &'static str,
-    rect: Rect,
-    /// Frames to wait.
-    wait: u8,
-    picture: Option<Receiver<Array3<u8>>>,
-}
-
-/// Makes a picture of a room that is seen, and then asks for a file.
-pub fn take(state: &mut State, pane: Pane) {
-    if let Some(&(_, rect)) = state.rooms.iter().find(|(room, _)| *room == pane) {
-        state.capture.wanted = Some(Wanted { name: pane.title(), rect, wait: FRAMES, picture: None });
-    }
-}
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::controls::name_widget;
 
 /// Goes on with the picture that was asked for. To be called for every frame.
-pub fn go_on(ctx: &egui::Context, state: &mut State) {
+pub fn advance(ctx: &egui::Context, state: &mut State) {
     let Some(wanted) = &mut state.capture.wanted else { return };
     if wanted.wait > 0 {
         wanted.wait -= 1;
@@ -88,7 +63,7 @@ pub fn menu(ui: &mut Ui, state: &mut State) {
         }
     }
     if let Some(pane) = wanted {
-        take(state, pane);
+        state.capture.request(&state.rooms, pane);
     }
 }
 

@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 use egui_tiles::{
     Behavior, Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree, UiResponse,
 };
-use serde::{Deserialize, Serialize};
 
 use crate::studio::panels::compare;
 use crate::studio::panels::estimates;
@@ -19,87 +18,7 @@ use crate::studio::panels::optimize;
 use crate::studio::panels::samples;
 use crate::studio::panels::scene;
 use crate::studio::state::app_state::State;
-
-/// A room.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "String", into = "&'static str")]
-pub enum Pane {
-    /// The PSF plane with the lenslets.
-    Mask,
-    /// The lenslets as numbers.
-    Lenslets,
-    /// One object.
-    Object,
-    /// One measurement.
-    Measurement,
-    /// What is imaged and by which sensor.
-    Scene,
-    /// Information and Tamura coefficient.
-    Information,
-    /// Modulation transfer function.
-    Mtf,
-    /// Information of past edits.
-    History,
-    /// Estimates that take minutes.
-    Estimates,
-    /// Where in a patch the information comes from.
-    InformationMap,
-    /// Runs that optimize the mask.
-    Optimize,
-    /// Designs side by side.
-    Compare,
-    /// A room of another version, from its layout file.
-    Unknown,
-}
-
-impl From<String> for Pane {
-    fn from(title: String) -> Self {
-        Self::ALL.into_iter().find(|pane| pane.title() == title).unwrap_or(Self::Unknown)
-    }
-}
-
-impl From<Pane> for &'static str {
-    fn from(pane: Pane) -> Self {
-        pane.title()
-    }
-}
-
-impl Pane {
-    /// Every room.
-    pub const ALL: [Self; 12] = [
-        Self::Mask,
-        Self::Lenslets,
-        Self::Object,
-        Self::Measurement,
-        Self::Information,
-        Self::Scene,
-        Self::Optimize,
-        Self::Estimates,
-        Self::InformationMap,
-        Self::Mtf,
-        Self::History,
-        Self::Compare,
-    ];
-
-    /// What stands on its tab.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::Mask => "Mask",
-            Self::Lenslets => "Lenslets",
-            Self::Object => "Object",
-            Self::Measurement => "Measurement",
-            Self::Scene => "Scene",
-            Self::Information => "Information",
-            Self::Mtf => "MTF",
-            Self::History => "History",
-            Self::Estimates => "Estimates",
-            Self::InformationMap => "Map",
-            Self::Optimize => "Optimize",
-            Self::Compare => "Compare",
-            Self::Unknown => "Unknown",
-        }
-    }
-}
+use crate::studio::state::pane::Pane;
 
 /// The arrangement that a new window has: mask and lenslets, object and measurement, numbers.
 pub fn default_layout() -> Tree<Pane> {

@@ -4,34 +4,34 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use crate::optics::DIFFUSER_APERTURES;
-use crate::studio::app::actions::{Action, Preset};
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::panels::image_menu;
+use crate::studio::panels::parts::action_entry;
+use crate::studio::panels::parts::image_menu;
+use crate::studio::state::action::{Action, Preset};
 use crate::studio::state::app_state::{Leave, State};
 
 /// The File menu.
 pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
     for action in [Action::New, Action::Open] {
-        entry(ui, state, action);
+        action_entry::entry(ui, state, action);
     }
     ui.add_enabled_ui(!state.preferences.recent.is_empty(), |ui| {
         ui.menu_button("Open recent", |ui| recent_menu(ui, state));
     });
     for action in [Action::Save, Action::SaveAs] {
-        entry(ui, state, action);
+        action_entry::entry(ui, state, action);
     }
     ui.separator();
-    entry(ui, state, Action::OpenObjects);
-    entry(ui, state, Action::ImportPsf);
+    action_entry::entry(ui, state, Action::OpenObjects);
+    action_entry::entry(ui, state, Action::ImportPsf);
     ui.separator();
-    entry(ui, state, Action::ExportDesign);
-    entry(ui, state, Action::ExportMeasurements);
-    entry(ui, state, Action::ExportLive);
+    action_entry::entry(ui, state, Action::ExportDesign);
+    action_entry::entry(ui, state, Action::ExportMeasurements);
+    action_entry::entry(ui, state, Action::ExportLive);
     ui.menu_button("Export view", |ui| {
         image_menu::export_menu(ui, state);
     });
     ui.separator();
-    entry(ui, state, Action::Quit);
+    action_entry::entry(ui, state, Action::Quit);
 }
 
 /// Designs that were opened or saved before, the newest first.
@@ -67,7 +67,7 @@ fn short_name(path: &Path, all: &[PathBuf]) -> String {
 /// The Help menu.
 pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
     for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
-        entry(ui, state, action);
+        action_entry::entry(ui, state, action);
     }
 }
 
@@ -77,20 +77,20 @@ pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     let redoes = state.bench.redoes().map(str::to_lowercase);
     for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
         let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
-        entry_called(ui, state, action, text.trim_end());
+        action_entry::entry_called(ui, state, action, text.trim_end());
     }
     ui.separator();
-    entry(ui, state, Action::SelectAll);
-    entry(ui, state, Action::Delete);
+    action_entry::entry(ui, state, Action::SelectAll);
+    action_entry::entry(ui, state, Action::Delete);
     ui.separator();
-    entry(ui, state, Action::Accept);
-    entry(ui, state, Action::OpenMask);
-    entry(ui, state, Action::LookAway);
-    entry(ui, state, Action::KeepDesign);
-    entry(ui, state, Action::CopyNumbers);
-    entry(ui, state, Action::CopyCommand);
+    action_entry::entry(ui, state, Action::Accept);
+    action_entry::entry(ui, state, Action::OpenMask);
+    action_entry::entry(ui, state, Action::LookAway);
+    action_entry::entry(ui, state, Action::KeepDesign);
+    action_entry::entry(ui, state, Action::CopyNumbers);
+    action_entry::entry(ui, state, Action::CopyCommand);
     ui.separator();
-    entry(ui, state, Action::Settings);
+    action_entry::entry(ui, state, Action::Settings);
 }
 
 /// The Presets menu: masks to start from.
@@ -99,7 +99,7 @@ pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
         let response = ui.button(preset.label());
         let response = if hint.is_empty() { response } else { response.on_hover_text(hint) };
         if response.clicked() {
-            preset.put(state);
+            state.act(Action::Preset(preset));
             ui.close();
         }
     };
@@ -115,27 +115,8 @@ pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
             preset(ui, state, Preset::Diffuser(aperture), "");
         }
     });
-    entry(ui, state, Action::ImportPsf);
-    entry(ui, state, Action::FitLenslets);
-}
-
-/// A menu entry for an action.
-pub fn entry(ui: &mut egui::Ui, state: &mut State, action: Action) {
-    entry_called(ui, state, action, &action.label());
-}
-
-fn entry_called(ui: &mut egui::Ui, state: &mut State, action: Action, text: &str) {
-    let mut button = egui::Button::new(text);
-    if let Some(shortcut) = action.shortcut() {
-        button = button.shortcut_text(ui.ctx().format_shortcut(&shortcut));
-    }
-    let response = ui.add_enabled(action.is_possible(state), button);
-    name_widget(&response, text);
-    if response.clicked() {
-        ui.close();
-        let ctx = ui.ctx().clone();
-        action.run(&ctx, state);
-    }
+    action_entry::entry(ui, state, Action::ImportPsf);
+    action_entry::entry(ui, state, Action::FitLenslets);
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! The window itself: menus, layout, shortcuts, files of the application.
 
-pub mod actions;
 pub mod app_data;
 pub mod capture;
+pub mod dispatch;
 pub mod layout;
 pub mod menus;
 pub mod repaint_throttle;

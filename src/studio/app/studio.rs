@@ -8,14 +8,12 @@ use egui_tiles::Tree;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
-use crate::studio::app::actions::Action;
-use crate::studio::app::app_data::{Home, KEPT, ZOOM};
+use crate::studio::app::app_data::{Home, KEPT};
 use crate::studio::app::capture;
-use crate::studio::app::layout;
-use crate::studio::app::layout::{Pane, Rooms, default_layout, restored};
+use crate::studio::app::dispatch;
+use crate::studio::app::layout::{self, Rooms, default_layout, restored};
 use crate::studio::app::menus;
 use crate::studio::app::repaint_throttle::Pace;
-use crate::studio::app::window::RendererChoice;
 use crate::studio::canvas::pan_zoom::CLICK_REACH;
 use crate::studio::dialogs::confirm_discard;
 use crate::studio::dialogs::dropped_files::{self, Dropped};
@@ -25,13 +23,18 @@ use crate::studio::dialogs::recovery;
 use crate::studio::dialogs::settings_dialogs;
 use crate::studio::dialogs::welcome;
 use crate::studio::panels::jobs;
-use crate::studio::panels::messages::Severity;
+use crate::studio::panels::parts::action_entry;
+use crate::studio::panels::parts::run_results;
 use crate::studio::panels::preview_banner;
-use crate::studio::panels::run_results;
 use crate::studio::panels::status_bar::{self, FrameTimes};
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::state::messages::Severity;
+use crate::studio::state::pane::Pane;
+use crate::studio::state::preferences::{RendererChoice, ZOOM};
 use crate::studio::widgets::clipboard::Clipboard;
-use crate::studio::widgets::glyphs;
+use crate::studio::widgets::format::file_name;
+use crate::studio::widgets::missing_glyphs;
 use crate::studio::widgets::number_field::take_refusals;
 use crate::workbench::{Activity, ActivityState, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench};
 
@@ -280,7 +283,7 @@ impl Studio {
             self.close();
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
-            if self.state.bench.is_dirty() || confirm_discard::going_on(&self.state).is_some() {
+            if self.state.bench.is_dirty() || self.state.unfinished_work().is_some() {
                 ctx.send_viewport_cmd(ViewportCommand::CancelClose);
                 self.state.guard(ctx, Leave::Close);
             } else {
@@ -291,7 +294,7 @@ impl Studio {
             for action in Action::pressed(ctx) {
                 // The one before may have asked something.
                 if self.takes_shortcuts() {
-                    action.run(ctx, &mut self.state);
+                    dispatch::run(action, ctx, &mut self.state);
                 }
             }
         }
@@ -299,7 +302,7 @@ impl Studio {
         self.keep_home(ctx);
         let named = format!("{} {}", file_name(self.state.bench.path()), self.state.bench.design().objects);
         if named != self.named {
-            if let Some(sentence) = glyphs::lacking(ctx, &named) {
+            if let Some(sentence) = missing_glyphs::missing_glyphs(ctx, &named) {
                 self.tell(sentence);
             }
             self.named = named;
@@ -320,7 +323,7 @@ impl Studio {
     /// Draws the window.
     pub fn ui(&mut self, ui: &mut Ui) {
         self.state.hover = None;
-        capture::go_on(ui.ctx(), &mut self.state);
+        capture::advance(ui.ctx(), &mut self.state);
         Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
         self.state.messages.banner(ui);
         preview_banner::show(ui, &mut self.state);
@@ -332,6 +335,7 @@ impl Studio {
             Some(pane) => layout::show_maximised(ui, &mut self.state, pane),
             None => self.rooms.ui(&mut Rooms(&mut self.state), ui),
         });
+        self.do_actions(ui.ctx());
         let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
         status_bar::show(&mut bar, &mut self.state, &self.frame_times);
         let ctx = ui.ctx().clone();
@@ -352,6 +356,16 @@ impl Studio {
         }
         self.dropped.ask(&ctx, &mut self.state);
         dropped_files::show_hint(&ctx);
+        self.do_actions(&ctx);
+    }
+
+    /// Does the actions that panels, menus and dialogs have asked for.
+    fn do_actions(&mut self, ctx: &egui::Context) {
+        while let Some(action) = self.state.actions.pop_front() {
+            dispatch::run(action, ctx, &mut self.state);
+            // What was drawn before shows it in the next frame.
+            ctx.request_repaint();
+        }
     }
 
     fn menu_bar(&mut self, ui: &mut Ui) {
@@ -378,15 +392,15 @@ impl Studio {
         });
         ui.menu_button("Room", |ui| {
             for pane in Pane::ALL {
-                menus::entry(ui, &mut self.state, Action::Show(pane));
+                action_entry::entry(ui, &mut self.state, Action::Show(pane));
             }
         });
         ui.menu_button("Layout", |ui| {
             for action in Action::layouts() {
-                menus::entry(ui, &mut self.state, action);
+                action_entry::entry(ui, &mut self.state, action);
             }
         });
-        menus::entry(ui, &mut self.state, Action::Maximise);
+        action_entry::entry(ui, &mut self.state, Action::Maximise);
         ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state));
         let mut live = self.state.bench.is_live();
         if ui
@@ -400,8 +414,8 @@ impl Studio {
         if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
             ui.close();
         }
-        menus::entry(ui, &mut self.state, Action::Jobs);
-        menus::entry(ui, &mut self.state, Action::Messages);
+        action_entry::entry(ui, &mut self.state, Action::Jobs);
+        action_entry::entry(ui, &mut self.state, Action::Messages);
     }
 }
 
@@ -468,9 +482,4 @@ fn hear_end(state: &mut State, activity: &Activity) {
 fn title(state: &State) -> String {
     let mark = if state.bench.is_dirty() { "*" } else { "" };
     format!("{}{mark} - Lenslet Studio", file_name(state.bench.path()))
-}
-
-/// The name of a design's file, for people.
-pub fn file_name(path: Option<&Path>) -> String {
-    path.and_then(Path::file_name).map_or_else(|| "Untitled".into(), |name| name.to_string_lossy().into_owned())
 }

@@ -4,7 +4,6 @@ use std::cell::Cell;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::forward::Design;
@@ -12,42 +11,8 @@ use crate::studio::app::app_data::Home;
 use crate::studio::app::studio::Studio;
 #[cfg(target_os = "linux")]
 use crate::studio::app::window_system::WindowSystem;
+use crate::studio::state::preferences::RendererChoice;
 use crate::studio::widgets::clipboard::Clipboard;
-
-/// Which graphics interface draws the window.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RendererChoice {
-    /// OpenGL; also the faster one where the processor draws.
-    #[default]
-    Glow,
-    /// Vulkan, Metal or DirectX 12.
-    Wgpu,
-}
-
-impl RendererChoice {
-    fn other(self) -> Self {
-        match self {
-            Self::Glow => Self::Wgpu,
-            Self::Wgpu => Self::Glow,
-        }
-    }
-
-    fn renderer(self) -> eframe::Renderer {
-        match self {
-            Self::Glow => eframe::Renderer::Glow,
-            Self::Wgpu => eframe::Renderer::Wgpu,
-        }
-    }
-
-    /// Its name for people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Glow => "OpenGL (glow)",
-            Self::Wgpu => "wgpu",
-        }
-    }
-}
 
 /// Why there is no window.
 #[derive(Debug, Error)]

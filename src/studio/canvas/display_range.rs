@@ -5,7 +5,8 @@ use std::ops::RangeInclusive;
 use egui::{Color32, Rect, Sense, Stroke, Ui, pos2, vec2};
 use ndarray::ArrayView2;
 
-use crate::studio::canvas::image_view::{name_widget, significant};
+use crate::studio::widgets::controls::name_widget;
+use crate::studio::widgets::format::significant;
 use crate::studio::widgets::number_field::NumberField;
 
 /// Share of the pixels that the automatic levels leave below and above.

@@ -1,12 +1,14 @@
 //! A picture of values: colours, colour bar with units, zoom and pan, value under the pointer. It never changes the values.
 
-use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2};
+use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, pos2, vec2};
 use ndarray::{ArrayView2, s};
 
 use crate::studio::canvas::display_range::{self, Histogram, Levels};
 use crate::studio::canvas::overlays;
 use crate::studio::canvas::pan_zoom::Hand;
 use crate::studio::canvas::viewport::{Placement, Viewport};
+use crate::studio::widgets::controls::name_widget;
+use crate::studio::widgets::format::significant;
 use crate::workbench::Colormap;
 
 /// Longest side of a texture that is tried, pixels: few renderers take longer ones.
@@ -345,42 +347,6 @@ pub fn thinned(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32
     image.slice_move(s![..;step(rows), ..;step(cols)])
 }
 
-/// Gives a control the name by which assistive technology and tests find it.
-pub fn name_widget(response: &egui::Response, name: &str) {
-    response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name));
-}
-
-/// A number with three to four significant digits.
-pub fn significant(value: f64) -> String {
-    let size = value.abs();
-    if value == 0.0 {
-        "0".into()
-    } else if (0.001..10_000.0).contains(&size) {
-        let decimals = (2 - size.log10().floor() as i32).clamp(0, 5) as usize;
-        format!("{value:.decimals$}")
-    } else {
-        format!("{value:.2e}")
-    }
-}
-
-/// Small controls above a picture, in as many rows as it takes.
-pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
-    ui.horizontal_wrapped(|ui| {
-        ui.set_min_height(22.0);
-        ui.spacing_mut().item_spacing.x = 6.0;
-        add(ui);
-    });
-    ui.add_space(2.0);
-}
-
-/// Fills the room with a sentence where there is no picture yet.
-pub fn placeholder(ui: &mut Ui, text: &str) {
-    let size: Vec2 = ui.available_size();
-    ui.allocate_ui_with_layout(size, egui::Layout::centered_and_justified(egui::Direction::TopDown), |ui| {
-        ui.weak(text);
-    });
-}
-
 #[cfg(test)]
 mod tests {
     use ndarray::Array2;
@@ -401,15 +367,6 @@ mod tests {
             ctx.input_mut(|input| input.max_texture_side = most);
             view.update_texture(&ctx, &Palettes::default(), image.view(), (1, 0));
             assert_eq!(view.texture.as_ref().map(TextureHandle::size), Some([cols, 64]));
-        }
-    }
-
-    #[test]
-    fn numbers_read_well() {
-        for (value, text) in
-            [(0.0, "0"), (1.0, "1.00"), (134.2, "134"), (0.04567, "0.0457"), (1234.5, "1234"), (2e-7, "2.00e-7")]
-        {
-            assert_eq!(significant(value), text);
         }
     }
 }

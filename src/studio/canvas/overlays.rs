@@ -3,8 +3,8 @@
 use egui::{Align2, Color32, FontId, Painter, Rect, Stroke, pos2, vec2};
 use ndarray::ArrayView2;
 
-use crate::studio::canvas::image_view::significant;
 use crate::studio::canvas::viewport::{Placement, round_length};
+use crate::studio::widgets::format::significant;
 
 /// Pixels that are at least this large show their values, points.
 const READABLE: f32 = 36.0;

@@ -3,11 +3,10 @@
 use egui::Key;
 
 use crate::plural::counted;
-use crate::studio::app::actions::Action;
-use crate::studio::app::studio::file_name;
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::{Leave, State};
+use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
-use crate::workbench::ActivityKind;
 
 /// Whether the answer was to save, and that is still to come: its path is asked for, or the file is written.
 pub fn waits_for_save(state: &State) -> bool {
@@ -40,7 +39,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         state.leave(ctx, what);
         return false;
     }
-    let work = if what == Leave::Close { going_on(state) } else { None };
+    let work = if what == Leave::Close { state.unfinished_work() } else { None };
     let mut leave = false;
     modal::show(ctx, "leaving", 340.0, |ui| {
         modal::body(ui, |ui| {
@@ -69,7 +68,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if dirty && ui.button("Save").clicked() {
-                Action::Save.run(ctx, state);
+                state.act(Action::Save);
                 if let Some(leaving) = &mut state.leaving {
                     leaving.saving = true;
                 }
@@ -90,27 +89,4 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         state.leave(ctx, what);
     }
     close
-}
-
-/// What the window's end would interrupt or lose, in words.
-pub fn going_on(state: &State) -> Option<String> {
-    let open = state.bench.activities();
-    let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
-    let run = match (is_open(ActivityKind::Run), state.bench.keeps_run()) {
-        (true, true) => Some("A run goes on. It is kept, and the next window can go on with it."),
-        (true, false) => Some("A run goes on. What it has found so far would be lost."),
-        (false, false) if state.bench.would_miss_run() => Some("Results of the run would be lost."),
-        (false, _) => None,
-    };
-    let why = state.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be kept: {why}."));
-    let estimates =
-        open.iter().filter(|activity| activity.kind == ActivityKind::Estimate && activity.is_open()).count();
-    let estimate = match (estimates, state.bench.keeps_estimates()) {
-        (0, _) => None,
-        (1, true) => Some("An estimate is being computed. It is kept, and goes on in the next window."),
-        (_, true) => Some("Estimates are being computed. They are kept, and go on in the next window."),
-        (_, false) => Some("An estimate is being computed. What it has computed so far would be lost."),
-    };
-    let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();
-    (!sentences.is_empty()).then(|| sentences.join(" "))
 }

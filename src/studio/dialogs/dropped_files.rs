@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use crate::formats::{image_files, path_text};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
-use crate::studio::app::studio::file_name;
-use crate::studio::dialogs::file_preview::Preview;
-use crate::studio::panels::messages::Severity;
 use crate::studio::state::app_state::{Leave, State};
+use crate::studio::state::messages::Severity;
+use crate::studio::widgets::file_preview::Preview;
+use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
 use crate::workbench::FileUse;
 

@@ -2,7 +2,6 @@
 
 pub mod confirm_discard;
 pub mod dropped_files;
-pub mod file_preview;
 pub mod palette;
 pub mod path_dialog;
 pub mod recovery;

@@ -2,27 +2,19 @@
 
 use egui::Key;
 
-use crate::studio::app::actions::Action;
-use crate::studio::canvas::image_view::name_widget;
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 
 /// Most actions that are listed at a time.
 const LISTED: usize = 12;
-/// The open palette.
-#[derive(Default)]
-pub struct Palette {
-    query: String,
-    /// Place of the marked action in the list.
-    marked: usize,
-}
-
 /// The actions that a query means: all its words are in their names. Those whose names begin with it come first.
 fn found(query: &str, state: &State) -> Vec<Action> {
     let query = query.trim().to_lowercase();
     let words: Vec<&str> = query.split_whitespace().collect();
     let mut found: Vec<(bool, Action)> = Action::all()
-        .filter(|action| action.is_possible(state))
+        .filter(|action| state.can_do(*action))
         .filter_map(|action| {
             let label = action.label().to_lowercase();
             words.iter().all(|word| label.contains(word)).then(|| (!label.starts_with(&query), action))
@@ -75,7 +67,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         }
     });
     if let Some(action) = chosen {
-        action.run(ctx, state);
+        state.act(action);
     } else if !response.should_close() {
         state.palette = Some(palette);
     }

@@ -2,8 +2,8 @@
 
 use std::time::SystemTime;
 
-use crate::studio::panels::messages::Severity;
 use crate::studio::state::app_state::State;
+use crate::studio::state::messages::Severity;
 use crate::studio::widgets::modal;
 use crate::workbench::{Recovered, spoken};
 

@@ -6,12 +6,12 @@ use egui::{RichText, Ui};
 
 use crate::information::EngineChoice;
 use crate::plural::counted;
-use crate::studio::app::actions::Action;
-use crate::studio::app::app_data::{THREADS, ZOOM};
-use crate::studio::app::window::RendererChoice;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::dialogs::path_dialog::Purpose;
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
+use crate::studio::state::open_dialogs::Sheet;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::state::preferences::{RendererChoice, THREADS, ZOOM};
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::study::Machine;
@@ -36,17 +36,6 @@ const ON_THE_MASK: [(&str, &str); 12] = [
     ("Right click", "What can be done with a lenslet"),
     ("Tab", "Next lenslet or control; Space selects"),
 ];
-
-/// A sheet to read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sheet {
-    /// Keys and gestures.
-    Shortcuts,
-    /// What a person can choose.
-    Settings,
-    /// Versions and machine.
-    About,
-}
 
 /// Draws the sheet that is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {

@@ -3,27 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
-/// How the dialog should ask.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Picker {
-    /// For a file that is there.
-    Open,
-    /// For a file that is written.
-    Save,
-    /// For a folder.
-    Folder,
-}
-
-/// What came of the dialog.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Answer {
-    /// A path was chosen.
-    Chosen(PathBuf),
-    /// The dialog was cancelled.
-    Cancelled,
-    /// The system has no dialog.
-    Missing,
-}
+use crate::studio::state::path_question::{Answer, Picker};
 
 /// Opens the dialog at a path; none where the operating system gives no thread.
 pub fn open(ctx: &egui::Context, picker: Picker, start: &Path) -> Option<Receiver<Answer>> {

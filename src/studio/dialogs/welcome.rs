@@ -2,22 +2,11 @@
 
 use egui::{RichText, Ui};
 
-use crate::studio::app::actions::Action;
-use crate::studio::app::layout::Pane;
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::state::pane::Pane;
 use crate::studio::widgets::modal;
 use crate::workbench::SAMPLES;
-
-/// What newcomers are shown.
-#[derive(Default)]
-pub struct Guide {
-    /// Whether it is asked what to start from.
-    pub welcome: bool,
-    /// The stop of the tour, if it is taken.
-    pub tour: Option<usize>,
-    /// Whether something was exported.
-    pub exported: bool,
-}
 
 /// One stop of the tour.
 struct Stop {
@@ -92,7 +81,7 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
             }
             ui.horizontal(|ui| {
                 if ui.add_sized([120.0, 22.0], egui::Button::new("Open my data...")).clicked() {
-                    Action::OpenObjects.run(ctx, state);
+                    state.act(Action::OpenObjects);
                     leave = true;
                 }
                 ui.weak("Images, IDX, CIFAR-10, NPY, NPZ or TIFF to look at");

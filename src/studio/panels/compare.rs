@@ -1,74 +1,26 @@
 //! Designs side by side: a table, information against Tamura coefficient, and one picture that flips between two.
 
-use std::collections::HashMap;
-
-use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
+use egui::{ColorImage, Sense, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
 use crate::information::with_decimals;
-use crate::studio::app::capture;
-use crate::studio::app::layout::Pane;
-use crate::studio::canvas::image_view::{ImageView, name_widget, placeholder, toolbar};
 use crate::studio::canvas::pan_zoom::Hand;
-use crate::studio::canvas::viewport::Viewport;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::information::{CEILING, DENSITY, GAUSSIAN};
-use crate::studio::panels::messages::Severity;
-use crate::studio::panels::tamura_gauge::TAMURA_GUIDE;
+use crate::studio::panels::parts::tamura_gauge::TAMURA_GUIDE;
 use crate::studio::state::app_state::State;
+use crate::studio::state::comparison::{ComparedSide, Comparison, Quantity};
+use crate::studio::state::pane::Pane;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::colors::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
 
-/// Side of the small pictures, points.
+/// ComparedSide of the small pictures, points.
 const THUMBNAIL: f32 = 30.0;
 /// Between the cells of the table, points.
 const SPACING: Vec2 = Vec2::new(6.0, 3.0);
 
-/// What the room shows.
-pub struct Comparison {
-    /// Numbers of the two designs.
-    pair: [Option<u64>; 2],
-    side: Side,
-    what: What,
-    /// A person has just chosen a design or the measurement: what failed is tried again.
-    tries_again: bool,
-    picture: ImageView,
-    difference: ImageView,
-    /// Which part of them is seen.
-    viewport: Viewport,
-    thumbnails: HashMap<u64, TextureHandle>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Side {
-    A,
-    B,
-    Difference,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum What {
-    Psf,
-    Measurement,
-    Mtf,
-}
-
-impl Default for Comparison {
-    fn default() -> Self {
-        Self {
-            pair: [None; 2],
-            side: Side::A,
-            what: What::Psf,
-            tries_again: false,
-            picture: ImageView::new("Comparison", "", Colormap::Viridis),
-            difference: ImageView::new("Difference", "", Colormap::Diverging),
-            viewport: Viewport::default(),
-            thumbnails: HashMap::new(),
-        }
-    }
-}
-
-/// What is to be done with one of the designs.
+/// Quantity is to be done with one of the designs.
 enum Wish {
     Open(u64),
     Delete(u64),
@@ -96,7 +48,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let picture = ui.small_button("Picture...").on_hover_text("This room as it is on the screen, as PNG");
             name_widget(&picture, "Export comparison as PNG");
             if picture.clicked() {
-                capture::take(state, Pane::Compare);
+                state.capture.request(&state.rooms, Pane::Compare);
             }
         });
     });
@@ -198,13 +150,13 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
     });
 }
 
-/// What a scene is called: a letter while there are enough.
+/// Quantity a scene is called: a letter while there are enough.
 fn letter_of(scenes: &[impl AsRef<str>], scene: &str) -> String {
     let place = scenes.iter().position(|known| known.as_ref() == scene).unwrap_or_default();
     ('a'..='z').nth(place).map_or_else(|| (place + 1).to_string(), String::from)
 }
 
-/// What is known of a design's information, in a few characters: a line for each side.
+/// Quantity is known of a design's information, in a few characters: a line for each side.
 fn information(snapshot: &Snapshot) -> String {
     let bound = |sign: char, bound: Bits| match bound.half_width() {
         0.0 => format!("{sign} {:.3}", bound.bits),
@@ -261,7 +213,7 @@ fn thumbnail(
 
 /// One picture that flips between two designs, or their difference.
 fn pair(ui: &mut Ui, state: &mut State) {
-    if state.comparison.what == What::Measurement {
+    if state.comparison.what == Quantity::Measurement {
         measure(state);
     }
     let State { snapshots, comparison, palettes, hover, .. } = state;
@@ -270,12 +222,16 @@ fn pair(ui: &mut Ui, state: &mut State) {
         return;
     };
     ui.horizontal(|ui| {
-        for (side, text) in [(Side::A, a.name.as_str()), (Side::B, b.name.as_str()), (Side::Difference, "A - B")] {
+        for (side, text) in [
+            (ComparedSide::A, a.name.as_str()),
+            (ComparedSide::B, b.name.as_str()),
+            (ComparedSide::Difference, "A - B"),
+        ] {
             let response = ui.selectable_label(comparison.side == side, text);
             let name = match side {
-                Side::A => "Show A",
-                Side::B => "Show B",
-                Side::Difference => "Show difference",
+                ComparedSide::A => "Show A",
+                ComparedSide::B => "Show B",
+                ComparedSide::Difference => "Show difference",
             };
             name_widget(&response, name);
             if response.clicked() {
@@ -283,11 +239,11 @@ fn pair(ui: &mut Ui, state: &mut State) {
             }
         }
         if ui.button("Flip").on_hover_text("From A to B and back").clicked() {
-            comparison.side = if comparison.side == Side::A { Side::B } else { Side::A };
+            comparison.side = if comparison.side == ComparedSide::A { ComparedSide::B } else { ComparedSide::A };
         }
     });
     toolbar(ui, |ui| {
-        for (what, text) in [(What::Psf, "PSF"), (What::Measurement, "Measurement"), (What::Mtf, "MTF")] {
+        for (what, text) in [(Quantity::Psf, "PSF"), (Quantity::Measurement, "Measurement"), (Quantity::Mtf, "MTF")] {
             let response = ui.selectable_label(comparison.what == what, text);
             name_widget(&response, &format!("Compare {text}"));
             comparison.tries_again |= response.clicked();
@@ -298,8 +254,11 @@ fn pair(ui: &mut Ui, state: &mut State) {
                 comparison.difference.forget_levels();
             }
         }
-        let shown =
-            if comparison.side == Side::Difference { &mut comparison.difference } else { &mut comparison.picture };
+        let shown = if comparison.side == ComparedSide::Difference {
+            &mut comparison.difference
+        } else {
+            &mut comparison.picture
+        };
         shown.colour_controls(ui, palettes);
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
@@ -320,7 +279,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
     // All three are views of one place.
     let viewport = comparison.viewport;
     let (view, image) = match comparison.side {
-        Side::Difference => {
+        ComparedSide::Difference => {
             let image = one - other;
             let (low, high) = extent(&image);
             let most = high.max(-low).max(f32::MIN_POSITIVE);
@@ -331,7 +290,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
             // Both in the same colours, so that a flip shows differences and nothing else.
             let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
             comparison.picture.fix_limits((low_a.min(low_b), high_a.max(high_b)));
-            (&mut comparison.picture, CowArray::from(if side == Side::A { one } else { other }))
+            (&mut comparison.picture, CowArray::from(if side == ComparedSide::A { one } else { other }))
         }
     };
     let side = ui.available_width().clamp(120.0, 340.0);
@@ -361,11 +320,11 @@ fn measure(state: &mut State) {
     }
 }
 
-fn picture(snapshot: &Snapshot, what: What) -> Option<&Array2<f32>> {
+fn picture(snapshot: &Snapshot, what: Quantity) -> Option<&Array2<f32>> {
     match what {
-        What::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
-        What::Measurement => snapshot.measurement.as_ref()?.as_ref().ok(),
-        What::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
+        Quantity::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
+        Quantity::Measurement => snapshot.measurement.as_ref()?.as_ref().ok(),
+        Quantity::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
     }
 }
 
@@ -411,23 +370,4 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
                 }
             }
         });
-}
-
-impl State {
-    /// Puts the open design aside.
-    pub fn keep_snapshot(&mut self) {
-        let open = (self.bench.design(), self.bench.revision());
-        match self.snapshots.keep(open, &self.live, &self.estimates) {
-            Ok(()) => {
-                let Some(last) = self.snapshots.entries.last() else { return };
-                // The first two can be compared at once.
-                let free = self.comparison.pair.iter_mut().find(|number| number.is_none());
-                if let Some(free) = free {
-                    *free = Some(last.number);
-                }
-                self.messages.push(Severity::Done, format!("Kept as {}", last.name));
-            }
-            Err(reason) => self.messages.push(Severity::Failure, reason),
-        }
-    }
 }

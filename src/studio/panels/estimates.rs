@@ -3,19 +3,18 @@
 use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
-use crate::information::{EngineChoice, Estimate, Estimator, Protocol, between, rounded, with_interval};
+use crate::information::{Estimate, Estimator, Protocol, between, rounded, with_interval};
 use crate::plural::counted;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::camera_form::{self, ImagesForm};
-use crate::studio::panels::fit_length::FitLengthForm;
-use crate::studio::panels::information::{DENSITY, LOWER};
-use crate::studio::panels::messages::Severity;
+use crate::studio::panels::parts::camera_form;
 use crate::studio::state::app_state::State;
+use crate::studio::state::estimate_form::EstimateForm;
+use crate::studio::state::messages::Severity;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::colors::{DENSITY, LOWER};
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{
-    Calibration, Curve, DensityModel, EstimateRequest, FinishedEstimate, FitPoint, FittedModel, Stamped, WeightsFiles,
-    estimate_command, images_command,
+    Calibration, Curve, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command, images_command,
 };
 
 /// What a copied command is good for.
@@ -30,66 +29,6 @@ const PROTOCOLS: [(Protocol, &str); 2] = [
          values; no bound",
     ),
 ];
-
-/// What the form asks for.
-pub struct EstimateForm {
-    kind: Estimator,
-    length: FitLengthForm,
-    whole_sensor: bool,
-    /// Repetitions of a fit, of which the smallest counts; a bracket has one.
-    trials: usize,
-    /// How a PixelCNN is fitted and scored; the others know one way.
-    protocol: Protocol,
-    /// Images of a camera that may be estimated instead.
-    pub images: ImagesForm,
-    /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
-    chosen: Option<usize>,
-}
-
-impl Default for EstimateForm {
-    fn default() -> Self {
-        let kind = Estimator::Bracket;
-        let (length, images) = (FitLengthForm::usual(kind), ImagesForm::default());
-        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, images, chosen: None }
-    }
-}
-
-impl EstimateForm {
-    /// Those that are fitted; the Gaussian bound follows every edit anyway.
-    const KINDS: [(Estimator, &'static str, &'static str); 3] = [
-        (
-            Estimator::Bracket,
-            "Bracket",
-            "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below, posterior sampling on either side",
-        ),
-        (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
-        (Estimator::PixelCnn, "PixelCNN", "The published density model"),
-    ];
-
-    fn request(&self, engine: EngineChoice) -> EstimateRequest {
-        let request = self.request_of(self.length.model(self.kind, engine));
-        match self.kind {
-            Estimator::PixelCnn => EstimateRequest { trials: self.trials, protocol: self.protocol, ..request },
-            Estimator::Full => EstimateRequest { trials: self.trials, ..request },
-            _ => request,
-        }
-    }
-
-    /// What is asked of a fit of this model, for the patch that was chosen.
-    pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
-        EstimateRequest {
-            model,
-            protocol: Protocol::Default,
-            patch: if self.whole_sensor { None } else { Some((32, 32)) },
-            patches_train: 10_000,
-            patches_test: 1_500,
-            fresh: false,
-            trials: 1,
-            keep: None,
-            weights: WeightsFiles::default(),
-        }
-    }
-}
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {

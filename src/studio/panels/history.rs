@@ -3,13 +3,12 @@
 use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 
-use crate::studio::canvas::image_view::{name_widget, placeholder, toolbar};
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::edit_history::TrailPoint;
-use crate::studio::panels::information::{CEILING, DENSITY, GAUSSIAN};
-use crate::studio::state::app_state::State;
-
 use crate::plural::counted;
+use crate::studio::state::app_state::State;
+use crate::studio::state::edit_history::TrailPoint;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::colors::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
 /// Shows the bounds after each edit.
 pub fn show(ui: &mut Ui, state: &mut State) {

@@ -2,30 +2,16 @@
 
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
-use serde_json::json;
-
-use crate::information::{Bracket, NUMBERS_VERSION, NamedBound, PairedDifference, between, rounded, with_interval};
-use crate::studio::app::actions::Action;
-use crate::studio::app::menus;
-use crate::studio::canvas::image_view::{name_widget, placeholder, significant};
-use crate::studio::panels::bound_summary::Known;
-use crate::studio::panels::messages::Severity;
-use crate::studio::panels::tamura_gauge;
+use crate::information::{Bracket, NamedBound, PairedDifference, between, rounded, with_interval};
+use crate::studio::panels::parts::action_entry;
+use crate::studio::panels::parts::tamura_gauge;
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
+use crate::studio::state::bound_summary::Known;
+use crate::studio::widgets::colors::{CEILING, DENSITY, FITTED, GAUSSIAN, LOWER, SAMPLED};
+use crate::studio::widgets::controls::{name_widget, placeholder};
+use crate::studio::widgets::format::significant;
 use crate::workbench::{RunBounds, RunStatus};
-
-/// Colour of the Gaussian bound.
-pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
-/// Colour of the ceiling.
-pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
-/// Colour of density models.
-pub const DENSITY: Color32 = Color32::from_rgb(196, 122, 232);
-/// Colour of finished estimates by one density model.
-pub const FITTED: Color32 = Color32::from_rgb(214, 190, 86);
-/// Colour of upper bounds by posterior sampling.
-pub const SAMPLED: Color32 = Color32::from_rgb(226, 92, 118);
-/// Colour of lower bounds.
-pub const LOWER: Color32 = Color32::from_rgb(64, 176, 112);
 
 /// Least room for a value in the table, points.
 const LEAST_VALUE: f32 = 80.0;
@@ -59,60 +45,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 fn more(ui: &mut Ui, state: &mut State) {
     let more = ui.menu_button("...", |ui| {
         for action in [Action::CopyNumbers, Action::CopyCommand, Action::ExportLive] {
-            menus::entry(ui, state, action);
+            action_entry::entry(ui, state, action);
         }
     });
     let hint = "Copy all numbers with their intervals; copy the command line that computes them again, for which a record of \
                 the live estimate is kept; or write that record to a place of your own. A bracket has a command of its own \
                 (Estimates)";
     name_widget(&more.response.on_hover_text(hint), "More of the numbers");
-}
-
-/// Puts all numbers of the open design into the clipboard.
-pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
-    let Some(information) = state.live.information.clone() else {
-        state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
-        return;
-    };
-    let mut known = Known::of(state, &information.value, information.revision);
-    known.run.take_if(|run| !run.is_of_mask);
-    known.run_of_sensor.take_if(|run| !run.is_of_mask);
-    let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
-        json!({
-            "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
-            "settled": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
-        })
-    });
-    let (upper, upper_from) = known.upper_bound().unzip();
-    let design = state.bench.design();
-    let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
-    let numbers = json!({
-        "format": "lenslet-studio/numbers",
-        "format_version": 1,
-        "program_version": NUMBERS_VERSION,
-        "encoder": design.encoder.describe(),
-        "design": &**design,
-        "current": known.current,
-        "patch": known.bounds.patch,
-        "upper": upper,
-        "upper_from": upper_from,
-        "lower": known.lower(),
-        "posterior_sampling": known.sampling().and_then(|live| live.upper.clone()),
-        "gaussian_bound": known.gaussian(),
-        "gaussian_is_bound": known.bounds.gaussian_is_bound,
-        "gaussian_interval_95": known.bounds.interval_95,
-        "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
-        "ceiling": known.bounds.ceiling_bits(),
-        "live_estimate": live,
-        "last_edit": known.sampling().and_then(|live| live.edit),
-        "bracket": known.bracket,
-        "fitted": known.fitted,
-        "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
-        "sensor_of_run": known.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
-        "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
-        "object_tamura": scene.map(|scene| scene.value.tamura.mean),
-    });
-    state.copy(ctx, format!("{numbers:#}\n"), "The numbers are");
 }
 
 /// Two bounds in bits per pixel as those of a whole measurement.

@@ -3,10 +3,10 @@
 use egui::Ui;
 use ndarray::Axis;
 
-use crate::studio::canvas::image_view::{name_widget, placeholder, toolbar};
 use crate::studio::canvas::pan_zoom::Hand;
-use crate::studio::panels::image_menu::{self, View};
+use crate::studio::panels::parts::image_menu::{self, View};
 use crate::studio::state::app_state::State;
+use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
 /// Shows the map.
 pub fn show(ui: &mut Ui, state: &mut State) {

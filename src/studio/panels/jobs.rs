@@ -2,23 +2,17 @@
 
 use egui::{ProgressBar, RichText, ScrollArea, Ui};
 
-use crate::studio::canvas::image_view::name_widget;
+use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
+use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Activity, ActivityState, spoken};
 
 /// Height of a bar that tells how far something is, points.
 const BAR: f32 = 16.0;
 
-/// The window.
-#[derive(Default)]
-pub struct JobsWindow {
-    /// Whether it is open.
-    pub open: bool,
-}
-
 /// Draws the window where it is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {
-    let mut open = state.jobs.open;
+    let mut open = state.jobs_open;
     // Beside the rooms from which jobs are started, not over them.
     let corner = ctx.content_rect().center_bottom() - egui::vec2(0.0, 36.0);
     let window = egui::Window::new("Jobs").open(&mut open).default_size([440.0, 320.0]);
@@ -34,7 +28,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             }
         });
     });
-    state.jobs.open = open;
+    state.jobs_open = open;
 }
 
 /// One job.
@@ -60,7 +54,7 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
             ui.weak("waits for others");
         }
         ActivityState::Running | ActivityState::Paused => {
-            let left = left_of(activity);
+            let left = job_progress::left_of(activity);
             let paused = if activity.state == ActivityState::Paused { "paused, " } else { "" };
             ui.weak(format!("{paused}{time}{left}"));
             let bar = ProgressBar::new(activity.share.unwrap_or(0.0) as f32).desired_height(BAR);
@@ -97,29 +91,8 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
     }
 }
 
-/// The time that is left, in words.
-fn left_of(activity: &Activity) -> String {
-    match (activity.left, activity.step_left()) {
-        (Some(left), _) => format!(", {} left", spoken(left)),
-        (None, Some(left)) => format!(", {} left of this part", spoken(left)),
-        (None, None) => String::new(),
-    }
-}
-
 /// The log as text, a line each.
 fn log_text(activity: &Activity) -> String {
     let lines = activity.log.iter().map(|(seconds, text)| format!("{seconds:>8.1} s  {text}\n"));
     format!("{}\n{}", activity.name, lines.collect::<String>())
-}
-
-/// What goes on, in a few words: the number of jobs and how far the first one is.
-pub fn summary(state: &State) -> Option<String> {
-    let all = state.bench.activities();
-    let mut open = all.iter().filter(|activity| activity.is_open());
-    let first = open.next()?;
-    let more = open.count();
-    let share = first.share.map_or(String::new(), |share| format!(" {:.0} %", 100.0 * share));
-    let left = left_of(first);
-    let others = if more == 0 { String::new() } else { format!(" (+{more})") };
-    Some(format!("{}{share}{left}{others}", first.name))
 }

@@ -6,15 +6,12 @@ use egui::Ui;
 
 use crate::optics::{Lenslet, LensletArray};
 use crate::plural::counted;
-use crate::studio::canvas::image_view::{name_widget, placeholder};
-use crate::studio::panels::lenslet_menu;
+use crate::studio::panels::parts::hints::COUNTS;
+use crate::studio::panels::parts::lenslet_menu;
 use crate::studio::state::app_state::State;
+use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Command, LensletChange};
-
-/// What lenslets are counted, for people.
-pub const COUNTS: &str = "Dark lenslets are left out, and those on one spot are taken for one. Effective: as many equal lenslets would \
-                          spread the light alike";
 
 /// Shows the table.
 pub fn show(ui: &mut Ui, state: &mut State) {

@@ -10,15 +10,17 @@ use std::collections::BTreeSet;
 use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
-use crate::studio::app::actions::Action;
-use crate::studio::app::menus;
-use crate::studio::canvas::image_view::{Shown, placeholder, toolbar};
+use crate::studio::canvas::image_view::Shown;
 use crate::studio::canvas::pan_zoom::{CLICK_REACH, Hand, is_panning, zoomed_by_keys};
 use crate::studio::canvas::viewport::Placement;
-use crate::studio::panels::image_menu::{self, View};
-use crate::studio::panels::lenslet_menu::{self, inside, select};
-use crate::studio::panels::trajectories;
-use crate::studio::state::app_state::{MaskDrag, State};
+use crate::studio::panels::parts::action_entry;
+use crate::studio::panels::parts::image_menu::{self, View};
+use crate::studio::panels::parts::lenslet_menu::{self, inside, select};
+use crate::studio::panels::parts::trajectories;
+use crate::studio::state::action::Action;
+use crate::studio::state::app_state::State;
+use crate::studio::state::views::MaskDrag;
+use crate::studio::widgets::controls::{placeholder, toolbar};
 use crate::workbench::{Command, DesignRun, LensletChange, Pull};
 
 /// One arrow key moves by this many pixels.
@@ -88,7 +90,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             state.send(&Command::AddLenslet(new_lenslet(&array, x, y)));
             ui.close();
         }
-        menus::entry(ui, state, Action::SelectAll);
+        action_entry::entry(ui, state, Action::SelectAll);
         ui.separator();
     };
     image_menu::show(ui, state, View::Psf, &shown, add_here);

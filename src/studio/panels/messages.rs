@@ -3,66 +3,17 @@
 use std::time::Duration;
 
 use egui::accesskit::Live;
-use egui::{Color32, Response, RichText, Ui};
+use egui::{Color32, RichText, Ui};
 
-/// How serious a message is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Severity {
-    /// Something was done.
-    Done,
-    /// Something to know.
-    Notice,
-    /// Something was not done.
-    Failure,
-}
-
-/// One message.
-struct Message {
-    severity: Severity,
-    text: String,
-    /// When it was first seen in the corner, seconds since the window was opened.
-    seen: Option<f64>,
-}
-
-/// All messages since the start, bounded.
-#[derive(Default)]
-pub struct Messages {
-    entries: Vec<Message>,
-    /// The newest failure, until it is [dismissed](Messages::dismiss).
-    failure: Option<String>,
-    /// Whether the log window is open.
-    pub log_open: bool,
-}
+use crate::studio::state::messages::{Message, Messages, Severity};
+use crate::studio::widgets::controls::speak;
 
 impl Messages {
-    /// Messages that are kept; older ones are dropped.
-    const KEPT: usize = 500;
     /// How long a message shows in the corner, and how many do at a time.
     const SHOWN_SECONDS: f64 = 5.0;
     const MOST_SHOWN: usize = 3;
     /// Width of such a message at most, points.
     const TOAST_WIDTH: f32 = 320.0;
-
-    /// Adds a message. The same message again is not repeated in the list, but shows in the corner anew.
-    pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
-        let text = text.into();
-        if severity == Severity::Failure {
-            self.failure = Some(text.clone());
-        }
-        if let Some(last) = self.entries.last_mut().filter(|last| last.text == text) {
-            last.seen = None;
-            return;
-        }
-        if self.entries.len() >= Self::KEPT {
-            self.entries.remove(0);
-        }
-        self.entries.push(Message { severity, text, seen: None });
-    }
-
-    /// The newest failure has been seen, or what failed has been done after all.
-    pub fn dismiss(&mut self) {
-        self.failure = None;
-    }
 
     /// A strip with the newest failure in full, which cannot be overlooked.
     pub fn banner(&mut self, ui: &mut Ui) {
@@ -147,11 +98,6 @@ impl Messages {
         });
         self.log_open = open;
     }
-}
-
-/// Has assistive technology read a text aloud when it changes, wherever its user is.
-pub fn speak(response: &Response, live: Live) {
-    response.ctx.accesskit_node_builder(response.id, |node| node.set_live(live));
 }
 
 fn colour(ui: &Ui, severity: Severity) -> Color32 {

@@ -1,29 +1,18 @@
 //! One file per panel of the window, and the parts that panels are made of.
 
-pub mod bound_summary;
-pub mod camera_form;
 pub mod compare;
-pub mod edit_history;
 pub mod estimates;
-pub mod fit_length;
 pub mod history;
-pub mod image_menu;
 pub mod information;
 pub mod information_map;
-pub mod information_overlay;
 pub mod jobs;
-pub mod lenslet_menu;
 pub mod lenslets;
-pub mod linked_cursor;
 pub mod mask;
 pub mod messages;
 pub mod mtf;
 pub mod optimize;
+pub mod parts;
 pub mod preview_banner;
-pub mod run_results;
 pub mod samples;
 pub mod scene;
-pub mod spectrum_plot;
 pub mod status_bar;
-pub mod tamura_gauge;
-pub mod trajectories;

@@ -5,25 +5,14 @@ use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use crate::optics::Mtf;
-use crate::studio::canvas::image_view::{name_widget, placeholder, toolbar};
 use crate::studio::canvas::pan_zoom::Hand;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::image_menu::{self, View};
-use crate::studio::panels::spectrum_plot;
+use crate::studio::panels::parts::image_menu::{self, View};
+use crate::studio::panels::parts::spectrum_plot;
 use crate::studio::state::app_state::State;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::state::views::MtfView;
+use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::Curve;
-
-/// What the room shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MtfView {
-    /// Two cuts through frequency 0.
-    #[default]
-    Cuts,
-    /// The whole transfer function.
-    Map,
-    /// The power spectrum of the shown measurement.
-    Spectrum,
-}
 
 /// Shows the transfer function or the spectrum.
 pub fn show(ui: &mut Ui, state: &mut State) {

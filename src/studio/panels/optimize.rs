@@ -1,98 +1,14 @@
 //! Runs that optimize the mask: what to start, how it goes, and every mask on the way.
 
-use std::sync::Arc;
-
 use egui::{ComboBox, ProgressBar, Ui};
 
 use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
-use crate::objects::ObjectSource;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::panels::messages::Severity;
-use crate::studio::panels::run_results;
+use crate::studio::panels::parts::run_results;
 use crate::studio::state::app_state::{Leave, State};
+use crate::studio::state::optimize_form::{StartMask, offered};
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{DesignRun, RunStatus, Start, spoken};
-
-/// Random starts of one order.
-const STARTS: u64 = 8;
-
-/// What a run starts from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum From {
-    Design,
-    Heuristic,
-    Random,
-    RandomStarts,
-}
-
-impl From {
-    const ALL: [Self; 4] = [Self::Design, Self::Heuristic, Self::Random, Self::RandomStarts];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Design => "This design",
-            Self::Heuristic => "Heuristic layout",
-            Self::Random => "Random lenslets",
-            Self::RandomStarts => "8 random starts",
-        }
-    }
-}
-
-/// What the form asks for.
-pub struct OptimizeForm {
-    from: From,
-    /// Lenslets of a heuristic start.
-    heuristic: usize,
-    /// Lenslets of random starts.
-    count: usize,
-    /// Seed of the first of them and of the run, where it is not that of the design.
-    seed: Option<u64>,
-    settings: IdealSettings,
-    /// What the mask climbs, where a person chose.
-    objective: Option<Objective>,
-    /// The frame that is looked at; the newest one where none was chosen.
-    pub frame: Option<usize>,
-    /// The run that led to the result which was chosen; where none was, the last run is looked at.
-    pub chosen: Option<Arc<DesignRun>>,
-    /// Whether the mask shows the ways of the lenslets.
-    pub trails: bool,
-}
-
-impl Default for OptimizeForm {
-    fn default() -> Self {
-        let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-        Self {
-            from: From::Design,
-            heuristic: 9,
-            count: 25,
-            seed: None,
-            settings,
-            objective: None,
-            frame: None,
-            chosen: None,
-            trails: true,
-        }
-    }
-}
-
-impl OptimizeForm {
-    /// Steps that a run is to take which came to its end.
-    pub fn further_steps(&self, run: &DesignRun) -> usize {
-        // Steps for another objective say nothing of this run.
-        let of_run = Some(&run.settings).filter(|settings| settings.objective != self.settings.objective);
-        of_run.unwrap_or(&self.settings).steps
-    }
-
-    /// Settings that suit the objects.
-    fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
-        // What was chosen for beads says nothing of other objects.
-        let chosen = self.objective.filter(|&objective| offered(objective, preset, objects));
-        let objective = chosen.unwrap_or_else(|| Objective::usual(preset, objects));
-        if (self.settings.preset, self.settings.objective) != (preset, objective) {
-            self.settings = self.settings.clone().turned_to(preset, objective);
-        }
-    }
-}
+use crate::workbench::{DesignRun, RunStatus, spoken};
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -133,19 +49,19 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             .selected_text(form.from.name())
             .width(112.0)
             .show_ui(ui, |ui| {
-                for from in From::ALL {
+                for from in StartMask::ALL {
                     ui.selectable_value(&mut form.from, from, from.name());
                 }
             })
             .response;
         name_widget(&response, "Start from");
         match form.from {
-            From::Design => {}
-            From::Heuristic => {
+            StartMask::Design => {}
+            StartMask::Heuristic => {
                 let field = NumberField::whole("Heuristic lenslets", 1..=9).counting(" lenslet", " lenslets");
                 field.edit_whole(ui, &mut form.heuristic);
             }
-            From::Random | From::RandomStarts => {
+            StartMask::Random | StartMask::RandomStarts => {
                 let field = NumberField::whole("Random lenslets", 1..=64).counting(" lenslet", " lenslets");
                 field.edit_whole(ui, &mut form.count);
                 let seed = form.seed.unwrap_or(state.bench.open_design().seed);
@@ -184,7 +100,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     });
     details(ui, state);
     ui.horizontal_wrapped(|ui| {
-        let start = ui.add_enabled(can_start(state), egui::Button::new("Start run"));
+        let start = ui.add_enabled(state.can_start_run(), egui::Button::new("Start run"));
         if start
             .on_disabled_hover_text(
                 "This design has no lenslets to move; fit some to its PSF (Presets), or start from random ones",
@@ -338,11 +254,6 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
     });
 }
 
-/// Whether a run with this preset can climb this before these objects.
-fn offered(objective: Objective, preset: Preset, objects: &ObjectSource) -> bool {
-    objective.suits(preset) && (objective != Objective::Posterior || objects.is_beads())
-}
-
 /// What a mask can climb, and what that is good for.
 const OBJECTIVES: [(Objective, &str); 3] = [
     (
@@ -361,37 +272,6 @@ const OBJECTIVES: [(Objective, &str); 3] = [
 /// The rates by which lenslets moved before the published objects.
 const PUBLISHED_RATES: [(&str, Rates); 3] =
     [("beads, Fashion-MNIST", Rates::PAPER), ("MNIST", Rates::PAPER_MNIST), ("CIFAR-10", Rates::PAPER_CIFAR)];
-
-/// Whether a run can be started as the form asks.
-pub fn can_start(state: &State) -> bool {
-    let has_lenslets = state.bench.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
-    let is_free = !state.run.as_ref().is_some_and(DesignRun::is_active);
-    is_free && (has_lenslets || state.optimize_form.from != From::Design)
-}
-
-/// Starts what the form asks for.
-pub fn start(state: &mut State) {
-    let design = Arc::clone(state.bench.open_design());
-    let form = &mut state.optimize_form;
-    (form.frame, form.chosen) = (None, None);
-    form.turn_to(form.settings.preset, &design.objects);
-    let is_random = matches!(form.from, From::Random | From::RandomStarts);
-    let seed = form.seed.filter(|_| is_random).unwrap_or(design.seed);
-    let mut settings = IdealSettings { seed, ..form.settings.clone() };
-    let random = |seed: u64| Start::random(&design, form.count, seed);
-    let starts = match form.from {
-        From::Design => {
-            settings.locked = state.locks.indices().iter().copied().collect();
-            vec![Start { name: design.encoder.describe(), design: Arc::clone(&design) }]
-        }
-        From::Heuristic => vec![Start::heuristic(&design, form.heuristic)],
-        From::Random => vec![random(seed)],
-        From::RandomStarts => (0..STARTS).map(|number| random(seed.wrapping_add(number))).collect(),
-    };
-    if let Err(refusal) = state.bench.start_run(starts, settings) {
-        state.messages.push(Severity::Failure, refusal);
-    }
-}
 
 /// The run that goes on.
 fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {

@@ -2,9 +2,9 @@
 
 use egui::{RichText, Ui};
 
-use crate::studio::app::actions::Action;
-use crate::studio::app::studio::file_name;
+use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
+use crate::studio::widgets::format::file_name;
 
 /// Least width for a third button, points.
 const ROOM: f32 = 640.0;
@@ -23,7 +23,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let actions = [Action::LookAway, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
             for action in actions {
                 if ui.button(action.label()).on_hover_text(hint(state, action)).clicked() {
-                    action.run(&ui.ctx().clone(), state);
+                    state.act(action);
                 }
             }
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {

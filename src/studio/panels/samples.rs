@@ -5,12 +5,13 @@ use ndarray::Axis;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::studio::canvas::image_view::{name_widget, placeholder, toolbar};
 use crate::studio::canvas::pan_zoom::Hand;
-use crate::studio::panels::image_menu::{self, View};
-use crate::studio::panels::information_overlay;
-use crate::studio::panels::linked_cursor::{self, Side};
+use crate::studio::panels::parts::image_menu::{self, View};
+use crate::studio::panels::parts::information_overlay;
+use crate::studio::panels::parts::linked_cursor;
 use crate::studio::state::app_state::State;
+use crate::studio::state::views::Side;
+use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
 /// Shows the object.
 pub fn show_object(ui: &mut Ui, state: &mut State) {

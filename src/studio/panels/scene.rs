@@ -5,9 +5,9 @@ use egui::Ui;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::dialogs::path_dialog::Purpose;
 use crate::studio::state::app_state::State;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::Command;
 

@@ -2,7 +2,7 @@
 
 use egui::Ui;
 
-use crate::studio::panels::jobs;
+use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
 
 /// How long the processor works on each frame.
@@ -30,7 +30,7 @@ impl FrameTimes {
 /// Left: the newest message, or the value under the pointer. Right: what is going on.
 pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-        let work = jobs::summary(state).unwrap_or_else(|| {
+        let work = job_progress::summary(state).unwrap_or_else(|| {
             if state.bench.is_computing() {
                 "Computing".into()
             } else if state.failure().is_some() {
@@ -41,7 +41,7 @@ pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
         });
         let work = egui::Label::new(egui::RichText::new(work).weak()).sense(egui::Sense::click());
         if ui.add(work).on_hover_text("Click for all jobs").clicked() {
-            state.jobs.open = !state.jobs.open;
+            state.jobs_open = !state.jobs_open;
         }
         if state.live.busy.is_some() && ui.small_button("Cancel reading").clicked() {
             state.bench.cancel();

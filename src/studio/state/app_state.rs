@@ -1,38 +1,32 @@
 //! What the panels share: the workbench, what is selected and shown, and where the pointer is.
 
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::forward::Design;
 use crate::optics::Lenslet;
+use crate::studio::canvas::image_view::{ImageView, Palettes};
+use crate::studio::state::action::Action;
+use crate::studio::state::comparison::Comparison;
+use crate::studio::state::edit_history::Trail;
+use crate::studio::state::estimate_form::EstimateForm;
+use crate::studio::state::locks::Locks;
+use crate::studio::state::messages::{Messages, Severity};
+use crate::studio::state::open_dialogs::{Guide, Palette, Sheet};
+use crate::studio::state::optimize_form::OptimizeForm;
+use crate::studio::state::pane::Pane;
+use crate::studio::state::panel_capture::Capture;
+use crate::studio::state::path_question::{Dialogs, Purpose};
+use crate::studio::state::preferences::Preferences;
+use crate::studio::state::views::{InformationOverlay, LinkedCursor, MaskDrag, MtfView, Views};
+use crate::studio::widgets::clipboard::Clipboard;
+use crate::studio::widgets::number_field::Edit;
 use crate::workbench::{
     Closer, CloserKey, CloserOrder, Colormap, Command, DesignRun, Estimates, Live, LiveEstimate, LiveRecord,
     Measurements, Recovered, Snapshots, Stamped, Workbench,
 };
-
-use crate::studio::app::app_data::Preferences;
-use crate::studio::app::capture::Capture;
-use crate::studio::app::layout::Pane;
-use crate::studio::canvas::image_view::{ImageView, Palettes};
-use crate::studio::dialogs::confirm_discard;
-use crate::studio::dialogs::palette::Palette;
-use crate::studio::dialogs::path_dialog::{Dialogs, Purpose};
-use crate::studio::dialogs::settings_dialogs::Sheet;
-use crate::studio::dialogs::welcome::Guide;
-use crate::studio::panels::compare::Comparison;
-use crate::studio::panels::edit_history::Trail;
-use crate::studio::panels::estimates::EstimateForm;
-use crate::studio::panels::information_overlay::InformationOverlay;
-use crate::studio::panels::jobs::JobsWindow;
-use crate::studio::panels::linked_cursor::LinkedCursor;
-use crate::studio::panels::messages::{Messages, Severity};
-use crate::studio::panels::mtf::MtfView;
-use crate::studio::panels::optimize::{self, OptimizeForm};
-use crate::studio::state::locks::Locks;
-use crate::studio::widgets::clipboard::Clipboard;
-use crate::studio::widgets::number_field::Edit;
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
 pub struct State {
@@ -102,8 +96,8 @@ pub struct State {
     pub palette: Option<Palette>,
     /// The open sheet.
     pub sheet: Option<Sheet>,
-    /// The list of jobs.
-    pub jobs: JobsWindow,
+    /// Whether the list of jobs is open.
+    pub jobs_open: bool,
     /// Pictures of rooms.
     pub capture: Capture,
     /// Where each room was drawn last, points.
@@ -112,6 +106,8 @@ pub struct State {
     pub maximised: Option<Pane>,
     /// What newcomers are shown.
     pub guide: Guide,
+    /// Actions of buttons and menus that are still to be done.
+    pub actions: VecDeque<Action>,
     /// Seed of the last random start.
     random_start: Option<u64>,
 }
@@ -154,40 +150,6 @@ pub struct Leaving {
     pub what: Leave,
     /// The answer was to save; when the file is written it goes on.
     pub saving: bool,
-}
-
-/// The pictures, each with its own colours and limits.
-pub struct Views {
-    /// Point spread function under the lenslets.
-    pub psf: ImageView,
-    /// One object.
-    pub object: ImageView,
-    /// One measurement.
-    pub measurement: ImageView,
-    /// Two-dimensional transfer function.
-    pub mtf: ImageView,
-    /// Information of the pixels of a patch.
-    pub information: ImageView,
-}
-
-/// A drag on the mask canvas.
-pub enum MaskDrag {
-    /// Lenslets are moved: their state when the drag began, and the pointer's place then, in PSF pixels.
-    Move {
-        /// Indices and lenslets.
-        from: Vec<(usize, Lenslet)>,
-        /// Pointer (x, y).
-        start: (f64, f64),
-        /// Whether the pointer has been farther from there than in a click: a long press trembles.
-        begun: bool,
-    },
-    /// A box is drawn around lenslets, from this pointer place in PSF pixels.
-    Select {
-        /// Pointer (x, y).
-        start: (f64, f64),
-        /// What was selected before and stays so.
-        kept: BTreeSet<usize>,
-    },
 }
 
 impl State {
@@ -234,11 +196,12 @@ impl State {
             arrange: None,
             palette: None,
             sheet: None,
-            jobs: JobsWindow::default(),
+            jobs_open: false,
             capture: Capture::default(),
             rooms: Vec::new(),
             maximised: None,
             guide: Guide::default(),
+            actions: VecDeque::new(),
             random_start: None,
         }
     }
@@ -247,7 +210,7 @@ impl State {
     pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
         let asks = match what {
             Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
-            Leave::Close => self.bench.is_dirty() || confirm_discard::going_on(self).is_some(),
+            Leave::Close => self.bench.is_dirty() || self.unfinished_work().is_some(),
             _ => self.bench.is_dirty(),
         };
         if asks {
@@ -269,9 +232,14 @@ impl State {
             Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
             Leave::OpenFile(path) => self.bench.open_file(path),
             Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
-            Leave::Run => optimize::start(self),
+            Leave::Run => self.start_run(),
             Leave::Accept => self.bench.accept_as_new(),
         }
+    }
+
+    /// Asks for an action; it is done when all panels are drawn.
+    pub fn act(&mut self, action: Action) {
+        self.actions.push_back(action);
     }
 
     /// A seed that the last random start did not have; the design's own at first.
@@ -443,5 +411,24 @@ impl State {
     /// Whether a result of this revision is that of the open design.
     pub fn is_current(&self, revision: u64) -> bool {
         revision == self.bench.revision()
+    }
+}
+
+impl State {
+    /// Puts the open design aside.
+    pub fn keep_snapshot(&mut self) {
+        let open = (self.bench.design(), self.bench.revision());
+        match self.snapshots.keep(open, &self.live, &self.estimates) {
+            Ok(()) => {
+                let Some(last) = self.snapshots.entries.last() else { return };
+                // The first two can be compared at once.
+                let free = self.comparison.pair.iter_mut().find(|number| number.is_none());
+                if let Some(free) = free {
+                    *free = Some(last.number);
+                }
+                self.messages.push(Severity::Done, format!("Kept as {}", last.name));
+            }
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
     }
 }

@@ -1,4 +1,21 @@
 //! What the window shows and what its forms hold: plain data.
 
+pub mod action;
 pub mod app_state;
+pub mod availability;
+pub mod bound_summary;
+pub mod comparison;
+pub mod copied_numbers;
+pub mod edit_history;
+pub mod estimate_form;
 pub mod locks;
+pub mod messages;
+pub mod open_dialogs;
+pub mod optimize_form;
+pub mod pane;
+pub mod panel_capture;
+pub mod path_question;
+pub mod preferences;
+pub mod run_start;
+pub mod unfinished_work;
+pub mod views;

@@ -1,7 +1,11 @@
 //! Controls that know nothing of designs: number fields, modal dialogs, the clipboard.
 
 pub mod clipboard;
-pub mod glyphs;
+pub mod colors;
+pub mod controls;
+pub mod file_preview;
+pub mod format;
+pub mod missing_glyphs;
 pub mod modal;
 pub mod number;
 pub mod number_field;

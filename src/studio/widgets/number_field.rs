@@ -9,10 +9,10 @@ use std::ops::RangeInclusive;
 
 use egui::{DragValue, Event, Id, Key, Response, Ui};
 
-use crate::studio::canvas::image_view::{name_widget, significant};
-use crate::studio::widgets::number::{Refusal, parse};
-
 use crate::plural::one_or_many;
+use crate::studio::widgets::controls::name_widget;
+use crate::studio::widgets::format::significant;
+use crate::studio::widgets::number::{Refusal, parse};
 
 /// Characters of a refused text that are repeated in the sentence.
 const REPEATED: usize = 24;

@@ -4,16 +4,9 @@ use std::borrow::Cow;
 
 use egui::{Event, Key, KeyboardShortcut, Modifiers};
 
-use crate::optics::{DIFFUSER_APERTURES, Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
+use crate::optics::DIFFUSER_APERTURES;
 use crate::plural::counted;
-use crate::studio::app::layout::Pane;
-use crate::studio::dialogs::palette::Palette;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::dialogs::settings_dialogs::Sheet;
-use crate::studio::panels::information;
-use crate::studio::panels::optimize;
-use crate::studio::state::app_state::{Arrange, State};
-use crate::workbench::{Command, DesignRun, Job, Workbench, look_command, repeat_command};
+use crate::studio::state::pane::Pane;
 
 /// Arrangements of rooms that can be remembered.
 const LAYOUTS: usize = 2;
@@ -136,23 +129,6 @@ impl Preset {
             Self::Diffuser(aperture_px) => format!("Mask: diffuser, aperture {aperture_px} px"),
         }
     }
-
-    /// Puts it in place.
-    pub fn put(self, state: &mut State) {
-        let seed = state.bench.design().seed;
-        let (name, encoder) = match self {
-            Self::Heuristic(count) => (counted(count, "heuristic lenslet"), Encoder::Lenslets(heuristic_layout(count))),
-            Self::Random => {
-                let draw = state.next_random_start(seed);
-                (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))
-            }
-            Self::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5))),
-            Self::Diffuser(aperture_px) => {
-                (format!("diffuser, aperture {aperture_px} px"), Encoder::Diffuser(Diffuser { aperture_px, seed }))
-            }
-        };
-        state.send(&Command::ReplaceEncoder { name, encoder });
-    }
 }
 
 impl Action {
@@ -270,24 +246,6 @@ impl Action {
         })
     }
 
-    /// Whether it can be done now.
-    pub fn is_possible(self, state: &State) -> bool {
-        match self {
-            Self::Undo => state.bench.undoes().is_some(),
-            Self::Redo => state.bench.redoes().is_some(),
-            Self::SelectAll | Self::AddLenslet => state.lenslet_count() > 0,
-            Self::StartRun => optimize::can_start(state),
-            Self::StopRun => state.run.as_ref().is_some_and(DesignRun::is_active),
-            Self::Accept | Self::OpenMask | Self::LookAway => state.bench.is_looking(),
-            Self::Delete => !state.selection.is_empty(),
-            Self::RecallLayout(number) => state.preferences.layouts.contains_key(&number),
-            Self::FitLenslets => !state.bench.is_looking() && state.bench.design().encoder.lenslets().is_none(),
-            Self::ExportMeasurements => state.current_measurements().is_some(),
-            Self::ExportLive => state.live_estimate().is_some(),
-            _ => true,
-        }
-    }
-
     /// Its shortcut.
     pub fn shortcut(self) -> Option<KeyboardShortcut> {
         let command = Modifiers::COMMAND;
@@ -353,94 +311,4 @@ impl Action {
     fn is_for_text(self) -> bool {
         matches!(self, Self::Undo | Self::Redo | Self::SelectAll | Self::Delete)
     }
-
-    /// Does it.
-    pub fn run(self, ctx: &egui::Context, state: &mut State) {
-        let beside = state.bench.path().map(ToOwned::to_owned);
-        let mut ask = |purpose| state.dialogs.ask(purpose, beside.as_deref());
-        match self {
-            Self::New => state.guard(ctx, crate::studio::state::app_state::Leave::New),
-            Self::Open => state.guard(ctx, crate::studio::state::app_state::Leave::Open),
-            Self::Save => match &beside {
-                Some(path) => state.bench.save_to(path.clone()),
-                None => ask(Purpose::SaveAs),
-            },
-            Self::SaveAs => ask(Purpose::SaveAs),
-            Self::OpenObjects => ask(Purpose::OpenObjects),
-            Self::ImportPsf => ask(Purpose::ImportPsf),
-            Self::FitLenslets => state.bench.fit_lenslets(),
-            Self::ExportDesign => ask(Purpose::ExportDesign),
-            Self::ExportMeasurements => ask(Purpose::ExportMeasurements),
-            Self::Undo => state.go(Workbench::undo),
-            Self::Redo => state.go(Workbench::redo),
-            Self::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
-            Self::Delete => state.delete_selection(),
-            Self::AddLenslet => state.add_lenslet(),
-            Self::StartRun => {
-                state.guard(ctx, crate::studio::state::app_state::Leave::Run);
-                state.arrange = Some(Arrange::Show(Pane::Optimize));
-            }
-            Self::StopRun => state.bench.stop_run(),
-            Self::Accept => {
-                // What is shown is what was meant, however the run goes on.
-                state.bench.follow_run(false);
-                if !state.bench.accept() {
-                    state.guard(ctx, crate::studio::state::app_state::Leave::Accept);
-                }
-            }
-            Self::OpenMask => {
-                state.bench.follow_run(false);
-                state.guard(ctx, crate::studio::state::app_state::Leave::Accept);
-            }
-            Self::LookAway => state.go(Workbench::look_away),
-            Self::KeepDesign => {
-                state.keep_snapshot();
-                state.arrange = Some(Arrange::Show(Pane::Compare));
-            }
-            Self::Preset(preset) => preset.put(state),
-            Self::Show(pane) => state.arrange = Some(Arrange::Show(pane)),
-            Self::ResetLayout => state.arrange = Some(Arrange::Reset),
-            Self::RememberLayout(number) => state.arrange = Some(Arrange::Remember(number)),
-            Self::RecallLayout(number) => state.arrange = Some(Arrange::Recall(number)),
-            Self::Maximise => maximise(ctx, state),
-            Self::Palette => state.palette = Some(Palette::default()),
-            Self::Shortcuts => state.sheet = Some(Sheet::Shortcuts),
-            Self::Settings => state.sheet = Some(Sheet::Settings),
-            Self::Welcome => state.guide.welcome = true,
-            Self::Tour => {
-                state.guide.tour = Some(0);
-                state.arrange = Some(Arrange::Show(Pane::Mask));
-            }
-            Self::About => state.sheet = Some(Sheet::About),
-            Self::CopyNumbers => information::copy_numbers(ctx, state),
-            Self::CopyCommand => {
-                let command = match (state.live_record(), &state.folder) {
-                    (Some(record), Some(folder)) => {
-                        let path = folder.join("records").join(record.file_name());
-                        let command = repeat_command(&path);
-                        state.bench.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
-                        Ok(command)
-                    }
-                    _ => look_command(state.bench.design()),
-                };
-                state.copy_command(ctx, command);
-            }
-            Self::ExportLive => {
-                if let Some(record) = state.live_record() {
-                    state.dialogs.ask(Purpose::ExportLive(Box::new(record)), beside.as_deref());
-                }
-            }
-            Self::Jobs => state.jobs.open = true,
-            Self::Messages => state.messages.log_open = true,
-            Self::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
-        }
-    }
-}
-
-/// Lets the room under the pointer fill the window; the mask where there is none; all rooms where one fills it.
-fn maximise(ctx: &egui::Context, state: &mut State) {
-    let pointer = ctx.pointer_latest_pos();
-    let under = state.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
-    let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
-    state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
 }

@@ -5,49 +5,12 @@ use egui::Ui;
 use ndarray::{ArrayView2, Axis, CowArray, Ix2};
 
 use crate::sensor::field_offset;
-use crate::studio::canvas::image_view::{ImageView, Shown, name_widget};
+use crate::studio::canvas::image_view::Shown;
 use crate::studio::canvas::overlays;
-use crate::studio::state::app_state::{State, Views};
+use crate::studio::state::app_state::State;
+use crate::studio::state::views::{Noted, Side};
+use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Measurements, Scene};
-
-/// One of the linked pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
-    /// What is imaged.
-    Object,
-    /// What the sensor sees of it.
-    Measurement,
-}
-
-/// Where the pointer is.
-#[derive(Default)]
-pub struct LinkedCursor(Option<Noted>);
-
-/// A place of the pointer.
-#[derive(Clone, Copy, PartialEq)]
-struct Noted {
-    side: Side,
-    /// Pixel coordinates (x, y) of that picture.
-    place: (f64, f64),
-    /// When it was there: it is forgotten where the picture is no longer drawn.
-    pass: u64,
-}
-
-impl Side {
-    fn other(self) -> Self {
-        match self {
-            Self::Object => Self::Measurement,
-            Self::Measurement => Self::Object,
-        }
-    }
-
-    fn view(self, views: &mut Views) -> &mut ImageView {
-        match self {
-            Self::Object => &mut views.object,
-            Self::Measurement => &mut views.measurement,
-        }
-    }
-}
 
 /// What the sensor would see of an object without optics: all its planes together, shape (rows, cols).
 pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {

@@ -9,7 +9,7 @@ use egui::{Context, TextStyle};
 const NAMED: usize = 6;
 
 /// What a person must know of a text that is shown with boxes.
-pub fn lacking(ctx: &Context, text: &str) -> Option<String> {
+pub fn missing_glyphs(ctx: &Context, text: &str) -> Option<String> {
     let font = TextStyle::Body.resolve(&ctx.global_style());
     let mut missing: Vec<char> = Vec::new();
     ctx.fonts_mut(|fonts| {
@@ -45,7 +45,7 @@ mod tests {
                 "\u{8bbe}\u{8ba1}\u{8bbe}.json",
                 "\u{3042}\u{3044}\u{3046}\u{3048}\u{304a}\u{304b}\u{304d}",
             ] {
-                told.push(lacking(ui.ctx(), text));
+                told.push(missing_glyphs(ui.ctx(), text));
             }
         });
         output.textures_delta.clear();

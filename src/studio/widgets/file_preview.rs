@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use egui::accesskit::Live;
 use egui::{ScrollArea, Ui};
 
-use crate::studio::panels::messages::speak;
+use crate::studio::widgets::controls::speak;
 use crate::workbench::{FilePreview, FileUse, with_option};
 
 /// Room for a sentence of three lines and the buttons, points.

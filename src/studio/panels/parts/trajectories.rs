@@ -2,15 +2,13 @@
 
 use std::ops::RangeInclusive;
 
-use egui::{Color32, Stroke, Ui};
+use egui::{Stroke, Ui};
 
 use crate::design::{Frame, IdealEvent};
 use crate::optics::{Lenslet, LensletArray};
 use crate::studio::canvas::viewport::Placement;
 use crate::studio::state::app_state::State;
-
-/// Colour of the ways.
-pub const TRAIL: Color32 = Color32::from_rgb(120, 230, 255);
+use crate::studio::widgets::colors::TRAJECTORY;
 
 /// Draws the ways of all lenslets where the mask is one of the last run, the bright ones more clearly.
 pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
@@ -27,7 +25,7 @@ pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) 
         let way = way(&run.frames, &run.events, shown, index).chain([lenslet]);
         let points: Vec<_> = way.map(|lenslet| placement.to_screen(lenslet.x, lenslet.y)).collect();
         let share = (lenslet.weight / brightest.max(1e-12)) as f32;
-        let stroke = Stroke::new(1.5, TRAIL.gamma_multiply(0.25 + 0.75 * share));
+        let stroke = Stroke::new(1.5, TRAJECTORY.gamma_multiply(0.25 + 0.75 * share));
         ui.painter().add(egui::Shape::line(points, stroke));
     }
 }

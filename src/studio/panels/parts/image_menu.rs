@@ -5,10 +5,10 @@ use ndarray::{Array2, Axis};
 
 use crate::studio::canvas::image_view::{ImageView, Shown};
 use crate::studio::canvas::viewport::Viewport;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::linked_cursor::{Side, follow, measurement_of, object_of};
-use crate::studio::panels::mtf::MtfView;
+use crate::studio::panels::parts::linked_cursor::{follow, measurement_of, object_of};
 use crate::studio::state::app_state::State;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::state::views::{MtfView, Side};
 
 /// A picture that can be exported.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -5,54 +5,13 @@ use std::path::PathBuf;
 use egui::{ComboBox, Ui};
 
 use crate::information::Estimator;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::dialogs::file_preview::Preview;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::fit_length::FitLengthForm;
-use crate::studio::panels::messages::Severity;
 use crate::studio::state::app_state::State;
+use crate::studio::state::estimate_form::OF_IMAGES;
+use crate::studio::state::messages::Severity;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Calibration, FileUse, MeasuredOrder};
-
-/// Images of a camera in place of a design's measurements.
-pub struct ImagesForm {
-    /// The text of their path, once they were chosen.
-    path: Option<String>,
-    /// What is understood of them.
-    preview: Preview,
-    kind: Estimator,
-    length: FitLengthForm,
-    calibration: Calibration,
-}
-
-impl Default for ImagesForm {
-    fn default() -> Self {
-        let kind = Estimator::Live;
-        Self {
-            path: None,
-            preview: Preview::default(),
-            kind,
-            length: FitLengthForm::usual(kind),
-            calibration: Calibration::default(),
-        }
-    }
-}
-
-impl ImagesForm {
-    /// Takes the images that a path names, with what is understood of them so far.
-    pub fn choose(&mut self, path: String, preview: Preview) {
-        self.path = Some(path);
-        self.preview = preview;
-    }
-}
-
-/// Estimators that need no objects.
-const OF_IMAGES: [(Estimator, &str); 4] = [
-    (Estimator::Live, "Live"),
-    (Estimator::Full, "Full"),
-    (Estimator::PixelCnn, "PixelCNN"),
-    (Estimator::GaussianStationary, "Gaussian"),
-];
 
 /// An estimate from what a camera has recorded.
 pub fn show(ui: &mut Ui, state: &mut State) {

@@ -5,10 +5,11 @@ use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line,
 
 use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
-use crate::studio::canvas::image_view::{name_widget, placeholder, significant};
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::information::CEILING;
 use crate::studio::state::app_state::State;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::colors::CEILING;
+use crate::studio::widgets::controls::{name_widget, placeholder};
+use crate::studio::widgets::format::significant;
 use crate::workbench::{CloserKey, Curve};
 
 /// Draws the spectrum.

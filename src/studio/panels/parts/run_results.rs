@@ -8,13 +8,12 @@ use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
 use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
 use crate::information::{Bracket, Estimate, between, rounded, with_interval};
 use crate::plural::counted;
-use crate::studio::canvas::image_view::name_widget;
-use crate::studio::dialogs::path_dialog::Purpose;
-use crate::studio::panels::information::{DENSITY, LOWER};
-use crate::studio::panels::lenslets::COUNTS;
-use crate::studio::panels::messages::Severity;
-use crate::studio::panels::trajectories::TRAIL;
+use crate::studio::panels::parts::hints::COUNTS;
 use crate::studio::state::app_state::State;
+use crate::studio::state::messages::Severity;
+use crate::studio::state::path_question::Purpose;
+use crate::studio::widgets::colors::{DENSITY, LOWER, TRAJECTORY};
+use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
 
 /// Height of what stands above the curve of a run, its numbers and the slider, in points.
@@ -242,7 +241,7 @@ fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
             plot.line(Line::new(name, values()).color(colour).width(2.0));
             plot.points(Points::new("refits", values()).color(colour).radius(2.0));
             if shown + 1 < run.frames.len() {
-                plot.vline(VLine::new("shown", run.frames[shown].step as f64).color(TRAIL).width(1.0));
+                plot.vline(VLine::new("shown", run.frames[shown].step as f64).color(TRAJECTORY).width(1.0));
             }
             let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
             let lower: Vec<[f64; 2]> = lower.collect();

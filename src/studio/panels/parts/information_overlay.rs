@@ -1,24 +1,15 @@
 //! Where the information of the shown measurement comes from, laid over it.
 
-use egui::{Color32, ColorImage, Rect, TextureHandle, TextureOptions, Ui};
+use egui::{Color32, ColorImage, Rect, TextureOptions, Ui};
 
-use crate::studio::canvas::image_view::{Shown, longest_texture, name_widget, significant, thinned};
+use crate::studio::canvas::image_view::{Shown, longest_texture, thinned};
 use crate::studio::state::app_state::State;
+use crate::studio::widgets::controls::name_widget;
+use crate::studio::widgets::format::significant;
 use crate::workbench::{Closer, CloserKey, Colormap};
 
 /// Opacity of the most telling pixels.
 const MOST_OPAQUE: f32 = 0.85;
-
-/// The overlay.
-#[derive(Default)]
-pub struct InformationOverlay {
-    /// Whether it is wanted.
-    pub shown: bool,
-    texture: Option<TextureHandle>,
-    drawn: Option<(CloserKey, Colormap)>,
-    /// Bits of the most telling pixel.
-    most: f32,
-}
 
 /// The switch.
 pub fn switch(ui: &mut Ui, state: &mut State) {

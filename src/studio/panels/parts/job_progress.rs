@@ -1,0 +1,25 @@
+//! Progress of jobs as text.
+
+use crate::studio::state::app_state::State;
+use crate::workbench::{Activity, spoken};
+
+/// What goes on, in a few words: the number of jobs and how far the first one is.
+pub fn summary(state: &State) -> Option<String> {
+    let all = state.bench.activities();
+    let mut open = all.iter().filter(|activity| activity.is_open());
+    let first = open.next()?;
+    let more = open.count();
+    let share = first.share.map_or(String::new(), |share| format!(" {:.0} %", 100.0 * share));
+    let left = left_of(first);
+    let others = if more == 0 { String::new() } else { format!(" (+{more})") };
+    Some(format!("{}{share}{left}{others}", first.name))
+}
+
+/// The time that is left, in words.
+pub fn left_of(activity: &Activity) -> String {
+    match (activity.left, activity.step_left()) {
+        (Some(left), _) => format!(", {} left", spoken(left)),
+        (None, Some(left)) => format!(", {} left of this part", spoken(left)),
+        (None, None) => String::new(),
+    }
+}

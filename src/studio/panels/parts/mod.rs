@@ -1,0 +1,15 @@
+//! Parts that several panels are made of.
+
+pub mod action_entry;
+pub mod camera_form;
+pub mod fit_length;
+pub mod hints;
+pub mod image_menu;
+pub mod information_overlay;
+pub mod job_progress;
+pub mod lenslet_menu;
+pub mod linked_cursor;
+pub mod run_results;
+pub mod spectrum_plot;
+pub mod tamura_gauge;
+pub mod trajectories;

@@ -1,0 +1,55 @@
+//! The numbers of the open design as JSON.
+
+use serde_json::json;
+
+use crate::information::NUMBERS_VERSION;
+use crate::studio::state::app_state::State;
+use crate::studio::state::bound_summary::Known;
+use crate::studio::state::messages::Severity;
+
+/// Puts all numbers of the open design into the clipboard.
+pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
+    let Some(information) = state.live.information.clone() else {
+        state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
+        return;
+    };
+    let mut known = Known::of(state, &information.value, information.revision);
+    known.run.take_if(|run| !run.is_of_mask);
+    known.run_of_sensor.take_if(|run| !run.is_of_mask);
+    let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
+        json!({
+            "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
+            "settled": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
+        })
+    });
+    let (upper, upper_from) = known.upper_bound().unzip();
+    let design = state.bench.design();
+    let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
+    let numbers = json!({
+        "format": "lenslet-studio/numbers",
+        "format_version": 1,
+        "program_version": NUMBERS_VERSION,
+        "encoder": design.encoder.describe(),
+        "design": &**design,
+        "current": known.current,
+        "patch": known.bounds.patch,
+        "upper": upper,
+        "upper_from": upper_from,
+        "lower": known.lower(),
+        "posterior_sampling": known.sampling().and_then(|live| live.upper.clone()),
+        "gaussian_bound": known.gaussian(),
+        "gaussian_is_bound": known.bounds.gaussian_is_bound,
+        "gaussian_interval_95": known.bounds.interval_95,
+        "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
+        "ceiling": known.bounds.ceiling_bits(),
+        "live_estimate": live,
+        "last_edit": known.sampling().and_then(|live| live.edit),
+        "bracket": known.bracket,
+        "fitted": known.fitted,
+        "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
+        "sensor_of_run": known.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
+        "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
+        "object_tamura": scene.map(|scene| scene.value.tamura.mean),
+    });
+    state.copy(ctx, format!("{numbers:#}\n"), "The numbers are");
+}

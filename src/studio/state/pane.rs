@@ -1,0 +1,84 @@
+//! The panels of the window.
+
+use serde::{Deserialize, Serialize};
+
+/// A room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "&'static str")]
+pub enum Pane {
+    /// The PSF plane with the lenslets.
+    Mask,
+    /// The lenslets as numbers.
+    Lenslets,
+    /// One object.
+    Object,
+    /// One measurement.
+    Measurement,
+    /// What is imaged and by which sensor.
+    Scene,
+    /// Information and Tamura coefficient.
+    Information,
+    /// Modulation transfer function.
+    Mtf,
+    /// Information of past edits.
+    History,
+    /// Estimates that take minutes.
+    Estimates,
+    /// Where in a patch the information comes from.
+    InformationMap,
+    /// Runs that optimize the mask.
+    Optimize,
+    /// Designs side by side.
+    Compare,
+    /// A room of another version, from its layout file.
+    Unknown,
+}
+
+impl From<String> for Pane {
+    fn from(title: String) -> Self {
+        Self::ALL.into_iter().find(|pane| pane.title() == title).unwrap_or(Self::Unknown)
+    }
+}
+
+impl From<Pane> for &'static str {
+    fn from(pane: Pane) -> Self {
+        pane.title()
+    }
+}
+
+impl Pane {
+    /// Every room.
+    pub const ALL: [Self; 12] = [
+        Self::Mask,
+        Self::Lenslets,
+        Self::Object,
+        Self::Measurement,
+        Self::Information,
+        Self::Scene,
+        Self::Optimize,
+        Self::Estimates,
+        Self::InformationMap,
+        Self::Mtf,
+        Self::History,
+        Self::Compare,
+    ];
+
+    /// What stands on its tab.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Mask => "Mask",
+            Self::Lenslets => "Lenslets",
+            Self::Object => "Object",
+            Self::Measurement => "Measurement",
+            Self::Scene => "Scene",
+            Self::Information => "Information",
+            Self::Mtf => "MTF",
+            Self::History => "History",
+            Self::Estimates => "Estimates",
+            Self::InformationMap => "Map",
+            Self::Optimize => "Optimize",
+            Self::Compare => "Compare",
+            Self::Unknown => "Unknown",
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! An image of a panel that was asked for.
+
+use std::sync::mpsc::Receiver;
+
+use egui::Rect;
+use ndarray::Array3;
+
+use crate::studio::state::pane::Pane;
+
+/// Frames between the wish for a picture and the picture: menus and tooltips go away meanwhile.
+const FRAMES: u8 = 8;
+
+/// A picture that is being made.
+#[derive(Default)]
+pub struct Capture {
+    pub wanted: Option<Wanted>,
+}
+
+pub struct Wanted {
+    pub name: &'static str,
+    pub rect: Rect,
+    /// Frames to wait.
+    pub wait: u8,
+    pub picture: Option<Receiver<Array3<u8>>>,
+}
+
+impl Capture {
+    /// Asks for an image of a panel that is drawn; a question for its file follows.
+    pub fn request(&mut self, drawn: &[(Pane, Rect)], pane: Pane) {
+        if let Some(&(_, rect)) = drawn.iter().find(|(other, _)| *other == pane) {
+            self.wanted = Some(Wanted { name: pane.title(), rect, wait: FRAMES, picture: None });
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! The question for a path: what it is for, and what was typed.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+
+use ndarray::{Array2, Array3};
+
+use crate::formats::path_text;
+use crate::studio::widgets::file_preview::Preview;
+use crate::workbench::{
+    Colormap, Curve, DESIGN_FILE, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+};
+
+/// What a path is asked for.
+#[derive(Clone, Debug)]
+pub enum Purpose {
+    /// Opens a design file.
+    OpenDesign,
+    /// Saves the design under another name.
+    SaveAs,
+    /// Images the objects of a file or folder.
+    OpenObjects,
+    /// Chooses images of a camera to estimate from.
+    ChooseImages,
+    /// Uses a picture as the PSF.
+    ImportPsf,
+    /// Keeps unsaved changes in a folder.
+    KeepUnsaved,
+    /// Writes the PSF in all formats and the design.
+    ExportDesign,
+    /// Writes the live objects and measurements.
+    ExportMeasurements,
+    /// Writes a picture as shown.
+    ExportView {
+        /// Name of the view.
+        name: &'static str,
+        /// Its values.
+        image: Array2<f32>,
+        /// Values in the first and the last colour.
+        limits: (f32, f32),
+        /// Its colours.
+        colormap: Colormap,
+    },
+    /// Writes a picture of a room.
+    ExportPicture {
+        /// Name of the room.
+        name: &'static str,
+        /// Shape (rows, cols, 3).
+        image: Array3<u8>,
+    },
+    /// Writes the record of a run.
+    ExportRecord(Arc<IdealRecord>),
+    /// Writes the record of a live estimate.
+    ExportLive(Box<LiveRecord>),
+    /// Writes a curve as CSV.
+    ExportCurve {
+        /// The curve.
+        curve: Curve,
+        /// Name of the file that is suggested.
+        name: &'static str,
+    },
+}
+
+impl Purpose {
+    pub fn title(&self) -> String {
+        match self {
+            Self::OpenDesign => "Open design".into(),
+            Self::SaveAs => "Save design as".into(),
+            Self::OpenObjects => "Open objects".into(),
+            Self::ChooseImages => "Images of a camera".into(),
+            Self::ImportPsf => "Import PSF".into(),
+            Self::KeepUnsaved => "Folder for unsaved changes".into(),
+            Self::ExportDesign => "Export design".into(),
+            Self::ExportMeasurements => "Export measurements".into(),
+            Self::ExportView { name, .. } => format!("Export {name} view"),
+            Self::ExportPicture { name, .. } => format!("Export picture of {name}"),
+            Self::ExportRecord(_) => "Export record".into(),
+            Self::ExportLive(_) => "Export record of the live estimate".into(),
+            Self::ExportCurve { .. } => "Export curve".into(),
+        }
+    }
+
+    pub fn hint(&self) -> &'static str {
+        match self {
+            Self::OpenDesign | Self::SaveAs => "A design file (.json)",
+            Self::OpenObjects => {
+                "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures"
+            }
+            Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of pictures",
+            Self::ImportPsf => "A picture (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
+            Self::ExportDesign => {
+                "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is made if need be"
+            }
+            Self::KeepUnsaved => "A folder of a disk that is there whenever the program runs; it is made if need be",
+            Self::ExportMeasurements => "A folder for objects, noiseless and measurements; it is made if need be",
+            Self::ExportView { .. } => "A PNG file, one pixel per pixel",
+            Self::ExportPicture { .. } => "A PNG file, as it was on the screen",
+            Self::ExportRecord(_) => "A JSON file with everything that is needed to repeat the run",
+            Self::ExportLive(_) => {
+                "A JSON file from which `lenslet-studio repeat FILE` computes the same numbers again"
+            }
+            Self::ExportCurve { .. } => "A CSV file",
+        }
+    }
+
+    /// What a file of images is read for.
+    pub fn file_use(&self) -> Option<FileUse> {
+        match self {
+            Self::OpenObjects => Some(FileUse::Objects),
+            Self::ImportPsf => Some(FileUse::Psf),
+            Self::ChooseImages => Some(FileUse::Measurements),
+            _ => None,
+        }
+    }
+
+    pub fn action(&self) -> &'static str {
+        match self {
+            Self::OpenDesign | Self::OpenObjects => "Open",
+            Self::ChooseImages => "Choose",
+            Self::ImportPsf => "Import",
+            Self::SaveAs => "Save",
+            Self::KeepUnsaved => "Use",
+            _ => "Export",
+        }
+    }
+
+    pub fn picker(&self) -> Picker {
+        match self {
+            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf => Picker::Open,
+            Self::SaveAs
+            | Self::ExportView { .. }
+            | Self::ExportPicture { .. }
+            | Self::ExportRecord(_)
+            | Self::ExportLive(_)
+            | Self::ExportCurve { .. } => Picker::Save,
+            Self::ExportDesign | Self::ExportMeasurements | Self::KeepUnsaved => Picker::Folder,
+        }
+    }
+
+    /// Extension of the file that is written where none is typed; none where no file is asked for.
+    pub fn extension(&self) -> Option<&'static str> {
+        match self {
+            Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
+            Self::ExportView { .. } | Self::ExportPicture { .. } => Some("png"),
+            Self::ExportCurve { .. } => Some("csv"),
+            Self::OpenDesign
+            | Self::OpenObjects
+            | Self::ChooseImages
+            | Self::ImportPsf
+            | Self::KeepUnsaved
+            | Self::ExportDesign
+            | Self::ExportMeasurements => None,
+        }
+    }
+
+    /// What stands in the path field at first.
+    pub fn suggestion(&self, beside: Option<&Path>) -> String {
+        let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
+        let name = match self {
+            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf | Self::KeepUnsaved => {
+                return String::new();
+            }
+            Self::SaveAs => beside.map_or_else(|| free_name(&folder), Path::to_path_buf),
+            Self::ExportDesign => folder.join("export"),
+            Self::ExportMeasurements => folder.join("measurements"),
+            Self::ExportView { name, .. } | Self::ExportPicture { name, .. } => {
+                folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-")))
+            }
+            Self::ExportRecord(_) => folder.join("run.json"),
+            Self::ExportLive(_) => folder.join("live.json"),
+            Self::ExportCurve { name, .. } => folder.join(name),
+        };
+        name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
+    }
+}
+
+/// A file for a design that is in none, which is not there yet: `design.json`, `design-2.json` and so on.
+fn free_name(folder: &Path) -> PathBuf {
+    let first = folder.join(DESIGN_FILE);
+    let others = (2..1000).map(|number| folder.join(format!("design-{number}.json")));
+    let free = std::iter::once(first.clone()).chain(others).find(|path| !path.exists());
+    // Among so many, a person chooses.
+    free.unwrap_or(first)
+}
+
+/// The open question, if any.
+#[derive(Default)]
+pub struct Dialogs {
+    pub open: Option<Question>,
+}
+
+pub struct Question {
+    pub purpose: Purpose,
+    pub path: String,
+    /// The path that the system's dialog has chosen, as long as its text is not changed: it may be no text.
+    pub chosen: Option<PathBuf>,
+    /// What is understood of the file.
+    pub preview: Preview,
+    /// Pixels to resample an imported PSF to; 0 leaves it as it is.
+    pub resample: usize,
+    /// What measurements are written as.
+    pub format: MeasurementFormat,
+    /// Answer of the system's dialog, while it is open.
+    pub system: Option<Receiver<Answer>>,
+    /// The system was found to have no dialog.
+    pub is_alone: bool,
+    /// The path field takes the keyboard once.
+    pub focus: bool,
+    /// Files that may be replaced: the system's dialog or this one has asked whether they may.
+    pub replaced: Vec<PathBuf>,
+}
+
+impl Question {
+    /// The file or folder that the path stands for: a file that is written always has an extension.
+    pub fn target(&self) -> PathBuf {
+        let chosen = self.chosen.as_ref().filter(|chosen| path_text(chosen) == self.path);
+        let path = chosen.map_or_else(|| PathBuf::from(self.path.trim()), PathBuf::clone);
+        match self.purpose.extension() {
+            Some(extension) if path.extension().is_none() => path.with_extension(extension),
+            _ => path,
+        }
+    }
+
+    /// Files that are there and would be replaced, but for the design's `own` where that is saved: what is exported may be
+    /// a mask of the run.
+    pub fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
+        let target = self.target();
+        let mut files = match self.purpose {
+            Purpose::ExportDesign => DESIGN_FILES.map(|name| target.join(name)).to_vec(),
+            Purpose::ExportMeasurements => MEASUREMENT_STACKS.map(|name| self.format.file(&target, name)).to_vec(),
+            _ if self.purpose.extension().is_some() => vec![target],
+            _ => Vec::new(),
+        };
+        let is_saved = matches!(self.purpose, Purpose::SaveAs);
+        files.retain(|file| file.exists() && !(is_saved && own == Some(file)));
+        files
+    }
+
+    /// Asks whether these files may be replaced.
+    pub fn ask_to_replace(files: &[PathBuf]) -> Option<String> {
+        let (first, others) = files.split_first()?;
+        let first = first.display();
+        Some(match others.len() {
+            0 => format!("{first} is there already. Replace it?"),
+            more => format!("{first} and {more} more are there already. Replace them?"),
+        })
+    }
+}
+
+impl Dialogs {
+    /// Asks for a path. `beside` is the design's file, near which suggestions lie.
+    pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
+        let path = purpose.suggestion(beside);
+        let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
+        let (chosen, preview, resample, is_alone, focus) = (None, Preview::default(), 0, false, true);
+        self.open =
+            Some(Question { purpose, path, chosen, preview, resample, format, system, is_alone, focus, replaced });
+    }
+
+    /// Whether a question is open.
+    pub fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+}
+
+/// How the dialog should ask.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Picker {
+    /// For a file that is there.
+    Open,
+    /// For a file that is written.
+    Save,
+    /// For a folder.
+    Folder,
+}
+
+/// What came of the dialog.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// A path was chosen.
+    Chosen(PathBuf),
+    /// The dialog was cancelled.
+    Cancelled,
+    /// The system has no dialog.
+    Missing,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    pub fn a_design_without_a_file_is_offered_a_name_that_is_free() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["design.json", "design-2.json", "design-3.json"] {
+            assert_eq!(free_name(folder.path()), folder.path().join(name));
+            std::fs::write(folder.path().join(name), b"").unwrap();
+        }
+        let own = Path::new("/a/mine.json");
+        assert_eq!(Purpose::SaveAs.suggestion(Some(own)), own.display().to_string());
+    }
+}

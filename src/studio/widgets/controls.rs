@@ -1,0 +1,32 @@
+//! Names, toolbars and placeholders that every panel uses.
+
+use egui::accesskit::Live;
+use egui::{Response, Ui, Vec2};
+
+/// Gives a control the name by which assistive technology and tests find it.
+pub fn name_widget(response: &egui::Response, name: &str) {
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name));
+}
+
+/// Has assistive technology read a text aloud when it changes, wherever its user is.
+pub fn speak(response: &Response, live: Live) {
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_live(live));
+}
+
+/// Small controls above a picture, in as many rows as it takes.
+pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
+    ui.horizontal_wrapped(|ui| {
+        ui.set_min_height(22.0);
+        ui.spacing_mut().item_spacing.x = 6.0;
+        add(ui);
+    });
+    ui.add_space(2.0);
+}
+
+/// Fills the room with a sentence where there is no picture yet.
+pub fn placeholder(ui: &mut Ui, text: &str) {
+    let size: Vec2 = ui.available_size();
+    ui.allocate_ui_with_layout(size, egui::Layout::centered_and_justified(egui::Direction::TopDown), |ui| {
+        ui.weak(text);
+    });
+}
