@@ -21,7 +21,7 @@ pub fn at_home(folder: &Path) -> Window {
 fn first_at_home(folder: &Path) -> Window {
     let mut window = open(Design::default());
     let ctx = window.ctx.clone();
-    window.state_mut().as_mut().unwrap().live_in(&ctx, folder);
+    window.state_mut().as_mut().unwrap().keep_data_in(&ctx, folder);
     window.state_mut().as_mut().unwrap().set_live(false);
     window.run_steps(4);
     window
@@ -464,7 +464,7 @@ fn a_full_disk_is_told_and_the_window_goes_on() {
     std::fs::write(&place, b"").unwrap();
     let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, false);
     let ctx = window.ctx.clone();
-    window.state_mut().as_mut().unwrap().live_in(&ctx, &place);
+    window.state_mut().as_mut().unwrap().keep_data_in(&ctx, &place);
     window.run_steps(4);
     window.get_by_label("Dismiss");
     // One sentence is enough, and gives no advice on folders.
@@ -489,7 +489,7 @@ fn a_design_that_the_program_was_started_with_is_among_the_recent_ones() {
             let studio = studio.get_or_insert_with(|| {
                 let design = Design::open(&file).unwrap();
                 let mut studio = lenslet_studio::studio::Studio::new(ui.ctx(), design, Some(file.clone())).unwrap();
-                studio.live_in(ui.ctx(), &place);
+                studio.keep_data_in(ui.ctx(), &place);
                 studio.set_live(false);
                 studio
             });

@@ -176,7 +176,7 @@ fn the_link_is_remembered() {
     let at_home = || {
         let mut window = open(Design::default());
         let ctx = window.ctx.clone();
-        window.state_mut().as_mut().unwrap().live_in(&ctx, folder.path());
+        window.state_mut().as_mut().unwrap().keep_data_in(&ctx, folder.path());
         window.state_mut().as_mut().unwrap().set_live(false);
         window.run_steps(4);
         window

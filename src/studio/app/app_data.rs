@@ -31,13 +31,13 @@ pub const KEPT: &str = "kept";
 /// Why a folder keeps nothing.
 #[derive(Debug, Error)]
 #[error("{} cannot be written ({reason})", folder.display())]
-pub struct HomeError {
+pub struct AppDataError {
     folder: PathBuf,
     reason: std::io::Error,
 }
 
 /// The folder of those files, and the thread that writes them.
-pub struct Home {
+pub struct AppData {
     folder: PathBuf,
     /// What the files hold.
     preferences: Preferences,
@@ -47,7 +47,7 @@ pub struct Home {
     writer: FileWriter,
 }
 
-impl Home {
+impl AppData {
     /// What is remembered in a folder; files that cannot be read are as good as none.
     pub fn read(folder: &Path) -> (Preferences, Option<Tree<Pane>>) {
         let mut preferences: Preferences = PREFERENCES_KIND.read(&folder.join(PREFERENCES)).unwrap_or_default();
@@ -62,8 +62,12 @@ impl Home {
     ///
     /// # Errors
     /// Where nothing can be written there, or the operating system gives no thread.
-    pub fn in_folder(folder: &Path, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Result<Self, HomeError> {
-        let refused = |reason| HomeError { folder: folder.to_owned(), reason };
+    pub fn in_folder(
+        folder: &Path,
+        preferences: &Preferences,
+        layout: Option<&Tree<Pane>>,
+    ) -> Result<Self, AppDataError> {
+        let refused = |reason| AppDataError { folder: folder.to_owned(), reason };
         std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).map_err(refused)?;
         let writer = FileWriter::start("lenslet-app-data", Duration::ZERO).map_err(refused)?;
         Ok(Self {
@@ -197,9 +201,9 @@ mod tests {
     use crate::studio::app::layout::default_layout;
 
     /// A folder, with what is remembered there.
-    fn home_in(folder: &Path) -> (Home, Preferences, Option<Tree<Pane>>) {
-        let (preferences, layout) = Home::read(folder);
-        (Home::in_folder(folder, &preferences, layout.as_ref()).unwrap(), preferences, layout)
+    fn home_in(folder: &Path) -> (AppData, Preferences, Option<Tree<Pane>>) {
+        let (preferences, layout) = AppData::read(folder);
+        (AppData::in_folder(folder, &preferences, layout.as_ref()).unwrap(), preferences, layout)
     }
 
     #[test]
@@ -212,14 +216,14 @@ mod tests {
         preferences.remember(Path::new("/a/two.json"));
         preferences.remember(Path::new("/a/one.json"));
         let arranged = default_layout();
-        assert_eq!(home.keep(&preferences, Some(&arranged)), None);
+        assert_eq!(app_data.keep(&preferences, Some(&arranged)), None);
         drop(home);
         let (home, known, layout) = home_in(folder.path());
         assert_eq!(known, preferences);
         assert_eq!(known.recent, [Path::new("/a/one.json"), Path::new("/a/two.json")]);
         assert_eq!(text_of(&layout.unwrap()).unwrap(), text_of(&arranged).unwrap());
         drop(home);
-        Home::reset(folder.path()).unwrap();
+        AppData::reset(folder.path()).unwrap();
         let (_, reset, layout) = home_in(folder.path());
         assert_eq!((reset.recent.len(), reset.zoom), (2, 1.0));
         assert!(layout.is_none());
@@ -264,7 +268,7 @@ mod tests {
         preferences.remember(Path::new("/a/one.json"));
         preferences.remember(odd);
         preferences.unsaved = Some(odd.to_owned());
-        assert_eq!(home.keep(&preferences, None), None);
+        assert_eq!(app_data.keep(&preferences, None), None);
         drop(home);
         let (_, known, _) = home_in(folder.path());
         let recent = vec![PathBuf::from("/a/one.json")];
@@ -278,8 +282,8 @@ mod tests {
         let file = folder.path().join("file");
         std::fs::write(&file, b"").unwrap();
         for place in [file.clone(), file.join("below"), "/proc/nowhere".into()] {
-            let (preferences, layout) = Home::read(&place);
-            let Err(error) = Home::in_folder(&place, &preferences, layout.as_ref()) else { panic!("{place:?}") };
+            let (preferences, layout) = AppData::read(&place);
+            let Err(error) = AppData::in_folder(&place, &preferences, layout.as_ref()) else { panic!("{place:?}") };
             let told = error.to_string();
             assert!(told.starts_with(&place.display().to_string()) && told.contains("cannot be written"), "{told}");
             assert!(!told.contains("make the folder"), "{told}");

@@ -1,4 +1,4 @@
-//! Pictures of rooms as they are on the screen, for reports.
+//! Images of rooms as they are on the screen, for reports.
 
 use std::sync::mpsc::{TryRecvError, channel};
 
@@ -6,7 +6,7 @@ use egui::{Rect, Ui};
 use ndarray::Array3;
 
 use crate::studio::state::app_state::State;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
 
 /// Goes on with the picture that was asked for. To be called for every frame.
@@ -32,7 +32,7 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
         Ok(image) => {
             let name = wanted.name;
             state.capture.wanted = None;
-            state.dialogs.ask(Purpose::ExportPicture { name, image }, state.bench.path());
+            state.path_dialog.ask(PathPurpose::ExportPicture { name, image }, state.bench.path());
         }
         Err(TryRecvError::Empty) => {}
         Err(TryRecvError::Disconnected) => state.capture.wanted = None,
@@ -54,7 +54,7 @@ fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
 /// One entry for each room that is seen.
 pub fn menu(ui: &mut Ui, state: &mut State) {
     let mut wanted = None;
-    for &(pane, _) in &state.rooms {
+    for &(pane, _) in &state.panel_rects {
         let response = ui.button(pane.title());
         name_widget(&response, &format!("Picture of {}", pane.title()));
         if response.clicked() {
@@ -63,7 +63,7 @@ pub fn menu(ui: &mut Ui, state: &mut State) {
         }
     }
     if let Some(pane) = wanted {
-        state.capture.request(&state.rooms, pane);
+        state.capture.request(&state.panel_rects, pane);
     }
 }
 

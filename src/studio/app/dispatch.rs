@@ -3,71 +3,71 @@
 use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
 use crate::plural::counted;
 use crate::studio::state::action::{Action, Preset};
-use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::state::app_state::{LayoutRequest, State, Transition};
 use crate::studio::state::copied_numbers;
-use crate::studio::state::open_dialogs::{Palette, Sheet};
+use crate::studio::state::open_dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::pane::Pane;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::path_question::PathPurpose;
 use crate::workbench::{Command, Job, Workbench, look_command, repeat_command};
 
 /// Does an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
     let beside = state.bench.path().map(ToOwned::to_owned);
-    let mut ask = |purpose| state.dialogs.ask(purpose, beside.as_deref());
+    let mut ask = |purpose| state.path_dialog.ask(purpose, beside.as_deref());
     match action {
-        Action::New => state.guard(ctx, Leave::New),
-        Action::Open => state.guard(ctx, Leave::Open),
+        Action::New => state.request_transition(ctx, Transition::New),
+        Action::Open => state.request_transition(ctx, Transition::Open),
         Action::Save => match &beside {
             Some(path) => state.bench.save_to(path.clone()),
-            None => ask(Purpose::SaveAs),
+            None => ask(PathPurpose::SaveAs),
         },
-        Action::SaveAs => ask(Purpose::SaveAs),
-        Action::OpenObjects => ask(Purpose::OpenObjects),
-        Action::ImportPsf => ask(Purpose::ImportPsf),
+        Action::SaveAs => ask(PathPurpose::SaveAs),
+        Action::OpenObjects => ask(PathPurpose::OpenObjects),
+        Action::ImportPsf => ask(PathPurpose::ImportPsf),
         Action::FitLenslets => state.bench.fit_lenslets(),
-        Action::ExportDesign => ask(Purpose::ExportDesign),
-        Action::ExportMeasurements => ask(Purpose::ExportMeasurements),
+        Action::ExportDesign => ask(PathPurpose::ExportDesign),
+        Action::ExportMeasurements => ask(PathPurpose::ExportMeasurements),
         Action::Undo => state.go(Workbench::undo),
         Action::Redo => state.go(Workbench::redo),
         Action::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
         Action::Delete => state.delete_selection(),
         Action::AddLenslet => state.add_lenslet(),
         Action::StartRun => {
-            state.guard(ctx, Leave::Run);
-            state.arrange = Some(Arrange::Show(Pane::Optimize));
+            state.request_transition(ctx, Transition::Run);
+            state.layout_request = Some(LayoutRequest::Show(Pane::Optimize));
         }
         Action::StopRun => state.bench.stop_run(),
         Action::Accept => {
             // What is shown is what was meant, however the run goes on.
             state.bench.follow_run(false);
             if !state.bench.accept() {
-                state.guard(ctx, Leave::Accept);
+                state.request_transition(ctx, Transition::Accept);
             }
         }
         Action::OpenMask => {
             state.bench.follow_run(false);
-            state.guard(ctx, Leave::Accept);
+            state.request_transition(ctx, Transition::Accept);
         }
-        Action::LookAway => state.go(Workbench::look_away),
-        Action::KeepDesign => {
+        Action::EndPreview => state.go(Workbench::look_away),
+        Action::KeepSnapshot => {
             state.keep_snapshot();
-            state.arrange = Some(Arrange::Show(Pane::Compare));
+            state.layout_request = Some(LayoutRequest::Show(Pane::Compare));
         }
         Action::Preset(preset) => put(preset, state),
-        Action::Show(pane) => state.arrange = Some(Arrange::Show(pane)),
-        Action::ResetLayout => state.arrange = Some(Arrange::Reset),
-        Action::RememberLayout(number) => state.arrange = Some(Arrange::Remember(number)),
-        Action::RecallLayout(number) => state.arrange = Some(Arrange::Recall(number)),
+        Action::Show(pane) => state.layout_request = Some(LayoutRequest::Show(pane)),
+        Action::ResetLayout => state.layout_request = Some(LayoutRequest::Reset),
+        Action::RememberLayout(number) => state.layout_request = Some(LayoutRequest::Remember(number)),
+        Action::RecallLayout(number) => state.layout_request = Some(LayoutRequest::Recall(number)),
         Action::Maximise => maximise(ctx, state),
-        Action::Palette => state.palette = Some(Palette::default()),
-        Action::Shortcuts => state.sheet = Some(Sheet::Shortcuts),
-        Action::Settings => state.sheet = Some(Sheet::Settings),
-        Action::Welcome => state.guide.welcome = true,
+        Action::ActionPalette => state.palette = Some(ActionPalette::default()),
+        Action::Shortcuts => state.settings_dialog = Some(SettingsDialog::Shortcuts),
+        Action::Settings => state.settings_dialog = Some(SettingsDialog::Settings),
+        Action::Welcome => state.onboarding.welcome = true,
         Action::Tour => {
-            state.guide.tour = Some(0);
-            state.arrange = Some(Arrange::Show(Pane::Mask));
+            state.onboarding.tour = Some(0);
+            state.layout_request = Some(LayoutRequest::Show(Pane::Mask));
         }
-        Action::About => state.sheet = Some(Sheet::About),
+        Action::About => state.settings_dialog = Some(SettingsDialog::About),
         Action::CopyNumbers => copied_numbers::copy_numbers(ctx, state),
         Action::CopyCommand => {
             let command = match (state.live_record(), &state.folder) {
@@ -83,7 +83,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         }
         Action::ExportLive => {
             if let Some(record) = state.live_record() {
-                state.dialogs.ask(Purpose::ExportLive(Box::new(record)), beside.as_deref());
+                state.path_dialog.ask(PathPurpose::ExportLive(Box::new(record)), beside.as_deref());
             }
         }
         Action::Jobs => state.jobs_open = true,
@@ -112,7 +112,7 @@ fn put(preset: Preset, state: &mut State) {
 /// Lets the room under the pointer fill the window; the mask where there is none; all rooms where one fills it.
 fn maximise(ctx: &egui::Context, state: &mut State) {
     let pointer = ctx.pointer_latest_pos();
-    let under = state.rooms.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
+    let under = state.panel_rects.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
     let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
     state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
 }

@@ -125,18 +125,18 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
         }
     });
     // A room that fills the window is not dragged.
-    let _ = Rooms(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
+    let _ = PanelBehavior(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
 }
 
 /// Draws the rooms.
-pub struct Rooms<'a>(pub &'a mut State);
+pub struct PanelBehavior<'a>(pub &'a mut State);
 
-impl Behavior<Pane> for Rooms<'_> {
+impl Behavior<Pane> for PanelBehavior<'_> {
     fn pane_ui(&mut self, ui: &mut egui::Ui, _tile: TileId, pane: &mut Pane) -> UiResponse {
         let frame = egui::Frame::new().inner_margin(egui::Margin::symmetric(8, 6)).fill(ui.visuals().panel_fill);
         frame.show(ui, |ui| {
             ui.set_min_size(ui.available_size());
-            self.0.rooms.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
+            self.0.panel_rects.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
             match pane {
                 Pane::Mask => mask::show(ui, self.0),
                 Pane::Lenslets => lenslets::show(ui, self.0),

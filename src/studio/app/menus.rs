@@ -7,7 +7,7 @@ use crate::optics::DIFFUSER_APERTURES;
 use crate::studio::panels::parts::action_entry;
 use crate::studio::panels::parts::image_menu;
 use crate::studio::state::action::{Action, Preset};
-use crate::studio::state::app_state::{Leave, State};
+use crate::studio::state::app_state::{State, Transition};
 
 /// The File menu.
 pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
@@ -50,7 +50,7 @@ fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
     }
     if let Some(path) = chosen {
         let ctx = ui.ctx().clone();
-        state.guard(&ctx, Leave::OpenFile(path));
+        state.request_transition(&ctx, Transition::OpenFile(path));
     }
 }
 
@@ -66,7 +66,7 @@ fn short_name(path: &Path, all: &[PathBuf]) -> String {
 
 /// The Help menu.
 pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
-    for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
+    for action in [Action::ActionPalette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
         action_entry::entry(ui, state, action);
     }
 }
@@ -85,8 +85,8 @@ pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
     ui.separator();
     action_entry::entry(ui, state, Action::Accept);
     action_entry::entry(ui, state, Action::OpenMask);
-    action_entry::entry(ui, state, Action::LookAway);
-    action_entry::entry(ui, state, Action::KeepDesign);
+    action_entry::entry(ui, state, Action::EndPreview);
+    action_entry::entry(ui, state, Action::KeepSnapshot);
     action_entry::entry(ui, state, Action::CopyNumbers);
     action_entry::entry(ui, state, Action::CopyCommand);
     ui.separator();

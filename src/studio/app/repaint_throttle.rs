@@ -13,7 +13,7 @@ const NEWEST: f32 = 0.2;
 
 /// When frames were drawn, and how long that took. Clones are the same.
 #[derive(Clone, Default)]
-pub struct Pace(Arc<Mutex<Frames>>);
+pub struct RepaintThrottle(Arc<Mutex<Frames>>);
 
 #[derive(Default)]
 struct Frames {
@@ -22,7 +22,7 @@ struct Frames {
     mean: f32,
 }
 
-impl Pace {
+impl RepaintThrottle {
     /// Notes that a frame is drawn now, and how long the one before it took, in seconds.
     pub fn drawn(&self, seconds: f32) {
         let mut frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -53,6 +53,6 @@ mod tests {
         assert_eq!(every(1e-4), EVERY.0);
         assert!(EVERY.0 < every(5e-3) && every(5e-3) < every(9e-3) && every(9e-3) < EVERY.1);
         assert_eq!((every(0.5), every(f32::NAN)), (EVERY.1, EVERY.1));
-        assert_eq!(Pace::default().wait(), Duration::from_millis(1), "the first one at once");
+        assert_eq!(RepaintThrottle::default().wait(), Duration::from_millis(1), "the first one at once");
     }
 }

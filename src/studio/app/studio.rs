@@ -8,12 +8,12 @@ use egui_tiles::Tree;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
-use crate::studio::app::app_data::{Home, KEPT};
+use crate::studio::app::app_data::{AppData, KEPT};
 use crate::studio::app::capture;
 use crate::studio::app::dispatch;
-use crate::studio::app::layout::{self, Rooms, default_layout, restored};
+use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
 use crate::studio::app::menus;
-use crate::studio::app::repaint_throttle::Pace;
+use crate::studio::app::repaint_throttle::RepaintThrottle;
 use crate::studio::canvas::pan_zoom::CLICK_REACH;
 use crate::studio::dialogs::confirm_discard;
 use crate::studio::dialogs::dropped_files::{self, Dropped};
@@ -28,20 +28,20 @@ use crate::studio::panels::parts::run_results;
 use crate::studio::panels::preview_banner;
 use crate::studio::panels::status_bar::{self, FrameTimes};
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::state::app_state::{LayoutRequest, State, Transition};
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::preferences::{RendererChoice, ZOOM};
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
-use crate::studio::widgets::number_field::take_refusals;
+use crate::studio::widgets::number_field::take_rejections;
 use crate::workbench::{Activity, ActivityState, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench};
 
 /// The window's contents.
 pub struct Studio {
     state: State,
-    rooms: Tree<Pane>,
+    layout: Tree<Pane>,
     dropped: Dropped,
     title: String,
     /// The names of files that the window shows.
@@ -50,9 +50,9 @@ pub struct Studio {
     closing: bool,
     /// Whether the status bar shows how long frames take.
     frame_times: FrameTimes,
-    pace: Pace,
+    pace: RepaintThrottle,
     /// What is remembered from one day to the next.
-    home: Option<Home>,
+    app_data: Option<AppData>,
     /// Designs that were left behind, until it is decided what becomes of them.
     left_behind: Vec<Recovered>,
 }
@@ -70,20 +70,20 @@ impl Studio {
             style.visuals.weak_text_alpha = 0.75;
         });
         ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
-        let (repaint, pace) = (ctx.clone(), Pace::default());
+        let (repaint, pace) = (ctx.clone(), RepaintThrottle::default());
         let paced = pace.clone();
         let bench = Workbench::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
         let title = String::new();
         Ok(Self {
             state: State::new(bench),
-            rooms: default_layout(),
+            layout: default_layout(),
             dropped: Dropped::default(),
             title,
             named: String::new(),
             closing: false,
             frame_times: FrameTimes::default(),
             pace,
-            home: None,
+            app_data: None,
             left_behind: Vec::new(),
         })
     }
@@ -105,27 +105,27 @@ impl Studio {
 
     /// Keeps everything that outlives the window in a folder: preferences, layout, unsaved changes, states of runs; and
     /// takes up what is there. Where that fails, a message says so.
-    pub fn live_in(&mut self, ctx: &egui::Context, folder: &Path) {
-        let (preferences, layout) = Home::read(folder);
-        for sentence in Home::newer_files(folder) {
+    pub fn keep_data_in(&mut self, ctx: &egui::Context, folder: &Path) {
+        let (preferences, layout) = AppData::read(folder);
+        for sentence in AppData::newer_files(folder) {
             self.state.messages.push(Severity::Failure, sentence);
         }
         ctx.set_theme(preferences.theme);
         ctx.set_zoom_factor(preferences.zoom);
         self.state.bench.set_live(preferences.live);
         self.state.preferences = preferences;
-        self.rooms = layout.clone().unwrap_or_else(default_layout);
+        self.layout = layout.clone().unwrap_or_else(default_layout);
         self.state.bench.set_threads(self.state.preferences.threads);
-        match Home::in_folder(folder, &self.state.preferences, layout.as_ref()) {
-            Ok(home) => {
-                self.state.guide.welcome = !self.state.preferences.welcomed && self.state.bench.path().is_none();
-                self.home = Some(home);
+        match AppData::in_folder(folder, &self.state.preferences, layout.as_ref()) {
+            Ok(app_data) => {
+                self.state.onboarding.welcome = !self.state.preferences.welcomed && self.state.bench.path().is_none();
+                self.app_data = Some(app_data);
                 self.state.folder = Some(folder.to_owned());
             }
-            Err(error) => self.live_nowhere(&error.to_string()),
+            Err(error) => self.keep_no_data(&error.to_string()),
         }
         self.read_kept_designs(folder);
-        if self.home.is_none() {
+        if self.app_data.is_none() {
             return;
         }
         // What was opened by its name is remembered as what is opened here.
@@ -140,7 +140,7 @@ impl Studio {
     }
 
     /// Keeps nothing that outlives the window but unsaved changes, where a folder was chosen for them.
-    pub fn live_nowhere(&mut self, reason: &str) {
+    pub fn keep_no_data(&mut self, reason: &str) {
         let text = format!("Nothing will be remembered when the window is closed: {reason}");
         self.state.messages.push(Severity::Failure, text);
         self.left_behind = self.state.keep_unsaved();
@@ -160,7 +160,7 @@ impl Studio {
                 }
             }
             // Of a folder where nothing can be kept it is known already.
-            Err(_) if self.home.is_none() => {}
+            Err(_) if self.app_data.is_none() => {}
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
     }
@@ -184,25 +184,25 @@ impl Studio {
     }
 
     /// Writes what is to be remembered, and arranges the rooms as was wished.
-    fn keep_home(&mut self, ctx: &egui::Context) {
-        match self.state.arrange.take() {
-            Some(Arrange::Show(pane)) => {
-                self.rooms.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
+    fn store_app_data(&mut self, ctx: &egui::Context) {
+        match self.state.layout_request.take() {
+            Some(LayoutRequest::Show(pane)) => {
+                self.layout.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
                 if self.state.maximised.is_some() {
                     self.state.maximised = Some(pane);
                 }
             }
-            Some(Arrange::Reset) => {
-                self.rooms = default_layout();
+            Some(LayoutRequest::Reset) => {
+                self.layout = default_layout();
                 self.state.maximised = None;
             }
-            Some(Arrange::Remember(number)) => {
-                self.state.preferences.layouts.insert(number, self.rooms.clone());
+            Some(LayoutRequest::Remember(number)) => {
+                self.state.preferences.layouts.insert(number, self.layout.clone());
                 self.tell(format!("This layout is remembered as layout {number}"));
             }
-            Some(Arrange::Recall(number)) => {
+            Some(LayoutRequest::Recall(number)) => {
                 if let Some(layout) = self.state.preferences.layouts.get(&number) {
-                    self.rooms = restored(layout.clone()).unwrap_or_else(default_layout);
+                    self.layout = restored(layout.clone()).unwrap_or_else(default_layout);
                     self.state.maximised = None;
                 }
             }
@@ -212,16 +212,16 @@ impl Studio {
         if let Some(failure) = state.bench.note_unsaved() {
             state.messages.push(Severity::Failure, failure);
         }
-        let Some(home) = &mut self.home else { return };
-        home.keep_designs(state.snapshots.changes(self.closing));
+        let Some(app_data) = &mut self.app_data else { return };
+        app_data.keep_designs(state.snapshots.changes(self.closing));
         state.preferences.theme = ctx.options(|options| options.theme_preference);
         // The keys reach further than what is remembered.
         state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());
         ctx.set_zoom_factor(state.preferences.zoom);
         state.preferences.live = state.bench.is_live();
-        // Rooms are moved by the pointer, and come to rest when that is released.
+        // PanelBehavior are moved by the pointer, and come to rest when that is released.
         let moved = ctx.input(|input| input.pointer.any_released() || input.viewport().close_requested());
-        if let Some(failure) = home.keep(&state.preferences, moved.then_some(&self.rooms)) {
+        if let Some(failure) = app_data.keep(&state.preferences, moved.then_some(&self.layout)) {
             state.messages.push(Severity::Failure, failure);
         }
     }
@@ -238,13 +238,13 @@ impl Studio {
 
     /// Whether nothing is asked that has the keyboard.
     fn takes_shortcuts(&self) -> bool {
-        !self.state.dialogs.is_open()
-            && self.state.leaving.is_none()
+        !self.state.path_dialog.is_open()
+            && self.state.pending_transition.is_none()
             && self.state.palette.is_none()
-            && self.state.sheet.is_none()
+            && self.state.settings_dialog.is_none()
             && self.left_behind.is_empty()
             && !self.dropped.is_open()
-            && !self.state.guide.welcome
+            && !self.state.onboarding.welcome
     }
 
     /// Takes up results, answers and shortcuts.
@@ -252,12 +252,12 @@ impl Studio {
         let state = &mut self.state;
         let waits_for_save = confirm_discard::waits_for_save(state);
         for outcome in state.bench.take_outcomes() {
-            hear(state, &outcome);
+            report_outcome(state, &outcome);
         }
         for activity in state.bench.take_ended() {
-            hear_end(state, &activity);
+            report_end(state, &activity);
         }
-        for refusal in take_refusals(ctx) {
+        for refusal in take_rejections(ctx) {
             state.messages.push(Severity::Notice, refusal);
         }
         let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
@@ -269,10 +269,10 @@ impl Studio {
         let current = |revision| revision == state.bench.revision() && !state.bench.is_looking();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
-            state.trail.note(information.revision, &information.value, state.bench.design(), &objects);
+            state.edit_history.note(information.revision, &information.value, state.bench.design(), &objects);
         }
         if let Some(live) = &state.estimates.live {
-            state.trail.note_live(live.revision, live.value.bits_per_pixel);
+            state.edit_history.note_live(live.revision, live.value.bits_per_pixel);
         }
         state.snapshots.take_up(&state.live, &state.estimates);
         let count = state.lenslet_count();
@@ -285,7 +285,7 @@ impl Studio {
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
             if self.state.bench.is_dirty() || self.state.unfinished_work().is_some() {
                 ctx.send_viewport_cmd(ViewportCommand::CancelClose);
-                self.state.guard(ctx, Leave::Close);
+                self.state.request_transition(ctx, Transition::Close);
             } else {
                 self.close();
             }
@@ -299,7 +299,7 @@ impl Studio {
             }
         }
         self.dropped.take(ctx, &mut self.state);
-        self.keep_home(ctx);
+        self.store_app_data(ctx);
         let named = format!("{} {}", file_name(self.state.bench.path()), self.state.bench.design().objects);
         if named != self.named {
             if let Some(sentence) = missing_glyphs::missing_glyphs(ctx, &named) {
@@ -330,10 +330,10 @@ impl Studio {
         // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
         // room is taken first, its text drawn last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
-        self.state.rooms.clear();
+        self.state.panel_rects.clear();
         egui::CentralPanel::no_frame().show(ui, |ui| match self.state.maximised {
             Some(pane) => layout::show_maximised(ui, &mut self.state, pane),
-            None => self.rooms.ui(&mut Rooms(&mut self.state), ui),
+            None => self.layout.ui(&mut PanelBehavior(&mut self.state), ui),
         });
         self.do_actions(ui.ctx());
         let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
@@ -438,7 +438,7 @@ impl eframe::App for Studio {
 }
 
 /// Takes up what a job has brought, and tells the person.
-fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
+fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
     match outcome {
         Ok(Outcome::Opened { path, .. }) => {
             state.selection.clear();
@@ -451,7 +451,7 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
             }
         }
         Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.selection.clear(),
-        Ok(Outcome::Exported { .. }) => state.guide.exported = true,
+        Ok(Outcome::Exported { .. }) => state.onboarding.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
             state.snapshots.take_up_measurement(*number, measurement.clone());
             if let Err(sentence) = measurement {
@@ -471,7 +471,7 @@ fn hear(state: &mut State, outcome: &Result<Outcome, String>) {
 }
 
 /// Tells the person what came of an estimate or a run.
-fn hear_end(state: &mut State, activity: &Activity) {
+fn report_end(state: &mut State, activity: &Activity) {
     match &activity.state {
         ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),
         ActivityState::Failed(sentence) => state.messages.push(Severity::Failure, sentence),

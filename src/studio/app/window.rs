@@ -7,7 +7,7 @@ use std::rc::Rc;
 use thiserror::Error;
 
 use crate::forward::Design;
-use crate::studio::app::app_data::Home;
+use crate::studio::app::app_data::AppData;
 use crate::studio::app::studio::Studio;
 #[cfg(target_os = "linux")]
 use crate::studio::app::window_system::WindowSystem;
@@ -60,14 +60,14 @@ pub fn open_window(
 ) -> Result<(), WindowError> {
     let folder = eframe::storage_dir("lenslet-studio");
     let mut notices = Vec::new();
-    if reset && let Some(Err(error)) = folder.as_deref().map(Home::reset) {
+    if reset && let Some(Err(error)) = folder.as_deref().map(AppData::reset) {
         notices.push(error.to_string());
     }
     #[cfg(target_os = "linux")]
     let system = WindowSystem::of_environment();
     #[cfg(target_os = "linux")]
     notices.extend(system.notice());
-    let renderer = renderer.or_else(|| folder.as_deref().and_then(Home::renderer)).unwrap_or_default();
+    let renderer = renderer.or_else(|| folder.as_deref().and_then(AppData::renderer)).unwrap_or_default();
     let opened = Rc::new(Cell::new(false));
     let open = |renderer: RendererChoice, notices: Vec<String>| {
         let opening = Opening {
@@ -154,8 +154,8 @@ impl Opening {
             studio.tell(notice);
         }
         match self.folder {
-            Some(folder) => studio.live_in(&creation.egui_ctx, &folder),
-            None => studio.live_nowhere("there is no home folder"),
+            Some(folder) => studio.keep_data_in(&creation.egui_ctx, &folder),
+            None => studio.keep_no_data("there is no home folder"),
         }
         Ok(studio)
     }

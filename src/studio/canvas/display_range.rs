@@ -6,7 +6,7 @@ use egui::{Color32, Rect, Sense, Stroke, Ui, pos2, vec2};
 use ndarray::ArrayView2;
 
 use crate::studio::widgets::controls::name_widget;
-use crate::studio::widgets::format::significant;
+use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number_field::NumberField;
 
 /// Share of the pixels that the automatic levels leave below and above.
@@ -21,22 +21,22 @@ const REACH: f32 = 5.0;
 
 /// How the values of the first and the last colour are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Levels {
+pub enum DisplayRange {
     /// The smallest and the largest value of each picture.
     #[default]
     Full,
     /// Those of each picture without a few of its pixels, so that single ones do not darken it.
     Auto,
     /// These values, for this and all other pictures.
-    Set(f32, f32),
+    Fixed(f32, f32),
 }
 
-impl Levels {
+impl DisplayRange {
     /// Values in the first and the last colour of a picture, shape (rows, cols); `common` are those that it shares with
     /// other pictures, unless a person has set others.
     pub fn limits(self, image: ArrayView2<'_, f32>, common: Option<(f32, f32)>) -> (f32, f32) {
         match (self, common) {
-            (Self::Set(low, high), _) => (low, high),
+            (Self::Fixed(low, high), _) => (low, high),
             (_, Some(common)) => common,
             (Self::Full, None) => full_range(image),
             (Self::Auto, None) => most_of(image).unwrap_or_else(|| full_range(image)),
@@ -121,7 +121,7 @@ impl Histogram {
 
     /// One line about all values.
     fn summary(&self, unit: &str) -> String {
-        format!("{} px, mean {}, sd {} {unit}", self.pixels, significant(self.mean), significant(self.sd))
+        format!("{} px, mean {}, sd {} {unit}", self.pixels, format_significant(self.mean), format_significant(self.sd))
     }
 }
 
@@ -140,7 +140,7 @@ pub struct Edited<'a> {
 }
 
 /// The histogram with its two limits, the same as numbers, and the rules.
-pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut Levels, logarithmic: &mut bool) {
+pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, logarithmic: &mut bool) {
     ui.set_width(WIDTH);
     let name = picture.name;
     ui.horizontal(|ui| {
@@ -159,14 +159,14 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut Levels, logarithmi
         let field = |ui: &mut Ui, value: &mut f32, range: RangeInclusive<f32>, what: &str, expected: String| {
             let name = format!("{name} {what} value");
             let range = f64::from(*range.start())..=f64::from(*range.end());
-            let field = NumberField::new(&name, range).speed(speed).shown_as(significant).expecting(expected);
+            let field = NumberField::new(&name, range).speed(speed).shown_as(format_significant).expecting(expected);
             let (response, edit) = field.show(ui, f64::from(*value));
             response.on_hover_text(format!("The {what} value that has a colour of its own"));
             if let Some(edit) = edit {
                 *value = edit.value as f32;
             }
         };
-        let shown = |value: f32| significant(f64::from(value));
+        let shown = |value: f32| format_significant(f64::from(value));
         ui.weak("from");
         let expected = format!("below the highest value, {}", shown(high));
         field(ui, &mut limits.0, f32::MIN..=below(high), "lowest", expected);
@@ -178,12 +178,12 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut Levels, logarithmi
         }
     });
     if limits != picture.limits {
-        *levels = Levels::Set(limits.0, limits.1);
+        *levels = DisplayRange::Fixed(limits.0, limits.1);
     }
     ui.horizontal(|ui| {
         for (rule, text, hint) in [
-            (Levels::Auto, "Auto", "Leaves out the darkest and brightest 0.35 % of the pixels of every picture"),
-            (Levels::Full, "Reset", "From the smallest to the largest value of every picture"),
+            (DisplayRange::Auto, "Auto", "Leaves out the darkest and brightest 0.35 % of the pixels of every picture"),
+            (DisplayRange::Full, "Reset", "From the smallest to the largest value of every picture"),
         ] {
             let response = ui.selectable_label(*levels == rule, text).on_hover_text(hint);
             name_widget(&response, &format!("{text} {name} levels"));
@@ -326,19 +326,19 @@ mod tests {
     #[test]
     fn rules_follow_the_picture_and_set_limits_do_not() {
         let mut image = Array2::from_shape_fn((50, 40), |(row, col)| (row * 40 + col) as f32);
-        assert_eq!(Levels::Full.limits(image.view(), None), (0.0, 1999.0));
+        assert_eq!(DisplayRange::Full.limits(image.view(), None), (0.0, 1999.0));
         // 0.35 % of 2000 pixels are seven at either end.
-        assert_eq!(Levels::Auto.limits(image.view(), None), (7.0, 1992.0));
+        assert_eq!(DisplayRange::Auto.limits(image.view(), None), (7.0, 1992.0));
         image[(0, 0)] = 1e6;
-        assert_eq!(Levels::Full.limits(image.view(), None), (0.0, 1e6), "1 is as good as 0 there");
-        assert!(Levels::Auto.limits(image.view(), None).1 < 2000.0);
-        assert_eq!(Levels::Set(3.0, 4.0).limits(image.view(), None), (3.0, 4.0));
-        assert_eq!(Levels::Set(3.0, 4.0).limits(image.view(), Some((0.0, 9.0))), (3.0, 4.0));
-        assert_eq!(Levels::Auto.limits(image.view(), Some((0.0, 9.0))), (0.0, 9.0), "common to several pictures");
+        assert_eq!(DisplayRange::Full.limits(image.view(), None), (0.0, 1e6), "1 is as good as 0 there");
+        assert!(DisplayRange::Auto.limits(image.view(), None).1 < 2000.0);
+        assert_eq!(DisplayRange::Fixed(3.0, 4.0).limits(image.view(), None), (3.0, 4.0));
+        assert_eq!(DisplayRange::Fixed(3.0, 4.0).limits(image.view(), Some((0.0, 9.0))), (3.0, 4.0));
+        assert_eq!(DisplayRange::Auto.limits(image.view(), Some((0.0, 9.0))), (0.0, 9.0), "common to several pictures");
         // Where nearly all pixels are alike, the few others are all there is to see.
         let mut dark = Array2::zeros((50, 40));
         dark[(4, 4)] = 8.0;
-        assert_eq!(Levels::Auto.limits(dark.view(), None), (0.0, 8.0));
-        assert_eq!(Levels::Full.limits(Array2::zeros((3, 3)).view(), None), (0.0, 1.0));
+        assert_eq!(DisplayRange::Auto.limits(dark.view(), None), (0.0, 8.0));
+        assert_eq!(DisplayRange::Full.limits(Array2::zeros((3, 3)).view(), None), (0.0, 1.0));
     }
 }

@@ -3,30 +3,30 @@
 use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, pos2, vec2};
 use ndarray::{ArrayView2, s};
 
-use crate::studio::canvas::display_range::{self, Histogram, Levels};
+use crate::studio::canvas::display_range::{self, DisplayRange, Histogram};
 use crate::studio::canvas::overlays;
-use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::canvas::viewport::{Placement, Viewport};
 use crate::studio::widgets::controls::name_widget;
-use crate::studio::widgets::format::significant;
+use crate::studio::widgets::format::format_significant;
 use crate::workbench::Colormap;
 
 /// Longest side of a texture that is tried, pixels: few renderers take longer ones.
 const LONGEST_TEXTURE: usize = 8192;
 
 /// The colours of every map, made once.
-pub struct Palettes {
+pub struct ColourPalettes {
     colours: Vec<(Colormap, Vec<Color32>)>,
 }
 
-impl Default for Palettes {
+impl Default for ColourPalettes {
     fn default() -> Self {
         let colours = |map: Colormap| map.palette().into_iter().map(|[r, g, b]| Color32::from_rgb(r, g, b)).collect();
         Self { colours: Colormap::ALL.map(|map| (map, colours(map))).to_vec() }
     }
 }
 
-impl Palettes {
+impl ColourPalettes {
     /// The colours of a map, lowest value first.
     pub fn of(&self, map: Colormap) -> &[Color32] {
         self.colours.iter().find(|(known, _)| *known == map).map_or(&[], |(_, colours)| colours)
@@ -38,7 +38,7 @@ pub type Version = (u64, usize);
 
 /// What a drawn picture was made of; it is drawn anew only when this changes.
 #[derive(Clone, Copy, PartialEq)]
-struct Drawn {
+struct TextureKey {
     version: Version,
     colormap: Colormap,
     limits: (f32, f32),
@@ -59,13 +59,13 @@ pub struct ImageView {
     /// What a pixel is wide, and the unit of that.
     pixel: (f64, &'static str),
     texture: Option<TextureHandle>,
-    drawn: Option<Drawn>,
+    drawn: Option<TextureKey>,
     /// How limits are found, and whether the histogram's heights are logarithms.
-    levels: Levels,
+    levels: DisplayRange,
     logarithmic: bool,
     /// Values in the first and the last colour, and what they were found from.
     limits: (f32, f32),
-    levelled: Option<(Version, Levels)>,
+    levelled: Option<(Version, DisplayRange)>,
     /// Limits that this picture shares with others.
     common: Option<(f32, f32)>,
     /// Counted while it is looked at.
@@ -101,7 +101,7 @@ impl ImageView {
             pixel: (1.0, "px"),
             texture: None,
             drawn: None,
-            levels: Levels::default(),
+            levels: DisplayRange::default(),
             logarithmic: false,
             limits: (0.0, 1.0),
             levelled: None,
@@ -133,7 +133,7 @@ impl ImageView {
 
     /// Forgets limits that a person has set: another quantity is to be shown.
     pub fn forget_levels(&mut self) {
-        self.levels = Levels::default();
+        self.levels = DisplayRange::default();
     }
 
     /// Says what a pixel is wide, where that is not one pixel.
@@ -142,7 +142,7 @@ impl ImageView {
     }
 
     /// The choice of colours, and of the values that have them.
-    pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &Palettes) {
+    pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &ColourPalettes) {
         let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
             .selected_text(self.colormap.to_string())
             .width(76.0)
@@ -183,11 +183,11 @@ impl ImageView {
     pub fn show(
         &mut self,
         ui: &mut Ui,
-        palettes: &Palettes,
+        palettes: &ColourPalettes,
         image: ArrayView2<'_, f32>,
         version: Version,
         stale: bool,
-        hand: Hand,
+        pointer_mode: PointerMode,
     ) -> Shown {
         let (rows, cols) = image.dim();
         let room = ui.available_rect_before_wrap();
@@ -201,7 +201,7 @@ impl ImageView {
         let seen = self.viewport.placement(fit, image.dim()).rect.intersect(stage);
         let response = ui.allocate_rect(seen, Sense::click_and_drag());
         let before = self.viewport;
-        self.viewport = hand.moves(self.viewport, ui, &response, fit, image.dim());
+        self.viewport = pointer_mode.apply(self.viewport, ui, &response, fit, image.dim());
         let placement = self.viewport.placement(fit, image.dim());
         let seen = placement.rect.intersect(stage);
         self.update_limits(image, version);
@@ -255,7 +255,7 @@ impl ImageView {
             return None;
         }
         let value = image.get((row as usize, col as usize))?;
-        Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, significant(f64::from(*value)), self.unit))
+        Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, format_significant(f64::from(*value)), self.unit))
     }
 
     /// Finds the limits of a picture, and counts its values while the histogram is open.
@@ -273,17 +273,17 @@ impl ImageView {
     fn update_texture(
         &mut self,
         ctx: &egui::Context,
-        palettes: &Palettes,
+        palettes: &ColourPalettes,
         image: ArrayView2<'_, f32>,
         version: Version,
     ) {
-        let longest = longest_texture(ctx);
-        let wanted = Drawn { version, colormap: self.colormap, limits: self.limits, longest };
+        let longest = max_texture_side(ctx);
+        let wanted = TextureKey { version, colormap: self.colormap, limits: self.limits, longest };
         if self.drawn == Some(wanted) {
             return;
         }
         let palette = palettes.of(self.colormap);
-        let image = thinned(image, longest);
+        let image = subsampled(image, longest);
         let (rows, cols) = image.dim();
         let pixels = image.iter().map(|&value| palette[Colormap::index(value, self.limits)]).collect();
         let picture = ColorImage::new([cols, rows], pixels);
@@ -295,7 +295,7 @@ impl ImageView {
     }
 
     /// The bar right of the picture: highest value at the top.
-    fn colour_bar(&self, ui: &Ui, palettes: &Palettes, picture: Rect, room: Rect) {
+    fn colour_bar(&self, ui: &Ui, palettes: &ColourPalettes, picture: Rect, room: Rect) {
         const WIDTH: f32 = 12.0;
         let painter = ui.painter_at(room);
         let left = picture.right() + 6.0;
@@ -325,7 +325,7 @@ impl ImageView {
             (0.5 * (low + high), bar.center().y, egui::Align2::LEFT_CENTER),
             (low, bar.bottom(), egui::Align2::LEFT_BOTTOM),
         ] {
-            painter.text(pos2(bar.right() + 3.0, y), align, significant(value), font.clone(), colour);
+            painter.text(pos2(bar.right() + 3.0, y), align, format_significant(value), font.clone(), colour);
         }
         if bar.height() > 110.0 {
             let y = bar.top() + 0.25 * bar.height();
@@ -335,13 +335,13 @@ impl ImageView {
 }
 
 /// Longest side of a texture, pixels.
-pub fn longest_texture(ctx: &egui::Context) -> usize {
+pub fn max_texture_side(ctx: &egui::Context) -> usize {
     ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE)
 }
 
 /// Every n-th row and every m-th column of a picture, so that neither side is longer than this. It is drawn as large as
 /// all of the picture would be.
-pub fn thinned(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
+pub fn subsampled(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
     let (rows, cols) = image.dim();
     let step = |count: usize| count.div_ceil(longest.max(1)).max(1) as isize;
     image.slice_move(s![..;step(rows), ..;step(cols)])
@@ -356,16 +356,16 @@ mod tests {
     #[test]
     fn long_pictures_are_thinned_until_renderers_take_them() {
         let image = Array2::from_shape_fn((64, 10_000), |(row, col)| (10_000 * row + col) as f32);
-        let thin = thinned(image.view(), 8192);
+        let thin = subsampled(image.view(), 8192);
         assert_eq!((thin.dim(), thin[(1, 0)], thin[(0, 4999)]), ((64, 5000), 10_000.0, 9998.0));
-        assert_eq!(thinned(image.t(), 3000).dim(), (2500, 64));
-        assert_eq!(thinned(image.view(), 10_000), image);
+        assert_eq!(subsampled(image.t(), 3000).dim(), (2500, 64));
+        assert_eq!(subsampled(image.view(), 10_000), image);
         let ctx = egui::Context::default();
         let mut view = ImageView::new("Measurement", "photons", Colormap::Gray);
         // What a renderer takes, and the sides of the texture.
         for (most, cols) in [(2048, 2000), (16_384, 5000)] {
             ctx.input_mut(|input| input.max_texture_side = most);
-            view.update_texture(&ctx, &Palettes::default(), image.view(), (1, 0));
+            view.update_texture(&ctx, &ColourPalettes::default(), image.view(), (1, 0));
             assert_eq!(view.texture.as_ref().map(TextureHandle::size), Some([cols, 64]));
         }
     }

@@ -4,7 +4,7 @@ use egui::{Align2, Color32, FontId, Painter, Rect, Stroke, pos2, vec2};
 use ndarray::ArrayView2;
 
 use crate::studio::canvas::viewport::{Placement, round_length};
-use crate::studio::widgets::format::significant;
+use crate::studio::widgets::format::format_significant;
 
 /// Pixels that are at least this large show their values, points.
 const READABLE: f32 = 36.0;
@@ -52,7 +52,7 @@ pub fn pixel_values(
 
 /// A value in few characters; counts of photons as the whole numbers they are.
 fn short(value: f32) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e6 { format!("{value:.0}") } else { significant(f64::from(value)) }
+    if value.fract() == 0.0 && value.abs() < 1e6 { format!("{value:.0}") } else { format_significant(f64::from(value)) }
 }
 
 /// Black or white, whichever is read more easily on a colour.

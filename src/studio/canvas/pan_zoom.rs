@@ -18,19 +18,19 @@ pub const CLICK_REACH: f32 = 3.0;
 
 /// What the pointer does on a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hand {
+pub enum PointerMode {
     /// The wheel zooms, a drag pans, a double click shows all of it.
-    Looks,
+    View,
     /// Wheel, drag and double click edit: Ctrl and wheel zooms, a drag pans with the middle button or while Space is held.
-    Edits,
+    Edit,
 }
 
-impl Hand {
+impl PointerMode {
     /// The view of a picture of shape (rows, cols) after what pointer and keys do in this frame. The picture lies at `fit`
     /// where all of it is seen; `response` is that of the part in sight.
-    pub fn moves(self, view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize, usize)) -> Viewport {
+    pub fn apply(self, view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize, usize)) -> Viewport {
         let view = self.turned(view, ui, response, fit, dim).panned(self.pan(ui, response), fit, dim);
-        if self == Self::Edits {
+        if self == Self::Edit {
             return view;
         }
         if response.double_clicked() {
@@ -49,7 +49,7 @@ impl Hand {
         let Some(pointer) = pointer.filter(|_| ui.rect_contains_pointer(response.rect)) else { return view };
         let factor = ui.input_mut(|input| {
             let pinch = f64::from(input.zoom_delta());
-            if self == Self::Edits {
+            if self == Self::Edit {
                 return pinch;
             }
             // What turns the picture scrolls nothing around it.
@@ -63,7 +63,7 @@ impl Hand {
     fn pan(self, ui: &Ui, response: &Response) -> Vec2 {
         let pointer = |input: &InputState| (input.pointer.press_origin(), input.pointer.latest_pos());
         match self {
-            Self::Looks => {
+            Self::View => {
                 let held = response.dragged_by(PointerButton::Primary) || response.dragged_by(PointerButton::Middle);
                 match (held, ui.input(pointer)) {
                     // The way before it was known to be a drag counts.
@@ -73,7 +73,7 @@ impl Hand {
                 }
             }
             // Also over what lies on the picture and would take the drag for itself.
-            Self::Edits => match ui.input(pointer) {
+            Self::Edit => match ui.input(pointer) {
                 (Some(from), Some(_)) if is_panning(ui) && response.rect.contains(from) => {
                     let ours = ui.ctx().layer_id_at(from) == Some(ui.layer_id());
                     if ours { ui.input(|input| input.pointer.delta()) } else { Vec2::ZERO }

@@ -4,49 +4,49 @@ use egui::Key;
 
 use crate::plural::counted;
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::{Leave, State};
+use crate::studio::state::app_state::{State, Transition};
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
 
 /// Whether the answer was to save, and that is still to come: its path is asked for, or the file is written.
 pub fn waits_for_save(state: &State) -> bool {
-    let has_answered = state.leaving.as_ref().is_some_and(|leaving| leaving.saving);
-    has_answered && (state.dialogs.is_open() || state.bench.is_saving())
+    let has_answered = state.pending_transition.as_ref().is_some_and(|leaving| leaving.saving);
+    has_answered && (state.path_dialog.is_open() || state.bench.is_saving())
 }
 
 /// Goes on where the design is in its file by now; a save that was cancelled or has failed leaves the question open. Tells whether the
 /// window is to be closed. To be called when answers of jobs have been taken, if [`waits_for_save`] was false before.
 pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
-    let Some(leaving) = state.leaving.as_mut().filter(|leaving| leaving.saving) else { return false };
+    let Some(leaving) = state.pending_transition.as_mut().filter(|leaving| leaving.saving) else { return false };
     leaving.saving = false;
     if state.bench.is_dirty() {
         return false;
     }
     let what = leaving.what.clone();
-    let close = what == Leave::Close;
-    state.leave(ctx, what);
+    let close = what == Transition::Close;
+    state.perform_transition(ctx, what);
     close
 }
 
 /// Asks, where an answer is wanted. Tells whether the window is to be closed.
 pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
-    let Some(leaving) = state.leaving.as_ref().filter(|leaving| !leaving.saving) else { return false };
+    let Some(leaving) = state.pending_transition.as_ref().filter(|leaving| !leaving.saving) else { return false };
     let what = leaving.what.clone();
     // A run leaves the design as it is.
-    let dirty = what != Leave::Run && state.bench.is_dirty();
-    if !dirty && !matches!(what, Leave::Close | Leave::Run) {
+    let dirty = what != Transition::Run && state.bench.is_dirty();
+    if !dirty && !matches!(what, Transition::Close | Transition::Run) {
         // A save from before the question has come.
-        state.leave(ctx, what);
+        state.perform_transition(ctx, what);
         return false;
     }
-    let work = if what == Leave::Close { state.unfinished_work() } else { None };
+    let work = if what == Transition::Close { state.unfinished_work() } else { None };
     let mut leave = false;
     modal::show(ctx, "leaving", 340.0, |ui| {
         modal::body(ui, |ui| {
             if dirty {
                 ui.heading("Save your changes?");
                 ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
-            } else if let (Leave::Run, Some(run)) = (&what, &state.run) {
+            } else if let (Transition::Run, Some(run)) = (&what, &state.run) {
                 ui.heading("Give up the last run?");
                 let end = if run.can_go_on() {
                     format!("It was stopped at {} and could still go on.", run.place())
@@ -69,24 +69,24 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         ui.horizontal(|ui| {
             if dirty && ui.button("Save").clicked() {
                 state.act(Action::Save);
-                if let Some(leaving) = &mut state.leaving {
+                if let Some(leaving) = &mut state.pending_transition {
                     leaving.saving = true;
                 }
             }
             let text = match what {
                 _ if dirty => "Discard",
-                Leave::Run => "Start anew",
+                Transition::Run => "Start anew",
                 _ => "Close the window",
             };
             leave = ui.button(text).clicked();
             if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
-                state.leaving = None;
+                state.pending_transition = None;
             }
         });
     });
-    let close = leave && what == Leave::Close;
+    let close = leave && what == Transition::Close;
     if leave {
-        state.leave(ctx, what);
+        state.perform_transition(ctx, what);
     }
     close
 }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::formats::{image_files, path_text};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
-use crate::studio::state::app_state::{Leave, State};
+use crate::studio::state::app_state::{State, Transition};
 use crate::studio::state::messages::Severity;
 use crate::studio::widgets::file_preview::Preview;
 use crate::studio::widgets::format::file_name;
@@ -18,9 +18,9 @@ use crate::workbench::FileUse;
 /// Most files that are named one by one.
 const NAMED: usize = 5;
 
-/// Pictures or arrays that wait to be told apart: PSF or objects.
+/// Images or arrays that wait to be told apart: PSF or objects.
 #[derive(Debug, PartialEq)]
-struct Pictures {
+struct Images {
     first: PathBuf,
     others: Vec<PathBuf>,
     /// The folder whose pictures these are, all of them.
@@ -30,7 +30,7 @@ struct Pictures {
 /// What was dropped and waits for an answer.
 #[derive(Default)]
 pub struct Dropped {
-    pictures: Option<Pictures>,
+    pictures: Option<Images>,
     /// The path of the first picture or of the folder, with what was chosen of its meaning.
     text: String,
     preview: Preview,
@@ -49,13 +49,13 @@ impl Dropped {
         match chosen(files) {
             Some((Chosen::Design(path), unused)) => {
                 name_unused(state, &path, &unused);
-                state.guard(ctx, Leave::OpenFile(path));
+                state.request_transition(ctx, Transition::OpenFile(path));
             }
             Some((Chosen::Objects(path), unused)) => {
                 name_unused(state, &path, &unused);
                 state.bench.open_objects(ObjectSource::guess(&path));
             }
-            Some((Chosen::Pictures(pictures), _)) => {
+            Some((Chosen::Images(pictures), _)) => {
                 self.text = path_text(&pictures.first);
                 self.pictures = Some(pictures);
             }
@@ -65,7 +65,7 @@ impl Dropped {
 
     /// Asks what pictures are to be.
     pub fn ask(&mut self, ctx: &egui::Context, state: &mut State) {
-        let Some(Pictures { first, others, folder }) = &self.pictures else { return };
+        let Some(Images { first, others, folder }) = &self.pictures else { return };
         let mut answered = false;
         modal::show(ctx, "dropped file", 420.0, |ui| {
             let all = 1 + others.len();
@@ -117,7 +117,7 @@ impl Dropped {
 enum Chosen {
     Design(PathBuf),
     Objects(PathBuf),
-    Pictures(Pictures),
+    Images(Images),
 }
 
 /// What dropped files are used for, and those that are not: a design goes before objects, objects before pictures, for all
@@ -140,7 +140,7 @@ fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
     }
     let folder = whole_folder(&files);
     let (first, others) = one(place(FileKind::Picture)?);
-    Some((Chosen::Pictures(Pictures { first, others, folder }), Vec::new()))
+    Some((Chosen::Images(Images { first, others, folder }), Vec::new()))
 }
 
 /// The folder whose pictures these files are, where there are several and it has no others.
@@ -173,7 +173,7 @@ enum FileKind {
     Picture,
 }
 
-/// What a dropped file or folder is likely to be. Pictures and arrays can be both, PSF or objects.
+/// What a dropped file or folder is likely to be. Images and arrays can be both, PSF or objects.
 fn kind_of(path: &Path) -> FileKind {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     match extension.as_str() {
@@ -222,11 +222,11 @@ mod tests {
         let pictures: Vec<PathBuf> = (0..8).map(|number| file(&format!("{number}.png"))).collect();
         let mut turned = pictures.clone();
         turned.reverse();
-        let Some((Chosen::Pictures(found), unused)) = chosen(turned) else { panic!("no pictures") };
+        let Some((Chosen::Images(found), unused)) = chosen(turned) else { panic!("no pictures") };
         assert_eq!((found.folder.as_deref(), found.others.len(), unused.len()), (Some(folder.path()), 7, 0));
         // Some of a folder are no set, and neither is a single one.
         for count in [7, 1] {
-            let Some((Chosen::Pictures(found), _)) = chosen(pictures[..count].to_vec()) else { panic!("no pictures") };
+            let Some((Chosen::Images(found), _)) = chosen(pictures[..count].to_vec()) else { panic!("no pictures") };
             assert_eq!((found.folder, found.others.len()), (None, count - 1));
         }
         let (one, other) = (file("one.json"), file("other.json"));

@@ -1,4 +1,4 @@
-//! Dialogs in front of the window.
+//! PathDialog in front of the window.
 
 pub mod confirm_discard;
 pub mod dropped_files;

@@ -16,7 +16,7 @@ use crate::objects::ObjectSource;
 use crate::studio::dialogs::system_dialog;
 use crate::studio::state::app_state::State;
 use crate::studio::state::messages::Severity;
-use crate::studio::state::path_question::{Answer, Picker, Purpose, Question};
+use crate::studio::state::path_question::{Answer, PathPurpose, PathQuestion, Picker};
 use crate::studio::widgets::controls::{name_widget, speak};
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
@@ -28,7 +28,7 @@ const NO_DIALOG: &str =
 
 /// Shows the open question and does what it is answered.
 pub fn show(ctx: &egui::Context, state: &mut State) {
-    let Some(mut question) = state.dialogs.open.take() else { return };
+    let Some(mut question) = state.path_dialog.open.take() else { return };
     let own = state.bench.path();
     if let Some(system) = &question.system {
         match system.try_recv() {
@@ -78,7 +78,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             question.preview.show_in_place(ui, &mut question.path, of);
         }
         let mut action = question.purpose.action();
-        if let Some(text) = Question::ask_to_replace(&question.replaced)
+        if let Some(text) = PathQuestion::ask_to_replace(&question.replaced)
             && question.replaced == question.would_replace(own)
         {
             let asked = ui.colored_label(ui.visuals().warn_fg_color, text);
@@ -86,7 +86,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             action = "Replace";
         }
         match question.purpose {
-            Purpose::ImportPsf => {
+            PathPurpose::ImportPsf => {
                 ui.horizontal(|ui| {
                     let mut resample = question.resample > 0;
                     if ui.checkbox(&mut resample, "Resample the central square to").changed() {
@@ -98,7 +98,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
                     }
                 });
             }
-            Purpose::ExportMeasurements => {
+            PathPurpose::ExportMeasurements => {
                 ui.horizontal(|ui| {
                     ui.radio_value(&mut question.format, MeasurementFormat::Npy, "NPY");
                     ui.radio_value(&mut question.format, MeasurementFormat::Tiff, "TIFF, 32-bit float");
@@ -123,38 +123,42 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     if done {
         answer(state, question);
     } else if !cancelled {
-        state.dialogs.open = Some(question);
+        state.path_dialog.open = Some(question);
     }
 }
 
-fn answer(state: &mut State, question: Question) {
+fn answer(state: &mut State, question: PathQuestion) {
     let path = question.target();
     match &question.purpose {
-        Purpose::OpenDesign => state.bench.open_file(path),
-        Purpose::SaveAs => state.bench.save_to(path),
-        Purpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
-        Purpose::ChooseImages => state.estimate_form.images.choose(question.path.trim().to_owned(), question.preview),
-        Purpose::ImportPsf => {
+        PathPurpose::OpenDesign => state.bench.open_file(path),
+        PathPurpose::SaveAs => state.bench.save_to(path),
+        PathPurpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
+        PathPurpose::ChooseImages => {
+            state.estimate_form.camera.choose(question.path.trim().to_owned(), question.preview)
+        }
+        PathPurpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
             state.bench.import_psf(path, side);
         }
-        Purpose::ExportDesign => {
+        PathPurpose::ExportDesign => {
             state.bench.submit(Job::ExportDesign { design: state.bench.design().clone(), folder: path });
         }
-        Purpose::ExportMeasurements => export_measurements(state, path, question.format),
-        Purpose::ExportView { image, limits, colormap, .. } => {
+        PathPurpose::ExportMeasurements => export_measurements(state, path, question.format),
+        PathPurpose::ExportView { image, limits, colormap, .. } => {
             let image = image.clone();
             state.bench.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
         }
-        Purpose::KeepUnsaved => {
+        PathPurpose::KeepUnsaved => {
             state.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
         }
-        Purpose::ExportPicture { image, .. } => state.bench.submit(Job::ExportPicture { image: image.clone(), path }),
-        Purpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
-        Purpose::ExportLive(record) => {
+        PathPurpose::ExportPicture { image, .. } => {
+            state.bench.submit(Job::ExportPicture { image: image.clone(), path })
+        }
+        PathPurpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
+        PathPurpose::ExportLive(record) => {
             state.bench.submit(Job::ExportLive { record: record.clone(), path, for_command: false });
         }
-        Purpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
+        PathPurpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }
 

@@ -43,7 +43,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
             state.bench.recover(left.remove(0));
             state.selection.clear();
             // What was recovered is what there is to start from, by a person who has been here.
-            state.guide.welcome = false;
+            state.onboarding.welcome = false;
             state.preferences.welcomed = true;
             state.messages.push(Severity::Done, "Recovered; save it to keep it");
             // A window holds one design: the others wait for the next start.

@@ -8,8 +8,8 @@ use crate::information::EngineChoice;
 use crate::plural::counted;
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
-use crate::studio::state::open_dialogs::Sheet;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::open_dialogs::SettingsDialog;
+use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::preferences::{RendererChoice, THREADS, ZOOM};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
@@ -39,23 +39,23 @@ const ON_THE_MASK: [(&str, &str); 12] = [
 
 /// Draws the sheet that is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {
-    let Some(sheet) = state.sheet else { return };
+    let Some(sheet) = state.settings_dialog else { return };
     let width = match sheet {
-        Sheet::Shortcuts => TWO_COLUMNS,
-        Sheet::Settings => 400.0,
-        Sheet::About => 420.0,
+        SettingsDialog::Shortcuts => TWO_COLUMNS,
+        SettingsDialog::Settings => 400.0,
+        SettingsDialog::About => 420.0,
     };
     let response = modal::show(ctx, "sheet", width, |ui| {
         modal::body(ui, |ui| match sheet {
-            Sheet::Shortcuts => shortcuts(ui),
-            Sheet::Settings => settings(ui, state),
-            Sheet::About => about(ui, state),
+            SettingsDialog::Shortcuts => shortcuts(ui),
+            SettingsDialog::Settings => settings(ui, state),
+            SettingsDialog::About => about(ui, state),
         });
         ui.add_space(8.0);
         ui.button("Close").clicked()
     });
     if response.inner || response.should_close() {
-        state.sheet = None;
+        state.settings_dialog = None;
     }
 }
 
@@ -81,7 +81,7 @@ fn keys(ui: &mut Ui, most: f32) {
     let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
     egui::Grid::new("keys").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
         let actions: Vec<(String, String)> = Action::all()
-            .chain([Action::Palette])
+            .chain([Action::ActionPalette])
             .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
             .collect();
         let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Size of everything".to_owned())];
@@ -150,8 +150,8 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.label("Unsaved changes in");
         ui.horizontal(|ui| {
             if ui.button("Other folder...").clicked() {
-                state.dialogs.ask(Purpose::KeepUnsaved, None);
-                state.sheet = None;
+                state.path_dialog.ask(PathPurpose::KeepUnsaved, None);
+                state.settings_dialog = None;
             }
             let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Usual folder"));
             if usual.clicked() {

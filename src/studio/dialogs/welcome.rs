@@ -3,7 +3,7 @@
 use egui::{RichText, Ui};
 
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::{Arrange, Leave, State};
+use crate::studio::state::app_state::{LayoutRequest, State, Transition};
 use crate::studio::state::pane::Pane;
 use crate::studio::widgets::modal;
 use crate::workbench::SAMPLES;
@@ -52,13 +52,13 @@ const STOPS: [Stop; 5] = [
         text: "Ctrl+E writes the PSF as pictures and arrays and the design as JSON into a folder. Save keeps the design \
                for later.",
         room: Pane::Mask,
-        done: |state| state.guide.exported,
+        done: |state| state.onboarding.exported,
     },
 ];
 
 /// Asks what to start from.
 pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
-    if !state.guide.welcome {
+    if !state.onboarding.welcome {
         return;
     }
     let mut leave = false;
@@ -73,7 +73,7 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
                     if ui.add_sized([120.0, 22.0], egui::Button::new(sample.name)).clicked()
                         && let Some(design) = sample.design()
                     {
-                        state.guard(ctx, Leave::Sample(Box::new(design)));
+                        state.request_transition(ctx, Transition::Sample(Box::new(design)));
                         leave = true;
                     }
                     ui.weak(sample.about);
@@ -90,23 +90,23 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if ui.button("Take the tour").clicked() {
-                state.guide.tour = Some(0);
+                state.onboarding.tour = Some(0);
                 leave = true;
             }
             leave |= ui.button("Close").clicked();
         });
     });
     if leave || response.should_close() {
-        state.guide.welcome = false;
+        state.onboarding.welcome = false;
         state.preferences.welcomed = true;
     }
 }
 
 /// The tour: a small window that says what to do, and sees when it is done.
 pub fn show_tour(ctx: &egui::Context, state: &mut State) {
-    let Some(number) = state.guide.tour else { return };
+    let Some(number) = state.onboarding.tour else { return };
     let Some(stop) = STOPS.get(number) else {
-        state.guide.tour = None;
+        state.onboarding.tour = None;
         return;
     };
     let mut next = Some(number);
@@ -127,10 +127,10 @@ pub fn show_tour(ctx: &egui::Context, state: &mut State) {
             ui.separator();
             ui.horizontal(|ui| buttons(ui, number, &mut next));
         });
-    if next != state.guide.tour {
-        state.guide.tour = next;
+    if next != state.onboarding.tour {
+        state.onboarding.tour = next;
         if let Some(stop) = next.and_then(|next| STOPS.get(next)) {
-            state.arrange = Some(Arrange::Show(stop.room));
+            state.layout_request = Some(LayoutRequest::Show(stop.room));
         }
     }
 }

@@ -5,13 +5,13 @@ use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
 use crate::information::with_decimals;
-use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::tamura_gauge::TAMURA_GUIDE;
 use crate::studio::state::app_state::State;
 use crate::studio::state::comparison::{ComparedSide, Comparison, Quantity};
 use crate::studio::state::pane::Pane;
-use crate::studio::state::path_question::Purpose;
-use crate::studio::widgets::colors::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::state::path_question::PathPurpose;
+use crate::studio::widgets::colours::{CEILING, DENSITY, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
 
@@ -21,7 +21,7 @@ const THUMBNAIL: f32 = 30.0;
 const SPACING: Vec2 = Vec2::new(6.0, 3.0);
 
 /// Quantity is to be done with one of the designs.
-enum Wish {
+enum SnapshotAction {
     Open(u64),
     Delete(u64),
 }
@@ -43,12 +43,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             name_widget(&export, "Export comparison as CSV");
             if export.clicked() {
                 let curve = state.snapshots.table();
-                state.dialogs.ask(Purpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
+                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
             }
             let picture = ui.small_button("Picture...").on_hover_text("This room as it is on the screen, as PNG");
             name_widget(&picture, "Export comparison as PNG");
             if picture.clicked() {
-                state.capture.request(&state.rooms, Pane::Compare);
+                state.capture.request(&state.panel_rects, Pane::Compare);
             }
         });
     });
@@ -60,8 +60,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let mut wish = None;
         table(ui, state, &mut wish);
         match wish {
-            Some(Wish::Open(number)) => open(state, number),
-            Some(Wish::Delete(number)) => {
+            Some(SnapshotAction::Open(number)) => open(state, number),
+            Some(SnapshotAction::Delete(number)) => {
                 state.snapshots.delete(number);
                 state.comparison.thumbnails.remove(&number);
             }
@@ -85,7 +85,7 @@ fn open(state: &mut State, number: u64) {
 }
 
 /// One row per design.
-fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
+fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
     let mut has_drawn = false;
     let State { snapshots, comparison, palettes, .. } = state;
     let scenes: Vec<String> = snapshots.scenes().into_iter().map(String::from).collect();
@@ -134,7 +134,8 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<Wish>) {
             ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
                 .on_hover_text(format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects));
             let more = ui.menu_button("...", |ui| {
-                for (text, act) in [("Open", Wish::Open(number)), ("Delete", Wish::Delete(number))] {
+                for (text, act) in [("Open", SnapshotAction::Open(number)), ("Delete", SnapshotAction::Delete(number))]
+                {
                     if ui.button(text).clicked() {
                         *wish = Some(act);
                         ui.close();
@@ -192,7 +193,7 @@ fn bounds(snapshot: &Snapshot) -> String {
 fn thumbnail(
     ui: &mut Ui,
     comparison: &mut Comparison,
-    palettes: &crate::studio::canvas::image_view::Palettes,
+    palettes: &crate::studio::canvas::image_view::ColourPalettes,
     snapshot: &Snapshot,
 ) {
     let Some(optics) = &snapshot.optics else {
@@ -249,7 +250,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
             comparison.tries_again |= response.clicked();
             if response.clicked() && comparison.what != what {
                 comparison.what = what;
-                // Levels of one quantity mean nothing for another.
+                // DisplayRange of one quantity mean nothing for another.
                 comparison.picture.forget_levels();
                 comparison.difference.forget_levels();
             }
@@ -296,7 +297,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
     let side = ui.available_width().clamp(120.0, 340.0);
     ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
         view.viewport = viewport;
-        let shown = view.show(ui, palettes, image.view(), version, false, Hand::Looks);
+        let shown = view.show(ui, palettes, image.view(), version, false, PointerMode::View);
         if let Some(position) = shown.response.hover_pos() {
             *hover = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
         }

@@ -9,8 +9,8 @@ use crate::studio::panels::parts::camera_form;
 use crate::studio::state::app_state::State;
 use crate::studio::state::estimate_form::EstimateForm;
 use crate::studio::state::messages::Severity;
-use crate::studio::state::path_question::Purpose;
-use crate::studio::widgets::colors::{DENSITY, LOWER};
+use crate::studio::state::path_question::PathPurpose;
+use crate::studio::widgets::colours::{DENSITY, LOWER};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{
@@ -192,7 +192,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             name_widget(&export, &format!("Export curve of estimate {}", index + 1));
             if export.clicked() {
                 let curve = columns(&result.value.curve);
-                state.dialogs.ask(Purpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
+                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
             }
             let delete = ui.small_button("Delete").on_hover_text("Forgets this estimate when the window is closed");
             name_widget(&delete, &format!("Delete estimate {}", index + 1));

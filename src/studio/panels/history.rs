@@ -5,23 +5,23 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 
 use crate::plural::counted;
 use crate::studio::state::app_state::State;
-use crate::studio::state::edit_history::TrailPoint;
-use crate::studio::state::path_question::Purpose;
-use crate::studio::widgets::colors::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::state::edit_history::EditPoint;
+use crate::studio::state::path_question::PathPurpose;
+use crate::studio::widgets::colours::{CEILING, DENSITY, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
 /// Shows the bounds after each edit.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
-        ui.weak(counted(state.trail.points.len(), "design"));
+        ui.weak(counted(state.edit_history.points.len(), "design"));
         let export = ui.small_button("Export CSV...");
         name_widget(&export, "Export history as CSV");
         if export.clicked() {
-            let curve = state.trail.curve();
-            state.dialogs.ask(Purpose::ExportCurve { curve, name: "information.csv" }, state.bench.path());
+            let curve = state.edit_history.curve();
+            state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "information.csv" }, state.bench.path());
         }
     });
-    if state.trail.points.is_empty() {
+    if state.edit_history.points.is_empty() {
         placeholder(ui, "The bounds of every edit will be drawn here.");
         return;
     }
@@ -34,17 +34,17 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .show(ui, |plot| {
             let mut first = 0;
             // A gap where the scene or the sensor changed: numbers on its two sides are not comparable.
-            for run in state.trail.runs() {
-                let line = |value: &dyn Fn(&TrailPoint) -> Option<f64>| -> PlotPoints<'static> {
+            for run in state.edit_history.runs() {
+                let line = |value: &dyn Fn(&EditPoint) -> Option<f64>| -> PlotPoints<'static> {
                     let points = run.iter().enumerate();
                     points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
                 };
                 let is_bound = run.iter().all(|point| point.gaussian_is_bound);
                 let gaussian = if is_bound { "Gaussian bound" } else { "Gaussian approximation" };
                 for (name, colour, value) in [
-                    (gaussian, GAUSSIAN, &(|point: &TrailPoint| Some(point.gaussian)) as &dyn Fn(&_) -> _),
-                    ("ceiling", CEILING, &|point: &TrailPoint| point.ceiling),
-                    ("density model", DENSITY, &|point: &TrailPoint| point.live),
+                    (gaussian, GAUSSIAN, &(|point: &EditPoint| Some(point.gaussian)) as &dyn Fn(&_) -> _),
+                    ("ceiling", CEILING, &|point: &EditPoint| point.ceiling),
+                    ("density model", DENSITY, &|point: &EditPoint| point.live),
                 ] {
                     plot.line(Line::new(name, line(value)).color(colour).width(2.0));
                     plot.points(Points::new(name, line(value)).color(colour).radius(2.5));

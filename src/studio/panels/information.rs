@@ -7,10 +7,10 @@ use crate::studio::panels::parts::action_entry;
 use crate::studio::panels::parts::tamura_gauge;
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
-use crate::studio::state::bound_summary::Known;
-use crate::studio::widgets::colors::{CEILING, DENSITY, FITTED, GAUSSIAN, LOWER, SAMPLED};
+use crate::studio::state::bound_summary::BoundSummary;
+use crate::studio::widgets::colours::{CEILING, DENSITY, FITTED, GAUSSIAN, LOWER, SAMPLED};
 use crate::studio::widgets::controls::{name_widget, placeholder};
-use crate::studio::widgets::format::significant;
+use crate::studio::widgets::format::format_significant;
 use crate::workbench::{RunBounds, RunStatus};
 
 /// Least room for a value in the table, points.
@@ -29,7 +29,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
         return;
     };
-    let known = Known::of(state, &information.value, information.revision);
+    let known = BoundSummary::of(state, &information.value, information.revision);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         headline(ui, state, &known);
         bound_bar(ui, &known);
@@ -61,11 +61,11 @@ fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
 }
 
 /// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
-fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
+fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
-    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor_between().is_none()).and_then(bound_of_run);
-    let (text, name, patch) = match (known.sensor_between(), known.lower()) {
+    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor_bracket().is_none()).and_then(bound_of_run);
+    let (text, name, patch) = match (known.sensor_bracket(), known.lower()) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
             format!("whole sensor: {}", bound.from),
@@ -118,8 +118,8 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
     let text = if fresh { text.strong() } else { text.weak() };
     // A number that still changes leans.
     let goes_on = !is_paused(state) && state.bench.is_live();
-    let changes = goes_on && known.sampling().is_some_and(|live| live.remaining.is_some() || live.bounding);
-    let refining = known.sensor_between().is_none() && changes;
+    let changes = goes_on && known.current_live().is_some_and(|live| live.remaining.is_some() || live.bounding);
+    let refining = known.sensor_bracket().is_none() && changes;
     let text = if refining || moving { text.italics() } else { text };
     let name = if fresh { name } else { format!("{name}, of an earlier edit") };
     ui.horizontal(|ui| {
@@ -137,7 +137,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &Known<'_>) {
         more(ui, state);
     });
     let from =
-        known.sensor_between().and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
+        known.sensor_bracket().and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
     let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
     ui.weak(patch).on_hover_text(format!("Mutual information between scenes and noisy measurements{from}"));
     ui.add_space(4.0);
@@ -155,10 +155,10 @@ fn both(below: &str, above: &str) -> String {
 }
 
 /// Says where a number overstates the design; below the numbers, so that they stay where they are.
-fn warning(ui: &mut Ui, known: &Known<'_>) {
+fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
     let Some(ceiling) = known.bounds.ceiling_bits() else { return };
     let fitted = known.fitted.as_ref().map(|fitted| fitted.bits_per_pixel);
-    let models = known.sampling().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
+    let models = known.current_live().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
     let density = models.into_iter().any(|bits| bits > ceiling);
     let warning = match (density, known.gaussian() > ceiling) {
         (true, true) => "Density model and Gaussian lie above what the objects hold at all: do not rank masks by them.",
@@ -170,17 +170,17 @@ fn warning(ui: &mut Ui, known: &Known<'_>) {
 }
 
 /// All bounds on one axis that starts at 0; where the truth can be is filled.
-fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
+fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
     let upper = known.upper_bound().map(|(bits, _)| bits);
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
     let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
     marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
-    let density = known.sampling().map(|live| live.bits_per_pixel);
+    let density = known.current_live().map(|live| live.bits_per_pixel);
     let density = density.or_else(|| Some(known.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
     marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
     marks.extend(known.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
-    let sampled = known.sampling().and_then(|live| live.upper.as_ref());
+    let sampled = known.current_live().and_then(|live| live.upper.as_ref());
     marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
     let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
@@ -202,7 +202,7 @@ fn bound_bar(ui: &mut Ui, known: &Known<'_>) {
     }
     let font = egui::FontId::proportional(10.0);
     painter.text(pos2(rect.left(), top + 17.0), egui::Align2::LEFT_TOP, "0", font.clone(), weak);
-    painter.text(pos2(rect.right(), top + 17.0), egui::Align2::RIGHT_TOP, significant(end), font, weak);
+    painter.text(pos2(rect.right(), top + 17.0), egui::Align2::RIGHT_TOP, format_significant(end), font, weak);
     response.on_hover_text(text);
 }
 
@@ -217,7 +217,7 @@ fn nice_end(value: f64) -> f64 {
         .unwrap_or(value)
 }
 
-fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
+fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
     let bound = &known.bounds.gaussian;
     // A value that is a sentence wraps where the panel ends, or it would push what lies below out of sight.
     let end = ui.max_rect().right();
@@ -236,7 +236,7 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
-        if let Some(edit) = known.sampling().and_then(|live| live.edit) {
+        if let Some(edit) = known.current_live().and_then(|live| live.edit) {
             let PairedDifference { bits_per_pixel, interval_95: [low, high] } = edit;
             let hint = "By how much more (+) or less the decoder that comes with the program tells of the beads since the last \
                         edit, of the same scenes seen through both masks: differences show that are smaller than the \
@@ -251,7 +251,7 @@ fn details(ui: &mut Ui, state: &State, known: &Known<'_>) {
             let value = format!("{} {from}", with_interval(bits_per_pixel, interval_95));
             line("Lower bound", value, Some(LOWER), hint);
         }
-        if let Some(upper) = known.sampling().and_then(|live| live.upper.as_ref()) {
+        if let Some(upper) = known.current_live().and_then(|live| live.upper.as_ref()) {
             let hint = "Annealed importance sampling from the decoder's guess to the posterior of the beads: the information \
                         is at most this, however badly the sampling goes; the longer it takes, the tighter.";
             let value = with_interval(upper.bits_per_pixel, upper.interval_95);
@@ -316,7 +316,7 @@ fn is_paused(state: &State) -> bool {
 }
 
 /// The live estimate and how far it is; entropies of the best model that is at hand.
-fn live_line(state: &State, known: &Known<'_>) -> (String, (&'static str, f64, f64)) {
+fn live_line(state: &State, known: &BoundSummary<'_>) -> (String, (&'static str, f64, f64)) {
     let bound = &known.bounds.gaussian;
     let gaussian = ("Gaussian model", bound.entropy_y, bound.entropy_y_given_x);
     let failure = state.estimates.live_failure.as_ref().filter(|(revision, _)| state.is_current(*revision));

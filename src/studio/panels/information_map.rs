@@ -3,7 +3,7 @@
 use egui::Ui;
 use ndarray::Axis;
 
-use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, View};
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
@@ -53,7 +53,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     let view = &mut state.views.information;
-    let shown = view.show(ui, &state.palettes, image, version, stale, Hand::Looks);
+    let shown = view.show(ui, &state.palettes, image, version, stale, PointerMode::View);
     if let Some(position) = shown.response.hover_pos() {
         let (x, y) = shown.placement.to_pixels(position);
         let photons = chosen.and_then(|sample| {

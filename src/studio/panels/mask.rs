@@ -11,7 +11,7 @@ use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec
 
 use crate::optics::{Lenslet, LensletArray, Limits, Spot};
 use crate::studio::canvas::image_view::Shown;
-use crate::studio::canvas::pan_zoom::{CLICK_REACH, Hand, is_panning, zoomed_by_keys};
+use crate::studio::canvas::pan_zoom::{CLICK_REACH, PointerMode, is_panning, zoomed_by_keys};
 use crate::studio::canvas::viewport::Placement;
 use crate::studio::panels::parts::action_entry;
 use crate::studio::panels::parts::image_menu::{self, View};
@@ -73,7 +73,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let stale = !state.is_current(optics.revision);
     let image = optics.value.image.view();
     let version = (optics.revision, 0);
-    let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, Hand::Edits);
+    let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, PointerMode::Edit);
     let (placement, response) = (shown.placement, shown.response.clone());
     if !state.views.psf.viewport.is_fitted() {
         // Lenslets that are out of sight lie under other things.

@@ -5,11 +5,11 @@ use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use crate::optics::Mtf;
-use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, View};
 use crate::studio::panels::parts::spectrum_plot;
 use crate::studio::state::app_state::State;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::views::MtfView;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::Curve;
@@ -40,7 +40,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let export = ui.small_button("Export CSV...");
                 name_widget(&export, "Export MTF as CSV");
                 if export.clicked() {
-                    state.dialogs.ask(Purpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+                    state
+                        .path_dialog
+                        .ask(PathPurpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
                 }
             }
             MtfView::Map => state.views.mtf.colour_controls(ui, &state.palettes),
@@ -60,7 +62,7 @@ fn map(ui: &mut Ui, state: &mut State, revision: u64, mtf: &Mtf) {
     let (rows, cols) = image.dim();
     let view = &mut state.views.mtf;
     view.set_pixel(1.0 / cols.max(1) as f64, "cycles/px");
-    let shown = view.show(ui, &state.palettes, image, (revision, 0), stale, Hand::Looks);
+    let shown = view.show(ui, &state.palettes, image, (revision, 0), stale, PointerMode::View);
     if let Some(position) = shown.response.hover_pos() {
         let (x, y) = shown.placement.to_pixels(position);
         if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {

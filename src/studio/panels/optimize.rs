@@ -4,7 +4,7 @@ use egui::{ComboBox, ProgressBar, Ui};
 
 use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
 use crate::studio::panels::parts::run_results;
-use crate::studio::state::app_state::{Leave, State};
+use crate::studio::state::app_state::{State, Transition};
 use crate::studio::state::optimize_form::{StartMask, offered};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
@@ -107,7 +107,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             )
             .clicked()
         {
-            state.guard(&ui.ctx().clone(), Leave::Run);
+            state.request_transition(&ui.ctx().clone(), Transition::Run);
         }
         let Some(last) = last.filter(|run| !run.is_active()) else { return };
         // Of several starts that came to their end one goes on, the best where the last has failed.
@@ -306,6 +306,6 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
             state.bench.follow_run(follow);
         }
-        ui.checkbox(&mut state.optimize_form.trails, "Trails");
+        ui.checkbox(&mut state.optimize_form.trajectories, "Trails");
     });
 }

@@ -20,7 +20,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             // In a narrow window that is left to the Edit menu; without it the other button may do the same.
             let has_room = ui.available_width() > ROOM && state.bench.can_accept();
-            let actions = [Action::LookAway, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
+            let actions = [Action::EndPreview, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
             for action in actions {
                 if ui.button(action.label()).on_hover_text(hint(state, action)).clicked() {
                     state.act(action);

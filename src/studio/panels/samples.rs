@@ -5,7 +5,7 @@ use ndarray::Axis;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::studio::canvas::pan_zoom::Hand;
+use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, View};
 use crate::studio::panels::parts::information_overlay;
 use crate::studio::panels::parts::linked_cursor;
@@ -29,8 +29,8 @@ pub fn show_object(ui: &mut Ui, state: &mut State) {
     let index = state.sample.min(scene.value.objects.len_of(Axis(0)).saturating_sub(1));
     let object = linked_cursor::object_of(&scene.value, index);
     let version = (scene.revision, index);
-    let shown = state.views.object.show(ui, &state.palettes, object.view(), version, stale, Hand::Looks);
-    linked_cursor::after(ui, state, Side::Object, &shown, object.view());
+    let shown = state.views.object.show(ui, &state.palettes, object.view(), version, stale, PointerMode::View);
+    linked_cursor::update(ui, state, Side::Object, &shown, object.view());
     image_menu::show(ui, state, View::Object, &shown, |_, _, _| {});
 }
 
@@ -50,8 +50,8 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
     let stale = !state.is_current(measurements.revision);
     let image = linked_cursor::measurement_of(&measurements.value, state.sample, state.noisy);
     let version = (measurements.revision, 2 * state.sample + usize::from(state.noisy));
-    let shown = state.views.measurement.show(ui, &state.palettes, image, version, stale, Hand::Looks);
-    linked_cursor::after(ui, state, Side::Measurement, &shown, image);
+    let shown = state.views.measurement.show(ui, &state.palettes, image, version, stale, PointerMode::View);
+    linked_cursor::update(ui, state, Side::Measurement, &shown, image);
     let closer = state.look_closer(&measurements);
     information_overlay::draw(ui, state, &shown, closer.as_deref());
     image_menu::show(ui, state, View::Measurement, &shown, |_, _, _| {});

@@ -6,7 +6,7 @@ use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
 use crate::studio::state::app_state::State;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::Command;
@@ -74,7 +74,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
             .on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, a picture, or a folder of pictures")
             .clicked()
         {
-            state.dialogs.ask(Purpose::OpenObjects, state.bench.path());
+            state.path_dialog.ask(PathPurpose::OpenObjects, state.bench.path());
         }
         if from_file {
             let text = design.objects.to_string();

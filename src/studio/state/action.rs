@@ -51,9 +51,9 @@ pub enum Action {
     /// Opens that mask as a design of its own.
     OpenMask,
     /// Shows the open design again, in place of a mask of the run.
-    LookAway,
+    EndPreview,
     /// Puts the open design aside, to compare it.
-    KeepDesign,
+    KeepSnapshot,
     /// Puts another mask in place.
     Preset(Preset),
     /// Brings a room to the front.
@@ -67,7 +67,7 @@ pub enum Action {
     /// Lets the room under the pointer fill the window, or all rooms come back.
     Maximise,
     /// Finds actions by what they are called.
-    Palette,
+    ActionPalette,
     /// Shows keys and gestures.
     Shortcuts,
     /// Shows what a person can choose.
@@ -135,10 +135,10 @@ impl Action {
     /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
     const WITH_SHORTCUT: [Self; 20] = [
         Self::SaveAs,
-        Self::Palette,
+        Self::ActionPalette,
         Self::CopyCommand,
         Self::Shortcuts,
-        Self::KeepDesign,
+        Self::KeepSnapshot,
         Self::Jobs,
         Self::Maximise,
         Self::RecallLayout(1),
@@ -177,8 +177,8 @@ impl Action {
             Self::StopRun,
             Self::Accept,
             Self::OpenMask,
-            Self::LookAway,
-            Self::KeepDesign,
+            Self::EndPreview,
+            Self::KeepSnapshot,
             Self::Maximise,
             Self::Shortcuts,
             Self::Settings,
@@ -225,13 +225,13 @@ impl Action {
             Self::StopRun => "Stop the run",
             Self::Accept => "Accept this mask",
             Self::OpenMask => "Open as new design",
-            Self::LookAway => "Back to the design",
-            Self::KeepDesign => "Keep this design to compare",
+            Self::EndPreview => "Back to the design",
+            Self::KeepSnapshot => "Keep this design to compare",
             Self::ResetLayout => "Reset layout",
             Self::RememberLayout(number) => return format!("Remember as layout {number}").into(),
             Self::RecallLayout(number) => return format!("Use layout {number}").into(),
             Self::Maximise => "Fill the window with a room, or back",
-            Self::Palette => "Find an action...",
+            Self::ActionPalette => "Find an action...",
             Self::Shortcuts => "Keys and gestures",
             Self::Settings => "Settings...",
             Self::Welcome => "Welcome and samples...",
@@ -261,8 +261,8 @@ impl Action {
             Self::Undo => (command, Key::Z),
             Self::Redo => (command | Modifiers::SHIFT, Key::Z),
             Self::Quit => (command, Key::Q),
-            Self::Palette => (command | Modifiers::SHIFT, Key::P),
-            Self::KeepDesign => (command, Key::D),
+            Self::ActionPalette => (command | Modifiers::SHIFT, Key::P),
+            Self::KeepSnapshot => (command, Key::D),
             Self::CopyCommand => (command | Modifiers::SHIFT, Key::C),
             Self::Jobs => (command, Key::J),
             Self::Maximise => (command, Key::M),
@@ -296,7 +296,7 @@ impl Action {
         let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
         // What browsers and editors have taught people to press.
         if is(Modifiers::COMMAND, Key::K) {
-            return Some(Self::Palette);
+            return Some(Self::ActionPalette);
         }
         // A keyboard without a Delete key has this one.
         if !typing && is(Modifiers::NONE, Key::Backspace) {

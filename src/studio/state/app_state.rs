@@ -7,18 +7,18 @@ use std::sync::Arc;
 
 use crate::forward::Design;
 use crate::optics::Lenslet;
-use crate::studio::canvas::image_view::{ImageView, Palettes};
+use crate::studio::canvas::image_view::{ColourPalettes, ImageView};
 use crate::studio::state::action::Action;
 use crate::studio::state::comparison::Comparison;
-use crate::studio::state::edit_history::Trail;
+use crate::studio::state::edit_history::EditHistory;
 use crate::studio::state::estimate_form::EstimateForm;
 use crate::studio::state::locks::Locks;
 use crate::studio::state::messages::{Messages, Severity};
-use crate::studio::state::open_dialogs::{Guide, Palette, Sheet};
+use crate::studio::state::open_dialogs::{ActionPalette, Onboarding, SettingsDialog};
 use crate::studio::state::optimize_form::OptimizeForm;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::panel_capture::Capture;
-use crate::studio::state::path_question::{Dialogs, Purpose};
+use crate::studio::state::path_question::{PathDialog, PathPurpose};
 use crate::studio::state::preferences::Preferences;
 use crate::studio::state::views::{InformationOverlay, LinkedCursor, MaskDrag, MtfView, Views};
 use crate::studio::widgets::clipboard::Clipboard;
@@ -53,7 +53,7 @@ pub struct State {
     /// The pictures.
     pub views: Views,
     /// Colours of all maps.
-    pub palettes: Palettes,
+    pub palettes: ColourPalettes,
     /// Which of the live objects is shown.
     pub sample: usize,
     /// Whether the measurement is shown with noise.
@@ -69,17 +69,17 @@ pub struct State {
     /// The value under the pointer, for the status bar.
     pub hover: Option<String>,
     /// Information after each edit.
-    pub trail: Trail,
+    pub edit_history: EditHistory,
     /// What was told.
     pub messages: Messages,
     /// What takes texts that are copied.
     pub clipboard: Clipboard,
     /// Open dialogs.
-    pub dialogs: Dialogs,
+    pub path_dialog: PathDialog,
     /// The drag on the mask canvas, if one is going on.
     pub drag: Option<MaskDrag>,
     /// What waits for an answer about unsaved changes.
-    pub leaving: Option<Leaving>,
+    pub pending_transition: Option<PendingTransition>,
     /// Designs that were put aside.
     pub snapshots: Snapshots,
     /// How they are compared.
@@ -91,21 +91,21 @@ pub struct State {
     /// Where everything is kept that outlives the window, if anywhere.
     pub folder: Option<PathBuf>,
     /// How the rooms are to be arranged.
-    pub arrange: Option<Arrange>,
+    pub layout_request: Option<LayoutRequest>,
     /// The open palette.
-    pub palette: Option<Palette>,
+    pub palette: Option<ActionPalette>,
     /// The open sheet.
-    pub sheet: Option<Sheet>,
+    pub settings_dialog: Option<SettingsDialog>,
     /// Whether the list of jobs is open.
     pub jobs_open: bool,
-    /// Pictures of rooms.
+    /// Images of rooms.
     pub capture: Capture,
     /// Where each room was drawn last, points.
-    pub rooms: Vec<(Pane, egui::Rect)>,
+    pub panel_rects: Vec<(Pane, egui::Rect)>,
     /// The room that fills the window, if one does.
     pub maximised: Option<Pane>,
     /// What newcomers are shown.
-    pub guide: Guide,
+    pub onboarding: Onboarding,
     /// Actions of buttons and menus that are still to be done.
     pub actions: VecDeque<Action>,
     /// Seed of the last random start.
@@ -114,7 +114,7 @@ pub struct State {
 
 /// What would leave the open design behind, or a run.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Leave {
+pub enum Transition {
     /// Starting from the default design.
     New,
     /// Starting from a design that comes with the program.
@@ -133,7 +133,7 @@ pub enum Leave {
 
 /// A wish for the rooms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Arrange {
+pub enum LayoutRequest {
     /// One is to come to the front.
     Show(Pane),
     /// All go back to where they are in a new window.
@@ -145,9 +145,9 @@ pub enum Arrange {
 }
 
 /// A question about unsaved changes.
-pub struct Leaving {
+pub struct PendingTransition {
     /// What waits.
-    pub what: Leave,
+    pub what: Transition,
     /// The answer was to save; when the file is written it goes on.
     pub saving: bool,
 }
@@ -174,7 +174,7 @@ impl State {
                 mtf: ImageView::new("MTF map", "", Colormap::Viridis),
                 information: ImageView::new("Information map", "bits", Colormap::Inferno),
             },
-            palettes: Palettes::default(),
+            palettes: ColourPalettes::default(),
             sample: 0,
             noisy: true,
             mtf_view: MtfView::default(),
@@ -182,58 +182,58 @@ impl State {
             overlay: InformationOverlay::default(),
             cursor: LinkedCursor::default(),
             hover: None,
-            trail: Trail::default(),
+            edit_history: EditHistory::default(),
             messages: Messages::default(),
             clipboard: Clipboard::default(),
-            dialogs: Dialogs::default(),
+            path_dialog: PathDialog::default(),
             drag: None,
-            leaving: None,
+            pending_transition: None,
             snapshots: Snapshots::default(),
             comparison: Comparison::default(),
             preferences: Preferences::default(),
             renderer: None,
             folder: None,
-            arrange: None,
+            layout_request: None,
             palette: None,
-            sheet: None,
+            settings_dialog: None,
             jobs_open: false,
             capture: Capture::default(),
-            rooms: Vec::new(),
+            panel_rects: Vec::new(),
             maximised: None,
-            guide: Guide::default(),
+            onboarding: Onboarding::default(),
             actions: VecDeque::new(),
             random_start: None,
         }
     }
 
     /// Does what leaves the open design or a run behind, at once or after a question about what would be lost.
-    pub fn guard(&mut self, ctx: &egui::Context, what: Leave) {
+    pub fn request_transition(&mut self, ctx: &egui::Context, what: Transition) {
         let asks = match what {
-            Leave::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
-            Leave::Close => self.bench.is_dirty() || self.unfinished_work().is_some(),
+            Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
+            Transition::Close => self.bench.is_dirty() || self.unfinished_work().is_some(),
             _ => self.bench.is_dirty(),
         };
         if asks {
-            self.leaving = Some(Leaving { what, saving: false });
+            self.pending_transition = Some(PendingTransition { what, saving: false });
         } else {
-            self.leave(ctx, what);
+            self.perform_transition(ctx, what);
         }
     }
 
     /// Leaves the open design or a run behind.
-    pub fn leave(&mut self, ctx: &egui::Context, what: Leave) {
-        self.leaving = None;
-        if matches!(what, Leave::New | Leave::Sample(_)) {
+    pub fn perform_transition(&mut self, ctx: &egui::Context, what: Transition) {
+        self.pending_transition = None;
+        if matches!(what, Transition::New | Transition::Sample(_)) {
             self.selection.clear();
         }
         match what {
-            Leave::New => self.bench.start_from(Design::default()),
-            Leave::Sample(design) => self.bench.start_from(*design),
-            Leave::Open => self.dialogs.ask(Purpose::OpenDesign, self.bench.path()),
-            Leave::OpenFile(path) => self.bench.open_file(path),
-            Leave::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
-            Leave::Run => self.start_run(),
-            Leave::Accept => self.bench.accept_as_new(),
+            Transition::New => self.bench.start_from(Design::default()),
+            Transition::Sample(design) => self.bench.start_from(*design),
+            Transition::Open => self.path_dialog.ask(PathPurpose::OpenDesign, self.bench.path()),
+            Transition::OpenFile(path) => self.bench.open_file(path),
+            Transition::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            Transition::Run => self.start_run(),
+            Transition::Accept => self.bench.accept_as_new(),
         }
     }
 

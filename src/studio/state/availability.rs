@@ -13,7 +13,7 @@ impl State {
             Action::SelectAll | Action::AddLenslet => self.lenslet_count() > 0,
             Action::StartRun => self.can_start_run(),
             Action::StopRun => self.run.as_ref().is_some_and(DesignRun::is_active),
-            Action::Accept | Action::OpenMask | Action::LookAway => self.bench.is_looking(),
+            Action::Accept | Action::OpenMask | Action::EndPreview => self.bench.is_looking(),
             Action::Delete => !self.selection.is_empty(),
             Action::RecallLayout(number) => self.preferences.layouts.contains_key(&number),
             Action::FitLenslets => !self.bench.is_looking() && self.bench.design().encoder.lenslets().is_none(),

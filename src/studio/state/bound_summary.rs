@@ -7,7 +7,7 @@ use crate::studio::state::app_state::State;
 use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, Stamped};
 
 /// All that is known of the open design.
-pub struct Known<'a> {
+pub struct BoundSummary<'a> {
     pub bounds: &'a LiveInformation,
     /// Whether the bounds are those of the design as it is now.
     pub current: bool,
@@ -25,7 +25,7 @@ pub struct Known<'a> {
     pub sensor: Option<(Bracket, [usize; 2])>,
 }
 
-impl<'a> Known<'a> {
+impl<'a> BoundSummary<'a> {
     pub fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
         // A design that was left and came back is the same design.
         let design = state.bench.design();
@@ -72,7 +72,7 @@ impl<'a> Known<'a> {
     }
 
     /// What is known of whole measurements from both sides, with their shape.
-    pub fn sensor_between(&self) -> Option<(f64, &Bracket, [usize; 2])> {
+    pub fn sensor_bracket(&self) -> Option<(f64, &Bracket, [usize; 2])> {
         self.sensor.as_ref().and_then(|(bracket, patch)| Some((bracket.lower?, bracket, *patch)))
     }
 
@@ -82,7 +82,7 @@ impl<'a> Known<'a> {
             let (bits_per_pixel, interval_95) = (bracket.lower?, bracket.lower_interval_95?);
             Some(NamedBound { from: bracket.lower_from.clone()?, bits_per_pixel, interval_95 })
         });
-        let live = self.sampling().and_then(|live| live.lower.clone());
+        let live = self.current_live().and_then(|live| live.lower.clone());
         let run = self.run.as_ref().and_then(|run| run.lower.clone());
         bracket
             .into_iter()
@@ -92,7 +92,7 @@ impl<'a> Known<'a> {
     }
 
     /// The live estimate, if it is that of the design as it is now.
-    pub fn sampling(&self) -> Option<&LiveEstimate> {
+    pub fn current_live(&self) -> Option<&LiveEstimate> {
         self.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| &**live)
     }
 
@@ -117,7 +117,7 @@ impl<'a> Known<'a> {
         if let Some((live, true)) = &self.live {
             bounds.push((live.bits_per_pixel, "density model".into()));
         }
-        if let Some(upper) = self.sampling().and_then(|live| live.upper.as_ref()) {
+        if let Some(upper) = self.current_live().and_then(|live| live.upper.as_ref()) {
             bounds.push((upper.bits_per_pixel, upper.from.clone()));
         }
         bounds.extend(self.fitted.as_ref().map(|fitted| (fitted.bits_per_pixel, fitted.from.clone())));

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use crate::information::NUMBERS_VERSION;
 use crate::studio::state::app_state::State;
-use crate::studio::state::bound_summary::Known;
+use crate::studio::state::bound_summary::BoundSummary;
 use crate::studio::state::messages::Severity;
 
 /// Puts all numbers of the open design into the clipboard.
@@ -13,7 +13,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
         return;
     };
-    let mut known = Known::of(state, &information.value, information.revision);
+    let mut known = BoundSummary::of(state, &information.value, information.revision);
     known.run.take_if(|run| !run.is_of_mask);
     known.run_of_sensor.take_if(|run| !run.is_of_mask);
     let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
@@ -36,14 +36,14 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "upper": upper,
         "upper_from": upper_from,
         "lower": known.lower(),
-        "posterior_sampling": known.sampling().and_then(|live| live.upper.clone()),
+        "posterior_sampling": known.current_live().and_then(|live| live.upper.clone()),
         "gaussian_bound": known.gaussian(),
         "gaussian_is_bound": known.bounds.gaussian_is_bound,
         "gaussian_interval_95": known.bounds.interval_95,
         "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
         "ceiling": known.bounds.ceiling_bits(),
         "live_estimate": live,
-        "last_edit": known.sampling().and_then(|live| live.edit),
+        "last_edit": known.current_live().and_then(|live| live.edit),
         "bracket": known.bracket,
         "fitted": known.fitted,
         "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),

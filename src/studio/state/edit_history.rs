@@ -5,16 +5,16 @@ use crate::workbench::{Curve, LiveInformation};
 
 /// Information of past edits.
 #[derive(Default)]
-pub struct Trail {
+pub struct EditHistory {
     /// Oldest first.
-    pub points: Vec<TrailPoint>,
+    pub points: Vec<EditPoint>,
     /// Scene and sensor of the last point.
     setting: String,
 }
 
 /// Information after one edit, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrailPoint {
+pub struct EditPoint {
     /// Revision of the design.
     pub revision: u64,
     /// Gaussian bound, or approximation.
@@ -29,7 +29,7 @@ pub struct TrailPoint {
     pub setting: usize,
 }
 
-impl Trail {
+impl EditHistory {
     const KEPT: usize = 400;
 
     /// Notes the information of a revision of `design`, once; of an older revision than the last one never. `objects` is the
@@ -48,7 +48,7 @@ impl Trail {
         );
         let changed = usize::from(self.setting != setting);
         self.setting = setting;
-        self.points.push(TrailPoint {
+        self.points.push(EditPoint {
             revision,
             gaussian: information.gaussian.bits_per_pixel,
             gaussian_is_bound: information.gaussian_is_bound,
@@ -66,7 +66,7 @@ impl Trail {
     }
 
     /// Runs of points that are comparable.
-    pub fn runs(&self) -> impl Iterator<Item = &[TrailPoint]> {
+    pub fn runs(&self) -> impl Iterator<Item = &[EditPoint]> {
         self.points.chunk_by(|one, next| one.setting == next.setting)
     }
 

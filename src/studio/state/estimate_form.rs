@@ -16,7 +16,7 @@ pub struct EstimateForm {
     /// How a PixelCNN is fitted and scored; the others know one way.
     pub protocol: Protocol,
     /// Images of a camera that may be estimated instead.
-    pub images: ImagesForm,
+    pub camera: CameraForm,
     /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
     pub chosen: Option<usize>,
 }
@@ -24,8 +24,8 @@ pub struct EstimateForm {
 impl Default for EstimateForm {
     fn default() -> Self {
         let kind = Estimator::Bracket;
-        let (length, images) = (FitLengthForm::usual(kind), ImagesForm::default());
-        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, images, chosen: None }
+        let (length, camera) = (FitLengthForm::usual(kind), CameraForm::default());
+        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, camera, chosen: None }
     }
 }
 
@@ -67,7 +67,7 @@ impl EstimateForm {
 }
 
 /// Images of a camera in place of a design's measurements.
-pub struct ImagesForm {
+pub struct CameraForm {
     /// The text of their path, once they were chosen.
     pub path: Option<String>,
     /// What is understood of them.
@@ -77,7 +77,7 @@ pub struct ImagesForm {
     pub calibration: Calibration,
 }
 
-impl Default for ImagesForm {
+impl Default for CameraForm {
     fn default() -> Self {
         let kind = Estimator::Live;
         Self {
@@ -90,7 +90,7 @@ impl Default for ImagesForm {
     }
 }
 
-impl ImagesForm {
+impl CameraForm {
     /// Takes the images that a path names, with what is understood of them so far.
     pub fn choose(&mut self, path: String, preview: Preview) {
         self.path = Some(path);

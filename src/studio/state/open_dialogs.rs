@@ -2,7 +2,7 @@
 
 /// What newcomers are shown.
 #[derive(Default)]
-pub struct Guide {
+pub struct Onboarding {
     /// Whether it is asked what to start from.
     pub welcome: bool,
     /// The stop of the tour, if it is taken.
@@ -13,7 +13,7 @@ pub struct Guide {
 
 /// A sheet to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sheet {
+pub enum SettingsDialog {
     /// Keys and gestures.
     Shortcuts,
     /// What a person can choose.
@@ -24,7 +24,7 @@ pub enum Sheet {
 
 /// The open palette.
 #[derive(Default)]
-pub struct Palette {
+pub struct ActionPalette {
     pub query: String,
     /// Place of the marked action in the list.
     pub marked: usize,

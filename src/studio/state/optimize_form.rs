@@ -48,7 +48,7 @@ pub struct OptimizeForm {
     /// The run that led to the result which was chosen; where none was, the last run is looked at.
     pub chosen: Option<Arc<DesignRun>>,
     /// Whether the mask shows the ways of the lenslets.
-    pub trails: bool,
+    pub trajectories: bool,
 }
 
 impl Default for OptimizeForm {
@@ -63,7 +63,7 @@ impl Default for OptimizeForm {
             objective: None,
             frame: None,
             chosen: None,
-            trails: true,
+            trajectories: true,
         }
     }
 }

@@ -13,10 +13,10 @@ const FRAMES: u8 = 8;
 /// A picture that is being made.
 #[derive(Default)]
 pub struct Capture {
-    pub wanted: Option<Wanted>,
+    pub wanted: Option<PendingCapture>,
 }
 
-pub struct Wanted {
+pub struct PendingCapture {
     pub name: &'static str,
     pub rect: Rect,
     /// Frames to wait.
@@ -28,7 +28,7 @@ impl Capture {
     /// Asks for an image of a panel that is drawn; a question for its file follows.
     pub fn request(&mut self, drawn: &[(Pane, Rect)], pane: Pane) {
         if let Some(&(_, rect)) = drawn.iter().find(|(other, _)| *other == pane) {
-            self.wanted = Some(Wanted { name: pane.title(), rect, wait: FRAMES, picture: None });
+            self.wanted = Some(PendingCapture { name: pane.title(), rect, wait: FRAMES, picture: None });
         }
     }
 }

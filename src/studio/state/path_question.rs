@@ -14,7 +14,7 @@ use crate::workbench::{
 
 /// What a path is asked for.
 #[derive(Clone, Debug)]
-pub enum Purpose {
+pub enum PathPurpose {
     /// Opens a design file.
     OpenDesign,
     /// Saves the design under another name.
@@ -62,7 +62,7 @@ pub enum Purpose {
     },
 }
 
-impl Purpose {
+impl PathPurpose {
     pub fn title(&self) -> String {
         match self {
             Self::OpenDesign => "Open design".into(),
@@ -186,12 +186,12 @@ fn free_name(folder: &Path) -> PathBuf {
 
 /// The open question, if any.
 #[derive(Default)]
-pub struct Dialogs {
-    pub open: Option<Question>,
+pub struct PathDialog {
+    pub open: Option<PathQuestion>,
 }
 
-pub struct Question {
-    pub purpose: Purpose,
+pub struct PathQuestion {
+    pub purpose: PathPurpose,
     pub path: String,
     /// The path that the system's dialog has chosen, as long as its text is not changed: it may be no text.
     pub chosen: Option<PathBuf>,
@@ -211,7 +211,7 @@ pub struct Question {
     pub replaced: Vec<PathBuf>,
 }
 
-impl Question {
+impl PathQuestion {
     /// The file or folder that the path stands for: a file that is written always has an extension.
     pub fn target(&self) -> PathBuf {
         let chosen = self.chosen.as_ref().filter(|chosen| path_text(chosen) == self.path);
@@ -227,12 +227,12 @@ impl Question {
     pub fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
         let target = self.target();
         let mut files = match self.purpose {
-            Purpose::ExportDesign => DESIGN_FILES.map(|name| target.join(name)).to_vec(),
-            Purpose::ExportMeasurements => MEASUREMENT_STACKS.map(|name| self.format.file(&target, name)).to_vec(),
+            PathPurpose::ExportDesign => DESIGN_FILES.map(|name| target.join(name)).to_vec(),
+            PathPurpose::ExportMeasurements => MEASUREMENT_STACKS.map(|name| self.format.file(&target, name)).to_vec(),
             _ if self.purpose.extension().is_some() => vec![target],
             _ => Vec::new(),
         };
-        let is_saved = matches!(self.purpose, Purpose::SaveAs);
+        let is_saved = matches!(self.purpose, PathPurpose::SaveAs);
         files.retain(|file| file.exists() && !(is_saved && own == Some(file)));
         files
     }
@@ -248,14 +248,14 @@ impl Question {
     }
 }
 
-impl Dialogs {
+impl PathDialog {
     /// Asks for a path. `beside` is the design's file, near which suggestions lie.
-    pub fn ask(&mut self, purpose: Purpose, beside: Option<&Path>) {
+    pub fn ask(&mut self, purpose: PathPurpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
         let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
         let (chosen, preview, resample, is_alone, focus) = (None, Preview::default(), 0, false, true);
         self.open =
-            Some(Question { purpose, path, chosen, preview, resample, format, system, is_alone, focus, replaced });
+            Some(PathQuestion { purpose, path, chosen, preview, resample, format, system, is_alone, focus, replaced });
     }
 
     /// Whether a question is open.
@@ -298,6 +298,6 @@ mod tests {
             std::fs::write(folder.path().join(name), b"").unwrap();
         }
         let own = Path::new("/a/mine.json");
-        assert_eq!(Purpose::SaveAs.suggestion(Some(own)), own.display().to_string());
+        assert_eq!(PathPurpose::SaveAs.suggestion(Some(own)), own.display().to_string());
     }
 }

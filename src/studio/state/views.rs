@@ -65,11 +65,11 @@ pub enum Side {
 
 /// Where the pointer is.
 #[derive(Default)]
-pub struct LinkedCursor(pub Option<Noted>);
+pub struct LinkedCursor(pub Option<CursorPlace>);
 
 /// A place of the pointer.
 #[derive(Clone, Copy, PartialEq)]
-pub struct Noted {
+pub struct CursorPlace {
     pub side: Side,
     /// Pixel coordinates (x, y) of that picture.
     pub place: (f64, f64),

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-/// A number with three to four significant digits.
-pub fn significant(value: f64) -> String {
+/// A number with three to four format_significant digits.
+pub fn format_significant(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {
         "0".into()
@@ -29,7 +29,7 @@ mod tests {
         for (value, text) in
             [(0.0, "0"), (1.0, "1.00"), (134.2, "134"), (0.04567, "0.0457"), (1234.5, "1234"), (2e-7, "2.00e-7")]
         {
-            assert_eq!(significant(value), text);
+            assert_eq!(format_significant(value), text);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Controls that know nothing of designs: number fields, modal dialogs, the clipboard.
 
 pub mod clipboard;
-pub mod colors;
+pub mod colours;
 pub mod controls;
 pub mod file_preview;
 pub mod format;

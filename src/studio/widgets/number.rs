@@ -23,7 +23,7 @@
 
 /// Why a text is not taken for a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum Rejection {
     /// There is no text.
     Empty,
     /// The comma may stand before decimals or between thousands.
@@ -41,11 +41,11 @@ pub enum Refusal {
 /// `prefix` is what the field shows before its number, `units` are what it may show after it; both may be typed once.
 ///
 /// # Errors
-/// [`Refusal::Empty`], [`Refusal::Ambiguous`] or [`Refusal::NoNumber`].
-pub fn parse(text: &str, prefix: &str, units: &[&str]) -> Result<f64, Refusal> {
+/// [`Rejection::Empty`], [`Rejection::Ambiguous`] or [`Rejection::NoNumber`].
+pub fn parse(text: &str, prefix: &str, units: &[&str]) -> Result<f64, Rejection> {
     let text = bare(text.trim(), prefix.trim(), units);
     if text.is_empty() {
-        return Err(Refusal::Empty);
+        return Err(Rejection::Empty);
     }
     let (sign, unsigned) = signed(text);
     let (mantissa, exponent) = match unsigned.split_once(['e', 'E']) {
@@ -57,19 +57,19 @@ pub fn parse(text: &str, prefix: &str, units: &[&str]) -> Result<f64, Refusal> {
         None => (mantissa, false, ""),
     };
     if !(are_digits(whole) && are_digits(decimals) && whole.len() + decimals.len() > 0) {
-        return Err(Refusal::NoNumber);
+        return Err(Rejection::NoNumber);
     }
     if comma && decimals.len() == 3 && (1..=3).contains(&whole.len()) && !whole.starts_with('0') {
-        return Err(Refusal::Ambiguous);
+        return Err(Rejection::Ambiguous);
     }
     let exponent = match exponent.map(signed) {
-        Some((_, digits)) if digits.is_empty() || !are_digits(digits) => return Err(Refusal::NoNumber),
+        Some((_, digits)) if digits.is_empty() || !are_digits(digits) => return Err(Rejection::NoNumber),
         Some((sign, digits)) => format!("{sign}{digits}"),
         None => "0".into(),
     };
-    let number: f64 = format!("{sign}0{whole}.{decimals}0e{exponent}").parse().map_err(|_| Refusal::NoNumber)?;
+    let number: f64 = format!("{sign}0{whole}.{decimals}0e{exponent}").parse().map_err(|_| Rejection::NoNumber)?;
     // An exponent may lead beyond what a number can hold.
-    if number.is_finite() { Ok(number) } else { Err(Refusal::NoNumber) }
+    if number.is_finite() { Ok(number) } else { Err(Rejection::NoNumber) }
 }
 
 /// A text without the prefix before it and the unit after it.
@@ -131,10 +131,10 @@ mod tests {
             assert_eq!(parse(text, "seed ", &[" px"]), Ok(number), "{text:?}");
         }
         for text in ["1,234", "12,345", "999,000", "-1,234", "1,234 px", "1,234e2"] {
-            assert_eq!(parse(text, "seed ", &[" px"]), Err(Refusal::Ambiguous), "{text:?}");
+            assert_eq!(parse(text, "seed ", &[" px"]), Err(Rejection::Ambiguous), "{text:?}");
         }
         for text in ["", "  ", "px", " px "] {
-            assert_eq!(parse(text, "seed ", &[" px"]), Err(Refusal::Empty), "{text:?}");
+            assert_eq!(parse(text, "seed ", &[" px"]), Err(Rejection::Empty), "{text:?}");
         }
         for text in [
             "1.234,5",
@@ -175,7 +175,7 @@ mod tests {
             "px 12",
             "12 seed",
         ] {
-            assert_eq!(parse(text, "seed ", &[" px"]), Err(Refusal::NoNumber), "{text:?}");
+            assert_eq!(parse(text, "seed ", &[" px"]), Err(Rejection::NoNumber), "{text:?}");
         }
     }
 

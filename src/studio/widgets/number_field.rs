@@ -11,8 +11,8 @@ use egui::{DragValue, Event, Id, Key, Response, Ui};
 
 use crate::plural::one_or_many;
 use crate::studio::widgets::controls::name_widget;
-use crate::studio::widgets::format::significant;
-use crate::studio::widgets::number::{Refusal, parse};
+use crate::studio::widgets::format::format_significant;
+use crate::studio::widgets::number::{Rejection, parse};
 
 /// Characters of a refused text that are repeated in the sentence.
 const REPEATED: usize = 24;
@@ -119,10 +119,10 @@ impl<'a> NumberField<'a> {
             Unit::Symbol(symbol) => (*symbol, vec![*symbol]),
             Unit::Counted(one, many) => (one_or_many((value == 1.0).into(), one, many), vec![*one, *many]),
         };
-        let is_taken_back = is_taken_back(ui.ctx());
+        let is_cancelled = is_cancelled(ui.ctx());
         let read = |text: &str| {
             let shown = shown.borrow();
-            if is_taken_back {
+            if is_cancelled {
                 return None;
             }
             match self.read(text, &units) {
@@ -184,30 +184,30 @@ impl<'a> NumberField<'a> {
     }
 
     /// The number that a text is in this field.
-    fn read(&self, text: &str, units: &[&str]) -> Result<f64, Refusal> {
+    fn read(&self, text: &str, units: &[&str]) -> Result<f64, Rejection> {
         let number = parse(text, self.prefix, units)?;
         if self.is_whole && number.fract() != 0.0 {
-            return Err(Refusal::NotWhole);
+            return Err(Rejection::NotWhole);
         }
-        if self.range.contains(&number) { Ok(number) } else { Err(Refusal::Outside) }
+        if self.range.contains(&number) { Ok(number) } else { Err(Rejection::Outside) }
     }
 
     /// Why a text was refused, and which value stays.
-    fn sentence(&self, text: &str, refusal: Refusal, old: &str) -> String {
+    fn sentence(&self, text: &str, refusal: Rejection, old: &str) -> String {
         let text = text.trim();
         let typed = match text.char_indices().nth(REPEATED) {
             Some((end, _)) => format!("\"{}...\"", &text[..end]),
             None => format!("\"{text}\""),
         };
         let reason = match refusal {
-            Refusal::Empty => "no number was typed".to_owned(),
-            Refusal::Ambiguous => {
+            Rejection::Empty => "no number was typed".to_owned(),
+            Rejection::Ambiguous => {
                 let [decimal, thousands] = [".", ""].map(|separator| text.replacen(',', separator, 1));
                 format!("{typed} may mean {decimal} or {thousands}")
             }
-            Refusal::NoNumber => format!("{typed} is no number"),
-            Refusal::NotWhole => format!("{typed} is no whole number"),
-            Refusal::Outside => format!("{typed} is not {}", self.expected.clone().unwrap_or_else(|| self.bounds())),
+            Rejection::NoNumber => format!("{typed} is no number"),
+            Rejection::NotWhole => format!("{typed} is no whole number"),
+            Rejection::Outside => format!("{typed} is not {}", self.expected.clone().unwrap_or_else(|| self.bounds())),
         };
         format!("{}: {reason}; {old} stays", self.name)
     }
@@ -226,7 +226,7 @@ impl<'a> NumberField<'a> {
 /// A bound without digits that say nothing.
 fn plain(bound: f64) -> String {
     let short = format!("{bound}");
-    if short.len() <= 8 { short } else { significant(bound) }
+    if short.len() <= 8 { short } else { format_significant(bound) }
 }
 
 /// Where the sentences of this frame wait.
@@ -249,7 +249,7 @@ fn tell(ctx: &egui::Context, sentence: String) {
 
 /// Whether Escape has just taken the keyboard from a field. That a field lost it is seen in the next pass too, in which
 /// egui takes its text for committed.
-fn is_taken_back(ctx: &egui::Context) -> bool {
+fn is_cancelled(ctx: &egui::Context) -> bool {
     // Raw, since a shortcut may have taken the key already.
     let is_pressed = ctx.input(|input| {
         let is_escape = |event: &Event| matches!(event, Event::Key { key: Key::Escape, pressed: true, .. });
@@ -265,6 +265,6 @@ fn is_taken_back(ctx: &egui::Context) -> bool {
 }
 
 /// The sentences about what number fields have refused since the last call.
-pub fn take_refusals(ctx: &egui::Context) -> Vec<String> {
+pub fn take_rejections(ctx: &egui::Context) -> Vec<String> {
     ctx.data_mut(|data| data.remove_temp(place())).unwrap_or_default()
 }

@@ -8,7 +8,7 @@ use crate::information::Estimator;
 use crate::studio::state::app_state::State;
 use crate::studio::state::estimate_form::OF_IMAGES;
 use crate::studio::state::messages::Severity;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Calibration, FileUse, MeasuredOrder};
@@ -18,9 +18,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     ui.collapsing("Images of a camera", |ui| {
         ui.horizontal_wrapped(|ui| {
             if ui.button("Choose images...").clicked() {
-                state.dialogs.ask(Purpose::ChooseImages, state.bench.path());
+                state.path_dialog.ask(PathPurpose::ChooseImages, state.bench.path());
             }
-            let form = &mut state.estimate_form.images;
+            let form = &mut state.estimate_form.camera;
             let known = OF_IMAGES.iter().find(|(kind, _)| *kind == form.kind);
             let response = ComboBox::from_id_salt("estimator of images")
                 .selected_text(known.map_or("", |(_, name)| name))
@@ -47,7 +47,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 && let Some(path) = form.path.clone()
             {
                 let measured = MeasuredOrder { source: PathBuf::from(path).into(), calibration: form.calibration };
-                let images = &state.estimate_form.images;
+                let images = &state.estimate_form.camera;
                 let model = images.length.model(images.kind, state.preferences.engine);
                 let request = state.estimate_form.request_of(model);
                 if let Err(refusal) = state.bench.order_estimate_of_images(measured, request) {
@@ -56,7 +56,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             }
         });
         ui.horizontal(|ui| {
-            let form = &mut state.estimate_form.images;
+            let form = &mut state.estimate_form.camera;
             let Calibration { gain, offset, bin } = &mut form.calibration;
             ui.label("gain");
             let field = NumberField::new("Images: gain", 1e-6..=1e6).speed(0.01);
@@ -68,7 +68,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let field = NumberField::whole("Images: bin", 1..=64);
             field.edit_whole(ui, bin).on_hover_text("Rows and columns of pixels whose photons are added up");
         });
-        let form = &mut state.estimate_form.images;
+        let form = &mut state.estimate_form.camera;
         if let Some(path) = &mut form.path {
             ui.add(egui::Label::new(egui::RichText::new(path.as_str()).weak()).truncate());
             form.preview.show(ui, path, FileUse::Measurements);

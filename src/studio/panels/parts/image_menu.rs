@@ -7,7 +7,7 @@ use crate::studio::canvas::image_view::{ImageView, Shown};
 use crate::studio::canvas::viewport::Viewport;
 use crate::studio::panels::parts::linked_cursor::{follow, measurement_of, object_of};
 use crate::studio::state::app_state::State;
-use crate::studio::state::path_question::Purpose;
+use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::views::{MtfView, Side};
 
 /// A picture that can be exported.
@@ -98,7 +98,7 @@ fn export(state: &mut State, view: View) {
     let Some(image) = view.picture(state) else { return };
     let shown = view.of(state);
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
-    state.dialogs.ask(Purpose::ExportView { name, image, limits, colormap }, state.bench.path());
+    state.path_dialog.ask(PathPurpose::ExportView { name, image, limits, colormap }, state.bench.path());
 }
 
 /// The context menu of a picture; `more` adds what this picture has besides, at the place (x, y), px, of the click.

@@ -2,10 +2,10 @@
 
 use egui::{Color32, ColorImage, Rect, TextureOptions, Ui};
 
-use crate::studio::canvas::image_view::{Shown, longest_texture, thinned};
+use crate::studio::canvas::image_view::{Shown, max_texture_side, subsampled};
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
-use crate::studio::widgets::format::significant;
+use crate::studio::widgets::format::format_significant;
 use crate::workbench::{Closer, CloserKey, Colormap};
 
 /// Opacity of the most telling pixels.
@@ -21,7 +21,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
     let response = response.on_disabled_hover_text("The live estimate is switched off (View, Keep estimating)");
     name_widget(&response, "Information over the measurement");
     if state.overlay.shown && state.overlay.drawn.is_some() {
-        ui.weak(format!("to {} bits", significant(f64::from(state.overlay.most))));
+        ui.weak(format!("to {} bits", format_significant(f64::from(state.overlay.most))));
     } else if state.overlay.shown {
         let asked = state.closer_asked.filter(|key| key.steps.is_some());
         let none = state.live.closer.as_ref().is_some_and(|closer| Some(closer.key) == asked && closer.map.is_none());
@@ -53,7 +53,7 @@ pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) 
             let share = (bits / overlay.most).clamp(0.0, 1.0).sqrt();
             Color32::from_rgba_unmultiplied(r, g, b, (255.0 * MOST_OPAQUE * share) as u8)
         };
-        let map = thinned(map.view(), longest_texture(ui.ctx()));
+        let map = subsampled(map.view(), max_texture_side(ui.ctx()));
         let picture = ColorImage::new([map.ncols(), map.nrows()], map.iter().map(colour).collect());
         match &mut overlay.texture {
             Some(texture) => texture.set(picture, TextureOptions::NEAREST),
@@ -69,9 +69,9 @@ pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) 
     let bits = |(x, y): (f64, f64)| map.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)).copied();
     let pointer = shown.response.hover_pos().map(|position| shown.placement.to_pixels(position));
     if let (Some(bits), Some(hover)) = (pointer.and_then(bits), &mut state.hover) {
-        *hover = format!("{hover}, tells {} bits", significant(f64::from(bits)));
+        *hover = format!("{hover}, tells {} bits", format_significant(f64::from(bits)));
     }
     ui.ctx().accesskit_node_builder(shown.response.id, |node| {
-        node.set_description(format!("information over it, to {} bits", significant(f64::from(overlay.most))));
+        node.set_description(format!("information over it, to {} bits", format_significant(f64::from(overlay.most))));
     });
 }

@@ -8,7 +8,7 @@ use crate::sensor::field_offset;
 use crate::studio::canvas::image_view::Shown;
 use crate::studio::canvas::overlays;
 use crate::studio::state::app_state::State;
-use crate::studio::state::views::{Noted, Side};
+use crate::studio::state::views::{CursorPlace, Side};
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Measurements, Scene};
 
@@ -42,7 +42,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
 }
 
 /// After a picture was drawn: the other one follows, and the status bar tells what is under the pointer.
-pub fn after(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
+pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
     let linked = state.preferences.link_views;
     if shown.moved {
         follow(ui, state, side);
@@ -52,7 +52,7 @@ pub fn after(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: Array
     let place = pointer.map(|position| shown.placement.to_pixels(position));
     let before = state.cursor.0;
     if let Some(place) = place {
-        state.cursor.0 = Some(Noted { side, place, pass });
+        state.cursor.0 = Some(CursorPlace { side, place, pass });
         state.hover = side.view(&mut state.views).describe_pixel(image, place);
         if linked {
             describe_other(state, side, place);
@@ -60,7 +60,7 @@ pub fn after(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: Array
     } else if before.is_some_and(|noted| noted.side == side) {
         state.cursor.0 = None;
     }
-    let moved = |noted: Option<Noted>| noted.map(|noted| (noted.side, noted.place));
+    let moved = |noted: Option<CursorPlace>| noted.map(|noted| (noted.side, noted.place));
     if linked && moved(before) != moved(state.cursor.0) {
         // The other picture may have been drawn before.
         ui.ctx().request_repaint();
@@ -109,7 +109,7 @@ fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
 }
 
 /// Draws the cross hair where the pointer is in the other picture.
-fn draw(ui: &Ui, state: &mut State, side: Side, noted: Noted, shown: &Shown, (rows, cols): (usize, usize)) {
+fn draw(ui: &Ui, state: &mut State, side: Side, noted: CursorPlace, shown: &Shown, (rows, cols): (usize, usize)) {
     let Some(by) = way(state, noted.side) else { return };
     let (x, y) = (noted.place.0 + by.0, noted.place.1 + by.1);
     let inside = |value: f64, count: usize| (-0.5..count as f64 - 0.5).contains(&value);

@@ -11,8 +11,8 @@ use crate::plural::counted;
 use crate::studio::panels::parts::hints::COUNTS;
 use crate::studio::state::app_state::State;
 use crate::studio::state::messages::Severity;
-use crate::studio::state::path_question::Purpose;
-use crate::studio::widgets::colors::{DENSITY, LOWER, TRAJECTORY};
+use crate::studio::state::path_question::PathPurpose;
+use crate::studio::widgets::colours::{DENSITY, LOWER, TRAJECTORY};
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
 
@@ -135,12 +135,12 @@ fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let more = ui.menu_button("...", |ui| {
         if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
             let curve = curve_of(run.settings.objective, &run.frames);
-            state.dialogs.ask(Purpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+            state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
         }
         if let Some(record) = &run.record {
             let export = ui.button("Export record of run...");
             if export.on_hover_text("Everything that is needed to repeat the run, as JSON").clicked() {
-                state.dialogs.ask(Purpose::ExportRecord(Arc::clone(record)), state.bench.path());
+                state.path_dialog.ask(PathPurpose::ExportRecord(Arc::clone(record)), state.bench.path());
             }
         }
         let copy = ui.button("Copy command of run");

@@ -6,10 +6,10 @@ use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line,
 use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
 use crate::studio::state::app_state::State;
-use crate::studio::state::path_question::Purpose;
-use crate::studio::widgets::colors::CEILING;
+use crate::studio::state::path_question::PathPurpose;
+use crate::studio::widgets::colours::CEILING;
 use crate::studio::widgets::controls::{name_widget, placeholder};
-use crate::studio::widgets::format::significant;
+use crate::studio::widgets::format::format_significant;
 use crate::workbench::{CloserKey, Curve};
 
 /// Draws the spectrum.
@@ -45,7 +45,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .y_axis_formatter(|mark: GridMark, _| power_mark(mark.value))
         .label_formatter(|position| {
             let HoverPosition::NearDataPoint { plot_name, position, .. } = position else { return None };
-            let power = significant(10.0_f64.powf(position.y));
+            let power = format_significant(10.0_f64.powf(position.y));
             Some(format!("{plot_name}\n{:.3} cycles/px: {power} photons\u{b2}", position.x))
         })
         .x_axis_label("cycles per pixel")
@@ -77,7 +77,7 @@ pub fn export_button(ui: &mut Ui, state: &mut State) {
         && let Some(closer) = closer
     {
         let curve = curve(&closer.spectrum, state.bench.design().noise);
-        state.dialogs.ask(Purpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
+        state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
     }
 }
 

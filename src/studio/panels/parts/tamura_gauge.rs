@@ -4,7 +4,7 @@ use egui::{RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use crate::plural::counted;
 use crate::studio::state::app_state::State;
-use crate::studio::widgets::colors::{CEILING, GAUSSIAN};
+use crate::studio::widgets::colours::{CEILING, GAUSSIAN};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;

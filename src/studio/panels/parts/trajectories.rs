@@ -8,12 +8,12 @@ use crate::design::{Frame, IdealEvent};
 use crate::optics::{Lenslet, LensletArray};
 use crate::studio::canvas::viewport::Placement;
 use crate::studio::state::app_state::State;
-use crate::studio::widgets::colors::TRAJECTORY;
+use crate::studio::widgets::colours::TRAJECTORY;
 
 /// Draws the ways of all lenslets where the mask is one of the last run, the bright ones more clearly.
 pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let form = &state.optimize_form;
-    let Some(run) = form.chosen.as_deref().or(state.run.as_ref()).filter(|_| form.trails) else { return };
+    let Some(run) = form.chosen.as_deref().or(state.run.as_ref()).filter(|_| form.trajectories) else { return };
     let shown = run.frames.iter().position(|frame| frame.array == *array);
     let is_newest = *run.array == *array;
     let is_other = |frame: &Frame| frame.array.lenslets.len() != array.lenslets.len();
