@@ -22,8 +22,8 @@ fn what_is_no_bound_is_called_none_beside_other_designs() {
     click(&mut window, "Open objects...");
     answer(&mut window, &whole, "Open");
     assert!(!is_bound(&window));
-    menu(&mut window, &["View", "Room", "Show Compare"]);
-    click(&mut window, "Keep this design");
+    menu(&mut window, &["View", "Panel", "Show Compare"]);
+    click(&mut window, "Take snapshot");
     settle(&mut window);
     let gaussian = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
     let text = format!("\u{2248} {gaussian:.3}");
@@ -40,9 +40,9 @@ fn what_is_no_bound_is_called_none_beside_other_designs() {
 #[test]
 fn designs_are_kept_compared_exported_and_opened_again() {
     let mut window = open(Design::default());
-    menu(&mut window, &["View", "Room", "Show Compare"]);
-    window.get_by_label("Keep designs to compare them here.");
-    click(&mut window, "Keep this design");
+    menu(&mut window, &["View", "Panel", "Show Compare"]);
+    window.get_by_label("Take snapshots to compare designs here.");
+    click(&mut window, "Take snapshot");
     menu(&mut window, &["Presets", "Heuristic lenslets", "4 lenslets"]);
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
     settle(&mut window);
@@ -76,11 +76,11 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     settle(&mut window);
     assert_eq!(lenslets(&window).len(), 4);
     menu(&mut window, &["More of snapshot 1", "Delete"]);
-    window.get_by_label("Choose A and B to compare their pictures.");
+    window.get_by_label("Choose A and B to compare their images.");
     assert!(window.query_by_label("More of snapshot 1").is_none());
-    click(&mut window, "Bring back");
+    click(&mut window, "Restore snapshot");
     window.get_by_label("More of snapshot 1");
-    assert!(window.query_by_label("Bring back").is_none());
+    assert!(window.query_by_label("Restore snapshot").is_none());
     menu(&mut window, &["More of snapshot 1", "Delete"]);
     window.get_by_label("More of snapshot 2");
     // Numbers before another scene are marked as such.
@@ -88,8 +88,8 @@ fn designs_are_kept_compared_exported_and_opened_again() {
     click(&mut window, "Scene");
     click(&mut window, "New");
     settle(&mut window);
-    menu(&mut window, &["View", "Room", "Show Compare"]);
-    click(&mut window, "Keep this design");
+    menu(&mut window, &["View", "Panel", "Show Compare"]);
+    click(&mut window, "Take snapshot");
     window.get_by_label("a");
     window.get_by_label("b");
 }
@@ -109,7 +109,7 @@ fn a_measurement_that_failed_is_tried_again_when_it_is_chosen_again() {
         click(&mut window, name);
     }
     settle(&mut window);
-    assert!(window.query_by_label("Comparison").is_none() && window.query_by_label("Measuring").is_none());
+    assert!(window.query_by_label("Comparison").is_none() && window.query_by_label("Simulating").is_none());
     let pixels = ndarray::Array3::from_shape_fn((12, 96, 96), |(n, r, c)| ((n * 7 + r * c) % 101) as f32);
     lenslet_studio::formats::write_array(&objects, pixels.view()).unwrap();
     click(&mut window, "Compare Measurement");
@@ -120,7 +120,7 @@ fn a_measurement_that_failed_is_tried_again_when_it_is_chosen_again() {
 #[test]
 fn rows_out_of_sight_cost_nothing_and_come_with_the_wheel() {
     let mut window = open(Design::default());
-    menu(&mut window, &["View", "Room", "Show Compare"]);
+    menu(&mut window, &["View", "Panel", "Show Compare"]);
     for _ in 0..60 {
         window.key_press_modifiers(Modifiers::COMMAND, Key::D);
         window.step();

@@ -62,7 +62,7 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
     let told = format!("{:+.4} [", edit.bits_per_pixel);
     assert!(window.query_by_label("Last edit").is_some() && window.query_by_label_contains(&told).is_some(), "{told}");
     click(&mut window, "Arrows");
-    menu(&mut window, &["View", "Keep estimating"]);
+    menu(&mut window, &["View", "Live estimate"]);
     assert!(!studio(&window).bench().is_live());
 }
 
@@ -114,7 +114,7 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
     assert!(window.query_by_label_contains("of another design").is_none(), "the same design is open");
     click(&mut window, "Delete estimate 1");
     assert!(found(&window).is_empty());
-    click(&mut window, "Bring back the deleted estimate");
+    click(&mut window, "Restore deleted estimate");
     assert_eq!(found(&window).len(), 1);
     drop(window);
     let mut window = at_home(folder.path());
@@ -263,7 +263,7 @@ fn images_of_a_camera_are_estimated_beside_the_design() {
     lenslet_studio::formats::write_array(&path, grey.view()).unwrap();
     let mut window = open(Design::default());
     click(&mut window, "Estimates");
-    click(&mut window, "Images of a camera");
+    click(&mut window, "Camera images");
     assert!(window.get_by_label("Estimate images").accesskit_node().is_disabled());
     click(&mut window, "Choose images...");
     answer(&mut window, &path, "Choose");
@@ -292,7 +292,7 @@ fn images_of_a_camera_are_estimated_beside_the_design() {
     assert!(notes.contains("photons are (grey level - 0) / 2") && notes.contains("stand in"), "{notes}");
     assert!(
         !finished.is_of(studio(&window).bench().design(), &lenslet_studio::workbench::Live::default()),
-        "it is no number of the design"
+        "it is not a number of the design"
     );
     window.get_by_label_contains("the scenes of");
     // The settings and notes of the command line stand beside the number.

@@ -49,7 +49,7 @@ fn sheets_are_no_larger_than_a_small_window() {
         &mut wide,
         Modifiers::NONE,
         Key::F1,
-        "Zoom; middle drag, or Space and drag, moves the picture; 0 shows all",
+        "Zoom; middle drag, or Space and drag, moves the image; 0 shows all",
     );
     // What is below is scrolled to.
     window.key_press(Key::F1);
@@ -107,7 +107,7 @@ fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
     // What is recovered is not covered by the question what to start from.
     let mut window = first_at_home(later.path());
     assert_eq!(lenslets(&window).len(), 9);
-    window.get_by_label_contains("3 lenslets before beads:0.02");
+    window.get_by_label_contains("3 lenslets, beads:0.02");
     click(&mut window, "Recover");
     settle(&mut window);
     assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
@@ -125,7 +125,7 @@ fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
     assert!(window.query_by_label("Recover").is_none());
     menu(&mut window, &["File", "Open recent", "mine.json"]);
     assert_eq!(lenslets(&window).len(), 3);
-    menu(&mut window, &["File", "Open recent", "Forget these"]);
+    menu(&mut window, &["File", "Open recent", "Clear list"]);
     window.run_steps(4);
     drop(window);
     let window = at_home(later.path());
@@ -194,7 +194,7 @@ fn what_was_kept_stays_until_it_is_kept_in_the_new_folder() {
     until(&mut window, || kept(folder.path()) == 1);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
     window.run_steps(3);
-    click(&mut window, "Other folder...");
+    click(&mut window, "Choose folder...");
     answer(&mut window, elsewhere.path(), "Use");
     let there = |folder: &Path| {
         let files = std::fs::read_dir(folder).unwrap().filter_map(|file| Some(file.ok()?.path()));
@@ -213,7 +213,7 @@ fn theme_and_rooms_come_back_and_can_be_reset() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     menu(&mut window, &["View", "Theme", "Light"]);
-    menu(&mut window, &["View", "Room", "Show MTF"]);
+    menu(&mut window, &["View", "Panel", "Show MTF"]);
     window.get_by_label("Export MTF as CSV");
     drop(window);
     let preferences = std::fs::read_to_string(folder.path().join("preferences.json")).unwrap();
@@ -226,7 +226,7 @@ fn theme_and_rooms_come_back_and_can_be_reset() {
     assert_eq!(window.ctx.options(|options| options.theme_preference), egui::ThemePreference::Light);
     // A damaged layout is the first one again.
     assert!(window.query_by_label("Export MTF as CSV").is_none());
-    menu(&mut window, &["View", "Room", "Show MTF"]);
+    menu(&mut window, &["View", "Panel", "Show MTF"]);
     window.get_by_label("Export MTF as CSV");
     menu(&mut window, &["View", "Layout", "Reset layout"]);
     assert!(window.query_by_label("Export MTF as CSV").is_none());
@@ -315,7 +315,7 @@ fn actions_are_found_by_name_and_done_by_keyboard_alone() {
     window.run_steps(2);
     window.get_by_label("Find an action").type_text("no such thing");
     window.run_steps(2);
-    window.get_by_label("Nothing is called that.");
+    window.get_by_label("No action has this name.");
     window.key_press(Key::Escape);
     window.run_steps(4);
     assert!(window.query_by_label("Find an action").is_none());
@@ -361,7 +361,7 @@ fn keys_do_not_reach_the_mask_behind_a_question() {
     assert!(window.query_by_label("Lenslet 1").is_none());
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.run_steps(2);
-    menu(&mut window, &["View", "Room", "Show Lenslets"]);
+    menu(&mut window, &["View", "Panel", "Show Lenslets"]);
     click(&mut window, "Select lenslet 1");
     window.key_press(Key::Backspace);
     window.run_steps(4);
@@ -406,15 +406,15 @@ fn the_first_window_offers_samples_and_a_tour() {
     window.get_by_label("Done");
     for (title, room) in [
         ("2. Read the information", "Information"),
-        ("3. Keep and compare", "Keep this design"),
-        ("4. Let the machine design", "Start run"),
+        ("3. Compare designs", "Take snapshot"),
+        ("4. Optimize the mask", "Start run"),
     ] {
         click(&mut window, "Next");
         window.get_by_label(title);
         assert!(window.query_all_by_label(room).count() > 0, "the room of {title}");
     }
     click(&mut window, "Back");
-    window.get_by_label("3. Keep and compare");
+    window.get_by_label("3. Compare designs");
     click(&mut window, "Next");
     click(&mut window, "Next");
     click(&mut window, "Finish");
@@ -432,7 +432,7 @@ fn settings_are_chosen_and_kept() {
     window.run_steps(4);
     click(&mut window, "Dark");
     click(&mut window, "wgpu");
-    click(&mut window, "Keep estimating while the design is edited");
+    click(&mut window, "Estimate while the design is edited");
     assert!(studio(&window).bench().is_live());
     window.get_by_label("Zoom");
     click(&mut window, "Close");
@@ -470,7 +470,7 @@ fn a_full_disk_is_told_and_the_window_goes_on() {
     // One sentence is enough, and gives no advice on folders.
     menu(&mut window, &["View", "Messages"]);
     let told = |text: &str| window.query_all_by_label_contains(text).count();
-    assert!(told("Nothing will be remembered when the window is closed: ") >= 1);
+    assert!(told("Nothing is saved when the window closes: ") >= 1);
     assert_eq!((told("make the folder"), told("choose another")), (0, 0));
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
     assert_eq!(lenslets(&window).len(), 2);

@@ -246,7 +246,7 @@ fn files_of_an_earlier_export_are_replaced_after_a_question_alone() {
     menu(&mut window, &["File", "Export design..."]);
     answer(&mut window, &out, "Export");
     assert_eq!(std::fs::read(&psf).unwrap(), first);
-    window.get_by_label(&format!("{} and 5 more are there already. Replace them?", psf.display()));
+    window.get_by_label(&format!("{} and 5 more already exist. Replace them?", psf.display()));
     click(&mut window, "Replace");
     settle(&mut window);
     assert_ne!(std::fs::read(&psf).unwrap(), first);
@@ -258,7 +258,7 @@ fn files_of_an_earlier_export_are_replaced_after_a_question_alone() {
         answer(&mut window, &folder.path().join("measured"), "Export");
         assert!(picture.is_file());
     }
-    window.get_by_label(&format!("{} is there already. Replace it?", picture.display()));
+    window.get_by_label(&format!("{} already exists. Replace it?", picture.display()));
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn a_file_of_another_design_is_replaced_after_a_question_alone() {
         menu(&mut window, &["File", "Save design as..."]);
         answer(&mut window, &folder.path().join(typed), "Save");
         assert_eq!(Design::open(&file).unwrap(), other, "{typed}");
-        window.get_by_label(&format!("{} is there already. Replace it?", file.display()));
+        window.get_by_label(&format!("{} already exists. Replace it?", file.display()));
         click(&mut window, "Cancel");
     }
     menu(&mut window, &["File", "Save design as..."]);
@@ -307,7 +307,7 @@ fn noise_and_photons_are_set_in_the_scene() {
     settle(&mut window);
     let failure = live(&window).failure.expect("information is unbounded without noise");
     assert!(failure.1.contains("unbounded"), "{}", failure.1);
-    window.get_by_label("No numbers");
+    window.get_by_label("No results");
     click(&mut window, "Both noise");
     settle(&mut window);
     assert!(live(&window).failure.is_none());
@@ -375,7 +375,7 @@ fn of_files_that_are_dropped_at_once_none_vanishes_in_silence() {
         lenslet_studio::formats::write_array(path, picture.view()).unwrap();
     }
     drop(&mut window, &pictures);
-    window.get_by_label("Use 8 pictures");
+    window.get_by_label("Use 8 images");
     click(&mut window, "As objects");
     settle(&mut window);
     assert_eq!(studio(&window).bench().design().objects, ObjectSource::Images(folder.path().to_path_buf()));

@@ -33,12 +33,12 @@ fn tops(window: &Window, text: &str) -> Vec<f32> {
 #[test]
 fn messages_show_in_the_corner_for_a_while_and_stay_in_the_list() {
     let mut window = open(Design::default());
-    let told = |number: usize| format!("This layout is remembered as layout {number}");
-    menu(&mut window, &["View", "Layout", "Remember as layout 1"]);
+    let told = |number: usize| format!("Saved as layout {number}");
+    menu(&mut window, &["View", "Layout", "Save as layout 1"]);
     assert_eq!(in_the_corner(&window, &told(1)), 1);
     // The status line says it to those who listen.
     assert_eq!(window.get_by_label(&told(1)).accesskit_node().live(), Live::Polite);
-    menu(&mut window, &["View", "Layout", "Remember as layout 2"]);
+    menu(&mut window, &["View", "Layout", "Save as layout 2"]);
     assert_eq!((in_the_corner(&window, &told(1)), in_the_corner(&window, &told(2))), (1, 1));
     window.run_steps(SEVEN_SECONDS);
     assert_eq!((in_the_corner(&window, &told(1)), in_the_corner(&window, &told(2))), (0, 0));
@@ -49,7 +49,7 @@ fn messages_show_in_the_corner_for_a_while_and_stay_in_the_list() {
     assert_eq!((older.len(), newer.len()), (1, 2), "the newest stands in the status line, too");
     assert!(newer[0] < older[0], "{newer:?} above {older:?}");
     // The same again is told again, but is no news in the list.
-    menu(&mut window, &["View", "Layout", "Remember as layout 2"]);
+    menu(&mut window, &["View", "Layout", "Save as layout 2"]);
     assert_eq!((in_the_corner(&window, &told(2)), tops(&window, &told(2)).len()), (1, 2));
 }
 

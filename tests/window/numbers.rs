@@ -17,7 +17,7 @@ fn number(window: &Window, field: &str) -> f64 {
 fn with_images(design: Design) -> Window {
     let mut window = open(design);
     click(&mut window, "Estimates");
-    click(&mut window, "Images of a camera");
+    click(&mut window, "Camera images");
     window
 }
 
@@ -98,14 +98,14 @@ fn what_is_refused_is_said_with_the_number_that_stays() {
     assert_eq!(number(&window, "Images: offset"), 46.5);
     for (field, text, sentence) in [
         ("Images: offset", "1,234", "Images: offset: \"1,234\" may mean 1.234 or 1234; 46.5 stays"),
-        ("Images: offset", "1.234,5", "Images: offset: \"1.234,5\" is no number; 46.5 stays"),
-        ("Images: gain", "nan", "Images: gain: \"nan\" is no number; 0.46 stays"),
-        ("Images: gain", "inf", "Images: gain: \"inf\" is no number; 0.46 stays"),
+        ("Images: offset", "1.234,5", "Images: offset: \"1.234,5\" is not a number; 46.5 stays"),
+        ("Images: gain", "nan", "Images: gain: \"nan\" is not a number; 0.46 stays"),
+        ("Images: gain", "inf", "Images: gain: \"inf\" is not a number; 0.46 stays"),
         ("Images: gain", "-1", "Images: gain: \"-1\" is not between 0.000001 and 1000000; 0.46 stays"),
         ("Images: gain", "", "Images: gain: no number was typed; 0.46 stays"),
-        ("Images: bin", "2,5", "Images: bin: \"2,5\" is no whole number; 1 stays"),
+        ("Images: bin", "2,5", "Images: bin: \"2,5\" is not a whole number; 1 stays"),
         ("Images: bin", "65", "Images: bin: \"65\" is not between 1 and 64; 1 stays"),
-        ("Steps of the fit to images", "2 k", "Steps of the fit to images: \"2 k\" is no number; 2000 stays"),
+        ("Steps of the fit to images", "2 k", "Steps of the fit to images: \"2 k\" is not a number; 2000 stays"),
         ("Lenslet 1 x", "99 px", "Lenslet 1 x: \"99 px\" is not between 0 and 31; 16.00 px stays"),
         ("Lenslet 1 weight", "-0,1", "Lenslet 1 weight: \"-0,1\" is not between 0 and 1000000; "),
     ] {

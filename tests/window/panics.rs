@@ -111,8 +111,8 @@ fn estimates_and_runs_that_break_are_told_and_can_be_started_again() {
     assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
     assert_eq!(*studio(&window).bench().design(), before);
     click(&mut window, "Start run");
-    if window.query_by_label("Start anew").is_some() {
-        click(&mut window, "Start anew");
+    if window.query_by_label("Start new run").is_some() {
+        click(&mut window, "Start new run");
     }
     wait_for(&mut window, "a step of the next run", |window| {
         studio(window).bench().run().is_some_and(|run| !run.frames.is_empty())

@@ -35,7 +35,7 @@ fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
     click(&mut window, "As the preset");
     click(&mut window, "Start run");
     let preset = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-    assert_eq!(started(&mut window, "Start anew"), (preset.refit_every, preset.rates.position, preset.settle));
+    assert_eq!(started(&mut window, "Start new run"), (preset.refit_every, preset.rates.position, preset.settle));
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn a_run_is_started_watched_rewound_and_undone() {
 
     // It goes on from where it was left; another one does not take its place unasked.
     click(&mut window, "Start run");
-    window.get_by_label("Give up the last run?");
+    window.get_by_label("Discard the last run?");
     click(&mut window, "Cancel");
     assert_eq!(lenslets(&window), stopped);
     // What it brings later can take the place of what was accepted.
@@ -129,7 +129,7 @@ fn a_run_is_started_watched_rewound_and_undone() {
     click(&mut window, "Stop run");
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
     click(&mut window, "Start run");
-    click(&mut window, "Start anew");
+    click(&mut window, "Start new run");
     wait_for(&mut window, "the first step", |window| studio(window).bench().run().unwrap().step > 0);
     assert!(studio(&window).bench().run().unwrap().step <= paused);
     click(&mut window, "Stop run");
@@ -153,9 +153,9 @@ fn masks_of_a_run_push_no_edits_out_of_the_history() {
     wait_for(&mut window, "some masks", |window| studio(window).bench().run().is_some_and(|run| run.step >= 30));
     click(&mut window, "Stop run");
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
-    click(&mut window, "Back to the design");
+    click(&mut window, "End preview");
     settle(&mut window);
-    menu(&mut window, &["View", "Room", "Show History"]);
+    menu(&mut window, &["View", "Panel", "Show History"]);
     // At the start, at the beginning of the run, and when it was shown again.
     let is_listed = |count: usize| window.query_by_label(&format!("{count} designs")).is_some();
     assert!((2..=5).any(is_listed), "there are more");
@@ -188,7 +188,7 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     let newest = lenslets(&window);
     click(&mut window, "Add lenslet");
     assert_eq!(lenslets(&window), newest, "an edit of it would be lost with the design, or the design with it");
-    click(&mut window, "Back to the design");
+    click(&mut window, "End preview");
     assert_eq!(lenslets(&window), edited);
     click(&mut window, "Show newest");
     click(&mut window, "Accept this mask");
@@ -241,7 +241,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     click(&mut window, "Show newest");
     assert_eq!(lenslets(&window).len(), newest.len());
     click(&mut window, "Start run");
-    window.get_by_label("Give up the last run?");
+    window.get_by_label("Discard the last run?");
     click(&mut window, "Cancel");
     click(&mut window, "Accept this mask");
     assert!(studio(&window).bench().is_dirty() && studio(&window).bench().undoes().is_none());
@@ -282,7 +282,7 @@ fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
     type_number(&mut window, "Random lenslets", "3");
     type_number(&mut window, "Seed of the start", "7");
     click(&mut window, "Start run");
-    let run = begun(&mut window, "Start anew");
+    let run = begun(&mut window, "Start new run");
     assert_eq!((&run.start.encoder, run.settings.seed), (&Encoder::Lenslets(random_layout(3, 7)), 7));
 }
 

@@ -130,7 +130,7 @@ fn object_and_measurement_are_linked_until_they_are_not() {
     assert!(cursor.contains(&format!("x {}.", col + 14)) || cursor.contains(&format!("x {}.", col + 15)), "{cursor}");
     window.get_by_role_and_label(Role::Image, "Object").click_secondary();
     window.run_steps(4);
-    click(&mut window, "Show all of it");
+    click(&mut window, "Show all");
     assert_eq!((view_of(&window, "Object").0, view_of(&window, "Measurement").0), (1.0, 1.0));
     turn(&mut window, place, 6.0, Modifiers::NONE);
     // From the object, too; beyond the field of the sensor there is nothing.
@@ -261,13 +261,13 @@ fn levels_are_set_by_hand_kept_for_other_pictures_and_exported() {
     let mut window = open(Design::default());
     let measured = studio(&window).bench().live().measurements.unwrap();
     let number = |window: &Window, field: &str| window.get_by_label(field).accesskit_node().numeric_value().unwrap();
-    click(&mut window, "Measurement levels");
+    click(&mut window, "Measurement display range");
     let full = number(&window, "Measurement highest value");
     let (low, high) = (number(&window, "Measurement lowest value"), full);
     let image = measured.value.noisy.index_axis(ndarray::Axis(0), 0);
     let brightest = image.iter().copied().fold(0.0_f32, f32::max);
     assert_eq!(high, f64::from(brightest));
-    click(&mut window, "Auto Measurement levels");
+    click(&mut window, "Auto Measurement display range");
     assert!(number(&window, "Measurement highest value") < full, "a few bright pixels are left out");
     type_number(&mut window, "Measurement lowest value", "50");
     type_number(&mut window, "Measurement highest value", "100");
@@ -278,7 +278,7 @@ fn levels_are_set_by_hand_kept_for_other_pictures_and_exported() {
     assert!(dragged < 100.0 && dragged > 50.0, "{dragged}");
     type_number(&mut window, "Measurement highest value", "100");
     click(&mut window, "Measurement logarithmic counts");
-    click(&mut window, "Measurement levels");
+    click(&mut window, "Measurement display range");
     assert!(window.query_by_label("Measurement highest value").is_none());
     // They stay for the next picture, and the exported view has them: what is at most 50 is black, what is at least 100
     // white.
@@ -300,9 +300,9 @@ fn levels_are_set_by_hand_kept_for_other_pictures_and_exported() {
     // Display never changes data.
     assert_eq!(studio(&window).bench().live().measurements.unwrap().value.noisy, measured.value.noisy);
     click(&mut window, "Previous measurement");
-    click(&mut window, "Measurement levels");
+    click(&mut window, "Measurement display range");
     assert_eq!(number(&window, "Measurement highest value"), 100.0);
-    click(&mut window, "Reset Measurement levels");
+    click(&mut window, "Reset Measurement display range");
     let reset = (number(&window, "Measurement lowest value"), number(&window, "Measurement highest value"));
     assert_eq!(reset, (low, full));
 }
@@ -314,7 +314,7 @@ fn scale_bars_shrink_as_pixels_grow() {
     let place = rect_of(&window, "Object").center();
     turn(&mut window, place, 10.0, Modifiers::NONE);
     assert!(value_of(&window, "Object").ends_with("scale bar 2 px"), "{}", value_of(&window, "Object"));
-    menu(&mut window, &["View", "Room", "Show MTF"]);
+    menu(&mut window, &["View", "Panel", "Show MTF"]);
     click(&mut window, "Show MTF map");
     assert!(value_of(&window, "MTF map").contains("cycles/px"), "{}", value_of(&window, "MTF map"));
 }
@@ -323,7 +323,7 @@ fn scale_bars_shrink_as_pixels_grow() {
 fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
-    menu(&mut window, &["View", "Room", "Show MTF"]);
+    menu(&mut window, &["View", "Panel", "Show MTF"]);
     click(&mut window, "Show spectrum");
     wait_for(&mut window, "the spectrum", |window| {
         !window.get_by_label("Export spectrum as CSV").accesskit_node().is_disabled()
@@ -381,12 +381,12 @@ fn pictures_have_a_menu_of_their_own() {
     assert!(view_of(&window, "Measurement").0 > 1.5);
     window.get_by_role_and_label(Role::Image, "Measurement").click_secondary();
     window.run_steps(4);
-    click(&mut window, "Show all of it");
+    click(&mut window, "Show all");
     assert_eq!(view_of(&window, "Measurement").0, 1.0);
     window.get_by_role_and_label(Role::Image, "Measurement").click_secondary();
     window.run_steps(4);
     let file = folder.path().join("measurement.png");
-    click(&mut window, "Export this picture...");
+    click(&mut window, "Export image...");
     answer(&mut window, &file, "Export");
     assert_eq!(image::open(&file).unwrap().to_rgb8().dimensions(), (65, 65));
     // The mask is edited where it was clicked.

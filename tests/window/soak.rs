@@ -117,8 +117,8 @@ fn start_run(window: &mut Window) {
     window.run_steps(2);
     window.key_press(Key::Enter);
     window.run_steps(4);
-    if window.query_by_label("Start anew").is_some() {
-        click(window, "Start anew");
+    if window.query_by_label("Start new run").is_some() {
+        click(window, "Start new run");
     }
     println!("a run goes on: {}", studio(window).bench().run().is_some_and(|run| run.is_active()));
 }

@@ -191,7 +191,7 @@ fn jobs_wait_for_each_other_can_be_stopped_and_keep_their_log() {
         let states = states(window);
         states == [ActivityState::Running, ActivityState::Waiting]
     });
-    window.get_by_label("waits for others");
+    window.get_by_label("waiting for other jobs");
     click(&mut window, "Stop job 1");
     wait_for(&mut window, "the second", |window| matches!(states(window).last(), Some(ActivityState::Done(_))));
     assert_eq!(states(&window)[0], ActivityState::Stopped);
@@ -218,7 +218,7 @@ fn closing_asks_while_work_goes_on() {
     click(&mut window, "Start estimate");
     wait_for(&mut window, "its turn", |window| window.query_by_label("Cancel estimate").is_some());
     close(&mut window);
-    window.get_by_label_contains("An estimate is being computed");
+    window.get_by_label_contains("An estimate is running");
     click(&mut window, "Cancel");
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "its end", |window| states(window) == [ActivityState::Stopped]);
@@ -227,7 +227,7 @@ fn closing_asks_while_work_goes_on() {
     click(&mut window, "Start run");
     close(&mut window);
     window.get_by_label("Close the window?");
-    window.get_by_label("A run goes on. It is kept, and the next window can go on with it.");
+    window.get_by_label("A run is active. It is saved and can be resumed in the next window.");
     click(&mut window, "Cancel");
     let status = studio(&window).bench().run().map(|run| run.status);
     assert_eq!(status, Some(RunStatus::Running));
@@ -267,13 +267,13 @@ fn a_run_stands_among_the_jobs_and_can_be_repeated() {
 fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
-    menu(&mut window, &["View", "Room", "Show Compare"]);
-    menu(&mut window, &["View", "Layout", "Remember as layout 1"]);
+    menu(&mut window, &["View", "Panel", "Show Compare"]);
+    menu(&mut window, &["View", "Layout", "Save as layout 1"]);
     menu(&mut window, &["View", "Layout", "Reset layout"]);
-    assert!(window.query_by_label("Keep this design").is_none());
+    assert!(window.query_by_label("Take snapshot").is_none());
     window.key_press_modifiers(Modifiers::COMMAND, Key::Num1);
     window.run_steps(4);
-    window.get_by_label("Keep this design");
+    window.get_by_label("Take snapshot");
     // The room under the pointer fills the window, until Escape.
     let at = window.get_by_role_and_label(Role::Image, "Measurement").rect().center();
     let before = window.get_by_role_and_label(Role::Image, "Measurement").rect().width();
@@ -290,7 +290,7 @@ fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
     window.key_press(Key::Escape);
     window.run_steps(4);
     assert!(window.query_by_label("Select in a box; with Shift, add to the selection").is_none());
-    window.get_by_label("Back to all rooms");
+    window.get_by_label("Show all panels");
     window.key_press(Key::Escape);
     window.run_steps(4);
     window.get_by_label("Lenslet 1");
@@ -299,7 +299,7 @@ fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
     let mut window = at_home(folder.path());
     menu(&mut window, &["View", "Layout", "Reset layout"]);
     menu(&mut window, &["View", "Layout", "Use layout 1"]);
-    window.get_by_label("Keep this design");
+    window.get_by_label("Take snapshot");
 }
 
 #[test]
@@ -321,7 +321,7 @@ fn several_shortcuts_in_one_slow_frame_are_all_taken_in_their_order() {
     assert_eq!(lenslets(&window).len(), 10);
     // What the palette is asked is not for the window any more.
     press(&mut window, &[Key::D, Key::K, Key::Z]);
-    window.get_by_label("Kept as Design 1");
+    window.get_by_label("Snapshot taken: Design 1");
     window.get_by_label("Find an action");
     assert_eq!(lenslets(&window).len(), 10);
 }
@@ -343,8 +343,8 @@ fn kept_designs_are_there_the_other_day() {
     click(&mut window, "Discard");
     drop(window);
     let mut window = at_home(folder.path());
-    window.get_by_label("1 kept design could not be read; it is left as before");
-    menu(&mut window, &["View", "Room", "Show Compare"]);
+    window.get_by_label("1 snapshot could not be read; it is left unchanged");
+    menu(&mut window, &["View", "Panel", "Show Compare"]);
     window.get_by_label("PSF of Design 1");
     window.get_by_label(&format!("\u{2264} {bound:.3}"));
     // Measurements are not kept, but come again for those that are compared.
@@ -356,7 +356,7 @@ fn kept_designs_are_there_the_other_day() {
     assert_eq!(lenslets(&window).len(), 2);
     menu(&mut window, &["More of snapshot 1", "Delete"]);
     wait_for(&mut window, "the file to go", |_| written(folder.path()) == 2);
-    click(&mut window, "Bring back");
+    click(&mut window, "Restore snapshot");
     wait_for(&mut window, "the file to come back", |_| written(folder.path()) == 3);
 }
 
@@ -398,10 +398,10 @@ fn threads_engine_and_folder_are_chosen_and_remembered() {
     let mut window = at_home(folder.path());
     window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
     window.run_steps(3);
-    click(&mut window, "One for every core");
+    click(&mut window, "One per core");
     type_number(&mut window, "Threads", "2");
     click(&mut window, "burn:ndarray");
-    click(&mut window, "Other folder...");
+    click(&mut window, "Choose folder...");
     answer(&mut window, elsewhere.path(), "Use");
     menu(&mut window, &["Presets", "Heuristic lenslets", "3 lenslets"]);
     let designs = |folder: &Path| {

@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn what_is_chosen_comes_back_and_broken_files_do_no_harm() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut home, mut preferences, layout) = home_in(folder.path());
+        let (mut app_data, mut preferences, layout) = home_in(folder.path());
         assert!(preferences == Preferences::default() && layout.is_none());
         preferences.zoom = 1.5;
         preferences.remember(Path::new("/a/one.json"));
@@ -217,12 +217,12 @@ mod tests {
         preferences.remember(Path::new("/a/one.json"));
         let arranged = default_layout();
         assert_eq!(app_data.keep(&preferences, Some(&arranged)), None);
-        drop(home);
-        let (home, known, layout) = home_in(folder.path());
+        drop(app_data);
+        let (app_data, known, layout) = home_in(folder.path());
         assert_eq!(known, preferences);
         assert_eq!(known.recent, [Path::new("/a/one.json"), Path::new("/a/two.json")]);
         assert_eq!(text_of(&layout.unwrap()).unwrap(), text_of(&arranged).unwrap());
-        drop(home);
+        drop(app_data);
         AppData::reset(folder.path()).unwrap();
         let (_, reset, layout) = home_in(folder.path());
         assert_eq!((reset.recent.len(), reset.zoom), (2, 1.0));
@@ -263,13 +263,13 @@ mod tests {
         let odd = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
         assert!(text_of(&odd).is_err());
         let folder = tempfile::tempdir().unwrap();
-        let (mut home, mut preferences, _) = home_in(folder.path());
+        let (mut app_data, mut preferences, _) = home_in(folder.path());
         preferences.zoom = 1.5;
         preferences.remember(Path::new("/a/one.json"));
         preferences.remember(odd);
         preferences.unsaved = Some(odd.to_owned());
         assert_eq!(app_data.keep(&preferences, None), None);
-        drop(home);
+        drop(app_data);
         let (_, known, _) = home_in(folder.path());
         let recent = vec![PathBuf::from("/a/one.json")];
         assert_eq!(known, Preferences { zoom: 1.5, recent, ..Preferences::default() });

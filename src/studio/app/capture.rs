@@ -56,7 +56,7 @@ pub fn menu(ui: &mut Ui, state: &mut State) {
     let mut wanted = None;
     for &(pane, _) in &state.panel_rects {
         let response = ui.button(pane.title());
-        name_widget(&response, &format!("Picture of {}", pane.title()));
+        name_widget(&response, &format!("Image of {}", pane.title()));
         if response.clicked() {
             wanted = Some(pane);
             ui.close();

@@ -114,7 +114,7 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
     ui.horizontal(|ui| {
         ui.add_space(8.0);
         ui.strong(pane.title());
-        let back = ui.small_button("Back to all rooms").on_hover_text("Or press Escape");
+        let back = ui.small_button("Show all panels").on_hover_text("Or press Escape");
         // A question in front, or an open menu, is closed first.
         let is_in_front = ui.memory(|memory| memory.focused().is_none() && memory.allows_interaction(ui.layer_id()));
         let escape = is_in_front
@@ -163,7 +163,7 @@ impl Behavior<Pane> for PanelBehavior<'_> {
         {
             self.0.maximised = Some(pane);
         }
-        response.on_hover_text("Drag to another place; double-click to fill the window")
+        response.on_hover_text("Drag to move this panel; double-click to maximize it")
     }
 
     fn tab_title_for_pane(&mut self, pane: &Pane) -> egui::WidgetText {

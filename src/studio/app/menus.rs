@@ -44,7 +44,7 @@ fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
         }
     }
     ui.separator();
-    if ui.button("Forget these").clicked() {
+    if ui.button("Clear list").clicked() {
         state.preferences.recent.clear();
         ui.close();
     }
@@ -108,7 +108,7 @@ pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
             preset(ui, state, Preset::Heuristic(count), "");
         }
     });
-    preset(ui, state, Preset::Random, "Drawn from the design's seed; again draws others");
+    preset(ui, state, Preset::Random, "Drawn from the seed of the design; every use draws new ones");
     preset(ui, state, Preset::Depth, "Each focused on a plane of its own, for volumes");
     ui.menu_button("Diffuser", |ui| {
         for aperture in DIFFUSER_APERTURES {

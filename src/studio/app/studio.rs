@@ -141,7 +141,7 @@ impl Studio {
 
     /// Keeps nothing that outlives the window but unsaved changes, where a folder was chosen for them.
     pub fn keep_no_data(&mut self, reason: &str) {
-        let text = format!("Nothing will be remembered when the window is closed: {reason}");
+        let text = format!("Nothing is saved when the window closes: {reason}");
         self.state.messages.push(Severity::Failure, text);
         self.left_behind = self.state.keep_unsaved();
     }
@@ -151,12 +151,12 @@ impl Studio {
             Ok((snapshots, (broken, unlisted))) => {
                 self.state.snapshots = snapshots;
                 if broken > 0 {
-                    let (designs, they) = (counted(broken, "kept design"), one_or_many(broken, "it is", "they are"));
-                    self.tell(format!("{designs} could not be read; {they} left as before"));
+                    let (designs, they) = (counted(broken, "snapshot"), one_or_many(broken, "it is", "they are"));
+                    self.tell(format!("{designs} could not be read; {they} left unchanged"));
                 }
                 if unlisted > 0 {
-                    let (designs, are) = (counted(unlisted, "older kept design"), one_or_many(unlisted, "is", "are"));
-                    self.tell(format!("{designs} {are} not listed, and left as before"));
+                    let (designs, are) = (counted(unlisted, "older snapshot"), one_or_many(unlisted, "is", "are"));
+                    self.tell(format!("{designs} {are} not listed; the files stay unchanged"));
                 }
             }
             // Of a folder where nothing can be kept it is known already.
@@ -169,15 +169,18 @@ impl Studio {
         match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(()) => match self.state.bench.run() {
                 Some(run) if run.status == RunStatus::Stopped => {
-                    self.tell("A run was interrupted; Optimize > Go on takes it up where it was left.".into());
+                    self.tell("A run was interrupted; it can be resumed in Optimize.".into());
                 }
                 Some(_) if self.state.bench.has_untaken_result() => {
-                    self.tell("What the last run has found was not accepted; Optimize shows it.".into());
+                    self.tell("The result of the last run was not accepted; Optimize shows it.".into());
                 }
                 _ => {}
             },
             Err(EvaluationError::File(FormatError::Busy { .. })) => {
-                self.tell("Another window is open and keeps its runs; a run of this one is lost with it unless it is accepted.".into());
+                self.tell(
+                    "Another window stores its runs; a run of this window is lost at its end unless it is accepted."
+                        .into(),
+                );
             }
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
@@ -198,7 +201,7 @@ impl Studio {
             }
             Some(LayoutRequest::Remember(number)) => {
                 self.state.preferences.layouts.insert(number, self.layout.clone());
-                self.tell(format!("This layout is remembered as layout {number}"));
+                self.tell(format!("Saved as layout {number}"));
             }
             Some(LayoutRequest::Recall(number)) => {
                 if let Some(layout) = self.state.preferences.layouts.get(&number) {
@@ -379,7 +382,7 @@ impl Studio {
             let design = self.state.bench.design();
             let name = file_name(self.state.bench.path());
             let dirty = if self.state.bench.is_dirty() { " (unsaved changes)" } else { "" };
-            let line = format!("{name}{dirty}:  {} before {}", design.encoder.describe(), design.objects);
+            let line = format!("{name}{dirty}:  {}, {}", design.encoder.describe(), design.objects);
             ui.add(egui::Label::new(egui::RichText::new(line).weak()).truncate());
         });
     }
@@ -390,7 +393,7 @@ impl Studio {
                 ui.close();
             }
         });
-        ui.menu_button("Room", |ui| {
+        ui.menu_button("Panel", |ui| {
             for pane in Pane::ALL {
                 action_entry::entry(ui, &mut self.state, Action::Show(pane));
             }
@@ -401,11 +404,11 @@ impl Studio {
             }
         });
         action_entry::entry(ui, &mut self.state, Action::Maximise);
-        ui.menu_button("Picture of room", |ui| capture::menu(ui, &mut self.state));
+        ui.menu_button("Export image of panel", |ui| capture::menu(ui, &mut self.state));
         let mut live = self.state.bench.is_live();
         if ui
-            .checkbox(&mut live, "Keep estimating")
-            .on_hover_text("Fits a density model while you edit; it takes what the window leaves of the processor")
+            .checkbox(&mut live, "Live estimate")
+            .on_hover_text("Fits a density model after every edit, with the processor time that the window leaves")
             .clicked()
         {
             self.state.bench.set_live(live);

@@ -146,7 +146,7 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
     ui.horizontal(|ui| {
         ui.strong(name);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let log = ui.checkbox(logarithmic, "Log").on_hover_text("Heights are logarithms of counts");
+            let log = ui.checkbox(logarithmic, "Log").on_hover_text("Logarithmic counts");
             name_widget(&log, &format!("{name} logarithmic counts"));
         });
     });
@@ -161,7 +161,7 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
             let range = f64::from(*range.start())..=f64::from(*range.end());
             let field = NumberField::new(&name, range).speed(speed).shown_as(format_significant).expecting(expected);
             let (response, edit) = field.show(ui, f64::from(*value));
-            response.on_hover_text(format!("The {what} value that has a colour of its own"));
+            response.on_hover_text(format!("The {what} value of the display range"));
             if let Some(edit) = edit {
                 *value = edit.value as f32;
             }
@@ -182,16 +182,16 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
     }
     ui.horizontal(|ui| {
         for (rule, text, hint) in [
-            (DisplayRange::Auto, "Auto", "Leaves out the darkest and brightest 0.35 % of the pixels of every picture"),
-            (DisplayRange::Full, "Reset", "From the smallest to the largest value of every picture"),
+            (DisplayRange::Auto, "Auto", "Clips 0.35 % of the pixels at each end"),
+            (DisplayRange::Full, "Reset", "Spans the smallest to the largest value of each image"),
         ] {
             let response = ui.selectable_label(*levels == rule, text).on_hover_text(hint);
-            name_widget(&response, &format!("{text} {name} levels"));
+            name_widget(&response, &format!("{text} {name} display range"));
             if response.clicked() {
                 *levels = rule;
             }
         }
-        ui.weak("Display never changes data.");
+        ui.weak("The data stay unchanged.");
     });
 }
 

@@ -153,12 +153,11 @@ impl ImageView {
             })
             .response;
         name_widget(&response, &format!("{} colours", self.name));
-        let button =
-            ui.small_button("Levels").on_hover_text("Histogram, and which values have the first and the last colour");
-        name_widget(&button, &format!("{} levels", self.name));
+        let button = ui.small_button("Range").on_hover_text("Histogram and display range");
+        name_widget(&button, &format!("{} display range", self.name));
         let popup = egui::Popup::from_toggle_button_response(&button)
             .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside)
-            .accessible_name(format!("Levels of {}", self.name));
+            .accessible_name(format!("Display range of {}", self.name));
         let open = popup.is_open();
         if open && !self.histogram_wanted {
             // The picture is counted when it is drawn.
@@ -173,7 +172,7 @@ impl ImageView {
                 display_range::editor(ui, &edited, &mut self.levels, &mut self.logarithmic);
             }
             None => {
-                ui.weak("There is no picture yet.");
+                ui.weak("There is no image yet.");
             }
         });
     }
@@ -238,7 +237,7 @@ impl ImageView {
             return;
         }
         let place = Rect::from_min_size(seen.right_top() + vec2(-38.0, 6.0), vec2(32.0, 20.0));
-        let tip = format!("Shows all of the picture, which is {:.1} times as large now", self.viewport.zoom());
+        let tip = format!("Shows the whole image; the zoom is {:.1}", self.viewport.zoom());
         let response = ui.put(place, egui::Button::new("Fit").small()).on_hover_text(tip);
         name_widget(&response, &format!("Fit {}", self.name));
         if response.clicked() {

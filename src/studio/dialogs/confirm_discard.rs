@@ -45,19 +45,19 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         modal::body(ui, |ui| {
             if dirty {
                 ui.heading("Save your changes?");
-                ui.label(format!("{} has changes that are not in a file.", file_name(state.bench.path())));
+                ui.label(format!("{} has unsaved changes.", file_name(state.bench.path())));
             } else if let (Transition::Run, Some(run)) = (&what, &state.run) {
-                ui.heading("Give up the last run?");
+                ui.heading("Discard the last run?");
                 let end = if run.can_go_on() {
-                    format!("It was stopped at {} and could still go on.", run.place())
+                    format!("It was stopped at {} and can be resumed.", run.place())
                 } else if state.bench.has_untaken_result() {
-                    "What it found was not accepted.".into()
+                    "Its result was not accepted.".into()
                 } else if run.ranked.len() > 1 {
                     format!("It has {}.", counted(run.ranked.len(), "result"))
                 } else {
-                    "Its result was compared with others.".into()
+                    "It has a comparison.".into()
                 };
-                ui.label(format!("{end} Its masks and their numbers are lost where another run takes its place."));
+                ui.label(format!("{end} A new run replaces its masks and numbers."));
             } else {
                 ui.heading("Close the window?");
             }
@@ -75,7 +75,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
             }
             let text = match what {
                 _ if dirty => "Discard",
-                Transition::Run => "Start anew",
+                Transition::Run => "Start new run",
                 _ => "Close the window",
             };
             leave = ui.button(text).clicked();

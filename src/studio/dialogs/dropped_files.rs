@@ -72,11 +72,11 @@ impl Dropped {
             if others.is_empty() {
                 ui.heading(format!("Use {}", file_name(Some(first))));
             } else {
-                ui.heading(format!("Use {}", counted(all, "picture")));
+                ui.heading(format!("Use {}", counted(all, "image")));
                 let text = match folder {
-                    Some(folder) => format!("These are all pictures of {}.", folder.display()),
+                    Some(folder) => format!("These are all images of {}.", folder.display()),
                     None => format!(
-                        "Only {} can be used. Put pictures into a folder of their own to use them as one set of objects.",
+                        "Only {} can be used. To use several images as one object set, put them into a folder of their own.",
                         file_name(Some(first))
                     ),
                 };

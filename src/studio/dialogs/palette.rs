@@ -60,7 +60,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             }
         });
         if actions.is_empty() {
-            ui.weak("Nothing is called that.");
+            ui.weak("No action has this name.");
         }
         if enter {
             chosen = actions.get(palette.marked).copied();

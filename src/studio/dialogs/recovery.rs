@@ -13,17 +13,17 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
     let Some(found) = left.first() else { return };
     let age = SystemTime::now().duration_since(found.kept_at).unwrap_or_default();
     let name = found.path.as_ref().map_or_else(|| "A design without a file".into(), |path| path.display().to_string());
-    let what = format!("{} before {}", found.design.encoder.describe(), found.design.objects);
+    let what = format!("{}, {}", found.design.encoder.describe(), found.design.objects);
     let others = left.len() - 1;
     let mut answer = None;
     modal::show(ctx, "recovery", 400.0, |ui| {
         modal::body(ui, |ui| {
             ui.heading("Recover unsaved changes?");
-            ui.label("The studio ended without being closed. This was open, with changes that are in no file:");
+            ui.label("The program ended unexpectedly. This design has unsaved changes:");
             ui.add_space(4.0);
             ui.strong(name);
             ui.label(what);
-            ui.label(format!("Kept {} ago", spoken(age)));
+            ui.label(format!("Saved {} ago", spoken(age)));
             if others > 0 {
                 ui.weak(format!("{others} more after this one"));
             }
@@ -45,7 +45,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
             // What was recovered is what there is to start from, by a person who has been here.
             state.onboarding.welcome = false;
             state.preferences.welcomed = true;
-            state.messages.push(Severity::Done, "Recovered; save it to keep it");
+            state.messages.push(Severity::Done, "Design recovered; save it to keep it");
             // A window holds one design: the others wait for the next start.
             left.clear();
         }

@@ -25,15 +25,15 @@ const KEYS: f32 = 170.0;
 const ON_THE_MASK: [(&str, &str); 12] = [
     ("Click", "Select a lenslet; with Shift, add it to the selection or take it out"),
     ("Drag a lenslet", "Move the selection"),
-    ("Drag the picture", "Select in a box; with Shift, add to the selection"),
+    ("Drag the image", "Select in a box; with Shift, add to the selection"),
     ("Double click", "Add a lenslet"),
     ("Arrow keys", "Move the selection by 0.1 px; with Shift, by 1 px"),
     ("Delete", "Delete the selection"),
     ("Wheel on a lenslet", "Weight of the selection"),
     ("Alt + wheel", "Width of the selection"),
-    ("Ctrl + wheel, + and -", "Zoom; middle drag, or Space and drag, moves the picture; 0 shows all"),
-    ("On other pictures", "The wheel zooms, a drag moves, a double click shows all"),
-    ("Right click", "What can be done with a lenslet"),
+    ("Ctrl + wheel, + and -", "Zoom; middle drag, or Space and drag, moves the image; 0 shows all"),
+    ("On other images", "The wheel zooms, a drag moves, a double click shows all"),
+    ("Right click", "Menu of a lenslet"),
     ("Tab", "Next lenslet or control; Space selects"),
 ];
 
@@ -84,7 +84,7 @@ fn keys(ui: &mut Ui, most: f32) {
             .chain([Action::ActionPalette])
             .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
             .collect();
-        let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Size of everything".to_owned())];
+        let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Interface zoom".to_owned())];
         for (keys, what) in actions.into_iter().chain(zoom) {
             ui.label(RichText::new(keys).strong());
             ui.label(what);
@@ -110,7 +110,7 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.label("Theme");
         ui.horizontal(theme_choice);
         ui.end_row();
-        ui.label("Size of everything");
+        ui.label("Interface zoom");
         // The size changes when the slider is let go: it would run away from the pointer otherwise.
         let id = egui::Id::unique("zoom");
         let mut zoom = ui.data(|data| data.get_temp(id)).unwrap_or_else(|| ui.ctx().zoom_factor());
@@ -133,33 +133,33 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.end_row();
         ui.label("Live estimates");
         let mut live = state.bench.is_live();
-        if ui.checkbox(&mut live, "Keep estimating while the design is edited").clicked() {
+        if ui.checkbox(&mut live, "Estimate while the design is edited").clicked() {
             state.bench.set_live(live);
         }
         ui.end_row();
-        ui.label("Threads that compute");
+        ui.label("Compute threads");
         threads(ui, state);
         ui.end_row();
-        ui.label("PixelCNN computed by");
+        ui.label("PixelCNN engine");
         ui.horizontal(|ui| {
             for engine in EngineChoice::built() {
                 ui.radio_value(&mut state.preferences.engine, engine, engine.to_string());
             }
         });
         ui.end_row();
-        ui.label("Unsaved changes in");
+        ui.label("Folder of unsaved changes");
         ui.horizontal(|ui| {
-            if ui.button("Other folder...").clicked() {
+            if ui.button("Choose folder...").clicked() {
                 state.path_dialog.ask(PathPurpose::KeepUnsaved, None);
                 state.settings_dialog = None;
             }
-            let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Usual folder"));
+            let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Default folder"));
             if usual.clicked() {
                 state.move_unsaved(None);
             }
         });
         ui.end_row();
-        ui.label("Window drawn by");
+        ui.label("Renderer");
         ui.horizontal(|ui| {
             for choice in [RendererChoice::Glow, RendererChoice::Wgpu] {
                 ui.radio_value(&mut state.preferences.renderer, choice, choice.name());
@@ -167,13 +167,13 @@ fn settings(ui: &mut Ui, state: &mut State) {
         });
         ui.end_row();
         ui.label("");
-        ui.weak("from the next start on");
+        ui.weak("takes effect at the next start");
         ui.end_row();
     });
     if let Some(folder) = &state.folder {
-        ui.weak(format!("Settings, layout, kept designs and runs are in {}", folder.display()));
+        ui.weak(format!("Settings, layout, snapshots and runs: {}", folder.display()));
         let unsaved = state.preferences.unsaved.clone().unwrap_or_else(|| folder.join("unsaved"));
-        ui.weak(format!("Unsaved changes are in {}", unsaved.display()));
+        ui.weak(format!("Unsaved changes: {}", unsaved.display()));
     }
 }
 
@@ -183,7 +183,11 @@ fn threads(ui: &mut Ui, state: &mut State) {
         let mut chosen = state.preferences.threads;
         let mut all = chosen.is_none();
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        if ui.checkbox(&mut all, "One for every core").on_hover_text("They give way to the window").changed() {
+        if ui
+            .checkbox(&mut all, "One per core")
+            .on_hover_text("Compute threads have a lower priority than the window")
+            .changed()
+        {
             chosen = (!all).then_some(cores);
         }
         if let Some(count) = &mut chosen {
@@ -230,9 +234,9 @@ fn about(ui: &mut Ui, state: &mut State) {
         ("Version", env!("CARGO_PKG_VERSION").to_owned()),
         ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
         ("Processor", format!("{}, {}", PROCESSOR.as_str(), counted(cores, "thread"))),
-        ("Estimates run on", state.preferences.engine.to_string()),
-        ("They can run on", engines.join(", ")),
-        ("Window drawn by", state.renderer.unwrap_or("-").to_owned()),
+        ("Estimate engine", state.preferences.engine.to_string()),
+        ("Available engines", engines.join(", ")),
+        ("Renderer", state.renderer.unwrap_or("-").to_owned()),
         ("Licence", env!("CARGO_PKG_LICENSE").to_owned()),
     ];
     egui::Grid::new("about").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
@@ -247,6 +251,6 @@ fn about(ui: &mut Ui, state: &mut State) {
     ui.add_space(4.0);
     if ui.button("Copy").clicked() {
         let text: Vec<String> = facts.iter().map(|(name, value)| format!("{name}: {value}")).collect();
-        state.copy(ui.ctx(), text.join("\n"), "The versions are");
+        state.copy(ui.ctx(), text.join("\n"), "Versions");
     }
 }

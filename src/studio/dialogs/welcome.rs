@@ -21,36 +21,31 @@ struct Stop {
 const STOPS: [Stop; 5] = [
     Stop {
         title: "Move a lenslet",
-        text: "Drag one of the circles in Mask. Its picture on the sensor, the measurement and every number follow while \
-               you drag. Double-click adds a lenslet, Delete removes the selected ones.",
+        text: "Drag one of the circles in Mask. PSF, measurement and all numbers follow while you drag. Double-click adds a lenslet, Delete removes the selected ones.",
         room: Pane::Mask,
         done: |state| state.bench.undoes().is_some(),
     },
     Stop {
         title: "Read the information",
-        text: "The large number says how many bits each pixel tells about the scene at most. The live estimate starts \
-               within a second of an edit and is refined until it says settled. Arrows in Mask show where it would move \
-               each lenslet.",
+        text: "The large number bounds the information in bits per pixel. The live estimate starts within a second of an edit and refines until it says converged. Arrows in Mask show its gradient for each lenslet.",
         room: Pane::Information,
         done: |state| state.estimates.live.is_some(),
     },
     Stop {
-        title: "Keep and compare",
-        text: "Ctrl+D puts the open design aside with its numbers. Keep two, then flip between their pictures.",
+        title: "Compare designs",
+        text: "Ctrl+D takes a snapshot of the open design with its numbers. Take two, then flip between their images.",
         room: Pane::Compare,
         done: |state| !state.snapshots.entries.is_empty(),
     },
     Stop {
-        title: "Let the machine design",
-        text: "Start run lets the lenslets move, merge and fade while their information climbs. Stop it whenever you like; \
-               the slider goes back to any moment. Accept this mask puts the one that is shown into your design.",
+        title: "Optimize the mask",
+        text: "Start run moves, merges and dims lenslets to increase the information. Stop it at any time; the slider shows any earlier step. Accept this mask puts the shown mask into your design.",
         room: Pane::Optimize,
         done: |state| state.run.is_some(),
     },
     Stop {
         title: "Export the design",
-        text: "Ctrl+E writes the PSF as pictures and arrays and the design as JSON into a folder. Save keeps the design \
-               for later.",
+        text: "Ctrl+E writes the PSF as images and arrays and the design as JSON into a folder. Save writes the design file.",
         room: Pane::Mask,
         done: |state| state.onboarding.exported,
     },
@@ -65,7 +60,7 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
     let response = modal::show(ctx, "welcome", 545.0, |ui| {
         modal::body(ui, |ui| {
             ui.heading("Welcome to Lenslet Studio");
-            ui.label("Place lenslets before a sensor and see how much its measurements tell about the scene.");
+            ui.label("Place lenslets in front of a sensor and see how much information its measurements carry.");
             ui.add_space(8.0);
             ui.strong("Start from");
             for sample in &SAMPLES {
@@ -84,7 +79,7 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
                     state.act(Action::OpenObjects);
                     leave = true;
                 }
-                ui.weak("Images, IDX, CIFAR-10, NPY, NPZ or TIFF to look at");
+                ui.weak("Images, IDX, CIFAR-10, NPY, NPZ or TIFF");
             });
         });
         ui.add_space(8.0);

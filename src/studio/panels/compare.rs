@@ -29,12 +29,12 @@ enum SnapshotAction {
 /// Shows the room.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
-        if ui.button("Keep this design").on_hover_text("Puts the open design aside, with its numbers").clicked() {
+        if ui.button("Take snapshot").on_hover_text("Saves the open design with its numbers for comparison").clicked() {
             state.keep_snapshot();
         }
         if let Some(name) = state.snapshots.gone() {
-            let hint = format!("{name}, which was deleted last");
-            if ui.button("Bring back").on_hover_text(hint).clicked() {
+            let hint = format!("Restores {name}");
+            if ui.button("Restore snapshot").on_hover_text(hint).clicked() {
                 state.snapshots.bring_back();
             }
         }
@@ -45,7 +45,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let curve = state.snapshots.table();
                 state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
             }
-            let picture = ui.small_button("Picture...").on_hover_text("This room as it is on the screen, as PNG");
+            let picture = ui.small_button("Image...").on_hover_text("Exports this panel as PNG");
             name_widget(&picture, "Export comparison as PNG");
             if picture.clicked() {
                 state.capture.request(&state.panel_rects, Pane::Compare);
@@ -53,7 +53,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         });
     });
     if state.snapshots.entries.is_empty() {
-        placeholder(ui, "Keep designs to compare them here.");
+        placeholder(ui, "Take snapshots to compare designs here.");
         return;
     }
     egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
@@ -94,7 +94,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
             ui.weak(title);
         }
         if scenes.len() > 1 {
-            ui.weak("Scene").on_hover_text("Numbers before different scenes are not comparable");
+            ui.weak("Scene").on_hover_text("Numbers of different scenes are not comparable");
         }
         ui.end_row();
         let seen = ui.clip_rect().expand(SPACING.y + THUMBNAIL);
@@ -132,7 +132,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
             ui.label(snapshot.numbers.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
             let lenslets = snapshot.design.encoder.lenslets();
             ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
-                .on_hover_text(format!("{} before {}", snapshot.design.encoder.describe(), snapshot.design.objects));
+                .on_hover_text(format!("{}, {}", snapshot.design.encoder.describe(), snapshot.design.objects));
             let more = ui.menu_button("...", |ui| {
                 for (text, act) in [("Open", SnapshotAction::Open(number)), ("Delete", SnapshotAction::Delete(number))]
                 {
@@ -174,19 +174,19 @@ fn information(snapshot: &Snapshot) -> String {
 fn bounds(snapshot: &Snapshot) -> String {
     let line = |what: &str, Bits { bits, interval_95 }: Bits| format!("{what} {}", with_decimals(bits, interval_95, 4));
     let (mut lines, numbers) = (Vec::new(), &snapshot.numbers);
-    lines.extend(numbers.lower.map(|bound| line("At least", bound)));
-    lines.extend(numbers.sampled.map(|bound| line("By posterior sampling at most", bound)));
+    lines.extend(numbers.lower.map(|bound| line("Lower bound", bound)));
+    lines.extend(numbers.sampled.map(|bound| line("AIS upper bound", bound)));
     if let Some([lower, upper]) = numbers.bracket {
         lines.push(format!("{}, {}", line("Bracket from", lower), line("to", upper)));
     }
-    lines.extend(numbers.fitted.map(|bound| line("By an estimate at most", bound)));
+    lines.extend(numbers.fitted.map(|bound| line("Upper bound of an estimate", bound)));
     if let Some((live, settled)) = numbers.live {
-        let state = if settled { "" } else { ", not settled" };
+        let state = if settled { "" } else { ", refining" };
         lines.push(line("Density model", live) + state);
     }
     let gaussian = if snapshot.gaussian_is_bound() { "Gaussian bound" } else { "Gaussian approximation" };
     lines.extend(numbers.gaussian.map(|bits| line(gaussian, bits)));
-    lines.extend(numbers.ceiling.map(|bits| format!("Ceiling {bits:.4}")));
+    lines.extend(numbers.ceiling.map(|bits| format!("Entropy bound {bits:.4}")));
     format!("{}\nbits per pixel, 32 x 32 px patches", lines.join("\n"))
 }
 
@@ -219,7 +219,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
     }
     let State { snapshots, comparison, palettes, hover, .. } = state;
     let [Some(a), Some(b)] = comparison.pair.map(|number| snapshots.get(number?)) else {
-        ui.weak("Choose A and B to compare their pictures.");
+        ui.weak("Choose A and B to compare their images.");
         return;
     };
     ui.horizontal(|ui| {
@@ -239,7 +239,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
                 comparison.side = side;
             }
         }
-        if ui.button("Flip").on_hover_text("From A to B and back").clicked() {
+        if ui.button("Flip").on_hover_text("Switches between A and B").clicked() {
             comparison.side = if comparison.side == ComparedSide::A { ComparedSide::B } else { ComparedSide::A };
         }
     });
@@ -264,11 +264,11 @@ fn pair(ui: &mut Ui, state: &mut State) {
     });
     let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
         let reason = [a, b].into_iter().find_map(|snapshot| snapshot.measurement.as_ref()?.as_ref().err());
-        ui.weak(reason.map_or("Measuring", String::as_str));
+        ui.weak(reason.map_or("Simulating", String::as_str));
         return;
     };
     if one.dim() != other.dim() {
-        ui.weak("Their pictures differ in size.");
+        ui.weak("Their images differ in size.");
         return;
     }
     let what = comparison.what as u64;

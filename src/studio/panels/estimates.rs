@@ -18,15 +18,14 @@ use crate::workbench::{
 };
 
 /// What a copied command is good for.
-const COPY_HINT: &str = "The command line that computes this number again, with the whole design in it";
+const COPY_HINT: &str = "Copies the command line that reproduces this number";
 
 /// How a PixelCNN can be fitted and scored, and what its number is then.
 const PROTOCOLS: [(Protocol, &str); 2] = [
-    (Protocol::Default, "Fresh noise, no scene both in training and in test, exact noise entropy: an upper bound"),
+    (Protocol::Default, "New noise, disjoint training and test objects, exact noise entropy: an upper bound"),
     (
         Protocol::Paper,
-        "As published: patches of the same scenes in training and test, approximate noise entropy. To compare with published \
-         values; no bound",
+        "As published: training and test patches of the same objects, approximate noise entropy; no bound",
     ),
 ];
 
@@ -53,14 +52,14 @@ fn results(ui: &mut Ui, state: &mut State) {
         ui.push_id("running", |ui| fit_plot(ui, &running.curve, 150.0));
     }
     if state.estimates.gone.is_some() {
-        let back = ui.small_button("Bring back the deleted estimate");
-        if back.on_hover_text("Until the window is closed").clicked() {
+        let back = ui.small_button("Restore deleted estimate");
+        if back.on_hover_text("Possible until the window closes").clicked() {
             state.bench.bring_back_estimate();
             state.estimate_form.chosen = None;
         }
     }
     if finished.is_empty() && running.is_none() {
-        ui.weak("An estimate runs beside your work: edit on, its result keeps the design it belongs to.");
+        ui.weak("Estimates run in the background; a result keeps its design.");
         return;
     }
     for (index, result) in finished.iter().enumerate().rev() {
@@ -97,9 +96,8 @@ fn order(ui: &mut Ui, state: &mut State) {
             .width(96.0)
             .show_ui(ui, |ui| {
                 ui.selectable_value(&mut form.whole_sensor, false, "32 x 32 px");
-                ui.selectable_value(&mut form.whole_sensor, true, "Whole sensor").on_hover_text(
-                    "Patches count copies of one object point again, each in a patch of its own; the whole measurement does not",
-                );
+                ui.selectable_value(&mut form.whole_sensor, true, "Whole sensor")
+                    .on_hover_text("Estimates whole measurements, in which copies of one object point count once");
             })
             .response;
         name_widget(&response, "Patch");
@@ -119,11 +117,13 @@ fn order(ui: &mut Ui, state: &mut State) {
         if form.kind != Estimator::Bracket {
             let field = NumberField::whole("Trials", 1..=100).counting(" trial", " trials");
             let trials = field.edit_whole(ui, &mut form.trials);
-            trials.on_hover_text("Fits with seeds of their own, one after the other: the smallest counts, the spread is told");
+            trials.on_hover_text(
+                "Number of fits with different seeds; the smallest value counts and the spread is reported",
+            );
         }
         form.length.show(ui, form.kind, "of the fit");
         let start = ui.button("Start estimate");
-        if start.on_hover_text("Where one is computed already, this one comes after it").clicked() {
+        if start.on_hover_text("Starts the estimate, or queues it behind a running one").clicked() {
             let request = state.estimate_form.request(state.preferences.engine);
             if let Err(refusal) = state.bench.order_estimate(request) {
                 state.messages.push(Severity::Failure, refusal);
@@ -145,7 +145,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             let text = egui::RichText::new(summary(estimate)).strong();
             let response = ui.selectable_label(state.estimate_form.chosen == Some(index), text);
             name_widget(&response, &format!("Estimate {}", index + 1));
-            if response.on_hover_text("Shows the curve of its fit").clicked() {
+            if response.on_hover_text("Shows the curve of this fit").clicked() {
                 state.estimate_form.chosen = Some(index);
             }
         });
@@ -168,7 +168,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             ui.weak(format!("gain {gain}, offset {offset}, bin {bin}"));
         }
         if estimate.above_ceiling() {
-            ui.colored_label(ui.visuals().warn_fg_color, "Above what the objects hold: do not rank masks by it.");
+            ui.colored_label(ui.visuals().warn_fg_color, "This value exceeds the entropy bound. It cannot rank masks.");
         }
         ui.horizontal_wrapped(|ui| {
             let copy = ui.small_button("Copy JSON");
@@ -176,7 +176,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
             if copy.clicked()
                 && let Ok(json) = serde_json::to_string_pretty(estimate)
             {
-                state.copy(ui.ctx(), json, "The estimate is");
+                state.copy(ui.ctx(), json, "Estimate");
             }
             let command = ui.small_button("Copy command");
             name_widget(&command, &format!("Copy command of estimate {}", index + 1));
@@ -194,7 +194,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
                 let curve = columns(&result.value.curve);
                 state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
             }
-            let delete = ui.small_button("Delete").on_hover_text("Forgets this estimate when the window is closed");
+            let delete = ui.small_button("Delete").on_hover_text("Deletes this estimate when the window closes");
             name_widget(&delete, &format!("Delete estimate {}", index + 1));
             if delete.clicked() {
                 state.bench.delete_estimate(&result.value);
@@ -222,9 +222,10 @@ fn summary(estimate: &Estimate) -> String {
 
 /// How the fits went: a density model's cross-entropy falls, what a decoder saves rises.
 fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
-    for (model, name, colour) in
-        [(FittedModel::Density, "H(Y) of the fit", DENSITY), (FittedModel::Decoder, "saved by the decoder", LOWER)]
-    {
+    for (model, name, colour) in [
+        (FittedModel::Density, "cross-entropy", DENSITY),
+        (FittedModel::Decoder, "information gain of the decoder", LOWER),
+    ] {
         let points: Vec<[f64; 2]> =
             curve.iter().filter(|point| point.model == model).map(|point| [point.seconds, point.bits]).collect();
         if points.len() < 2 {

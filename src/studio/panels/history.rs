@@ -22,7 +22,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
     });
     if state.edit_history.points.is_empty() {
-        placeholder(ui, "The bounds of every edit will be drawn here.");
+        placeholder(ui, "The bounds of each edit appear here.");
         return;
     }
     Plot::new("Information of past edits")
@@ -43,7 +43,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let gaussian = if is_bound { "Gaussian bound" } else { "Gaussian approximation" };
                 for (name, colour, value) in [
                     (gaussian, GAUSSIAN, &(|point: &EditPoint| Some(point.gaussian)) as &dyn Fn(&_) -> _),
-                    ("ceiling", CEILING, &|point: &EditPoint| point.ceiling),
+                    ("entropy bound", CEILING, &|point: &EditPoint| point.ceiling),
                     ("density model", DENSITY, &|point: &EditPoint| point.live),
                 ] {
                     plot.line(Line::new(name, line(value)).color(colour).width(2.0));

@@ -48,9 +48,7 @@ fn more(ui: &mut Ui, state: &mut State) {
             action_entry::entry(ui, state, action);
         }
     });
-    let hint = "Copy all numbers with their intervals; copy the command line that computes them again, for which a record of \
-                the live estimate is kept; or write that record to a place of your own. A bracket has a command of its own \
-                (Estimates)";
+    let hint = "Copies the numbers or the command that reproduces them, or exports the record of the live estimate";
     name_widget(&more.response.on_hover_text(hint), "More of the numbers");
 }
 
@@ -69,7 +67,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
             format!("whole sensor: {}", bound.from),
-            format!("What whole measurements tell; below: {rows} x {cols} px patches"),
+            format!("Whole measurements; below: {rows} x {cols} px patches"),
         ),
         (Some((lower, Bracket { upper, .. }, [rows, cols])), _) => (
             between(lower, *upper),
@@ -84,21 +82,23 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
         (_, Some(lower)) => (
             between(lower.bits_per_pixel, upper),
             both(&lower.from, &from),
-            format!("The information of {rows} x {cols} px patches lies between these bounds."),
+            format!("Lower and upper bound for {rows} x {cols} px patches."),
         ),
         _ if known.upper_bound().is_none() => (
             format!("\u{2248} {upper:.3}"),
             from,
-            format!("No bound for {rows} x {cols} px patches: they see some parts of the pictures more often."),
+            format!(
+                "Approximation for {rows} x {cols} px patches, which cover some parts of the images more often than others."
+            ),
         ),
         _ => (
             format!("\u{2264} {upper:.3}"),
             from,
             if known.bounds.ceiling.is_some() {
-                format!("Upper bound for {rows} x {cols} px patches; the live estimate adds the lower one.")
+                format!("Upper bound for {rows} x {cols} px patches; the live estimate adds a lower bound.")
             } else {
                 format!(
-                    "Upper bound for {rows} x {cols} px patches; what these objects hold is not known, so no lower one is."
+                    "Upper bound for {rows} x {cols} px patches; these objects have no known prior and so no lower bound."
                 )
             },
         ),
@@ -106,9 +106,9 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     let run = known.run.as_ref().or(known.run_of_sensor.as_ref());
     let patch = match run {
         Some(run) if !run.is_of_mask && of_sensor.is_some() => {
-            "Whole measurements; the mask has moved since that step.".to_owned()
+            "Whole measurements, at an earlier step of the run.".to_owned()
         }
-        Some(run) if !run.is_of_mask => format!("{rows} x {cols} px patches; the mask has moved since that step."),
+        Some(run) if !run.is_of_mask => format!("{rows} x {cols} px patches, at an earlier step of the run."),
         _ => patch,
     };
     let text = RichText::new(text).size(28.0);
@@ -139,7 +139,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     let from =
         known.sensor_bracket().and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
     let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
-    ui.weak(patch).on_hover_text(format!("Mutual information between scenes and noisy measurements{from}"));
+    ui.weak(patch).on_hover_text(format!("Mutual information between objects and noisy measurements{from}"));
     ui.add_space(4.0);
 }
 
@@ -161,9 +161,9 @@ fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
     let models = known.current_live().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
     let density = models.into_iter().any(|bits| bits > ceiling);
     let warning = match (density, known.gaussian() > ceiling) {
-        (true, true) => "Density model and Gaussian lie above what the objects hold at all: do not rank masks by them.",
-        (true, false) => "The density model lies above what the objects hold at all: do not rank masks by it.",
-        (false, true) => "The Gaussian lies above what the objects hold at all: do not rank masks by it.",
+        (true, true) => "Density model and Gaussian exceed the entropy bound. They cannot rank masks.",
+        (true, false) => "The density model exceeds the entropy bound. It cannot rank masks.",
+        (false, true) => "The Gaussian exceeds the entropy bound. It cannot rank masks.",
         (false, false) => return,
     };
     ui.colored_label(ui.visuals().warn_fg_color, warning);
@@ -174,14 +174,14 @@ fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
     let upper = known.upper_bound().map(|(bits, _)| bits);
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
     let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
-    marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("ceiling", ceiling, CEILING)));
+    marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("entropy bound", ceiling, CEILING)));
     let density = known.current_live().map(|live| live.bits_per_pixel);
     let density = density.or_else(|| Some(known.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
     marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
     marks.extend(known.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
     let sampled = known.current_live().and_then(|live| live.upper.as_ref());
-    marks.extend(sampled.map(|upper| ("posterior sampling", upper.bits_per_pixel, SAMPLED)));
+    marks.extend(sampled.map(|upper| ("AIS upper bound", upper.bits_per_pixel, SAMPLED)));
     let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
     let text = marks.iter().map(|(name, bits, _)| format!("{name} {bits:.3}")).collect::<Vec<_>>().join(", ");
@@ -238,34 +238,27 @@ fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
         };
         if let Some(edit) = known.current_live().and_then(|live| live.edit) {
             let PairedDifference { bits_per_pixel, interval_95: [low, high] } = edit;
-            let hint = "By how much more (+) or less the decoder that comes with the program tells of the beads since the last \
-                        edit, of the same scenes seen through both masks: differences show that are smaller than the \
-                        intervals of either number. 95 % interval; Undo goes back to the other mask.";
+            let hint = "Change of the decoder's information by the last edit, from the same objects imaged with both masks, with 95 % interval";
             let interval = if low < high { format!(" [{low:+.4}, {high:+.4}]") } else { String::new() };
             line("Last edit", format!("{bits_per_pixel:+.4}{interval}"), None, hint);
         }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = known.lower() {
-            let hint = "What a decoder, or following the posterior of the beads, was seen to tell of fresh scenes: the \
-                        information is at least this. At once by the decoder that comes with the program; a bracket \
-                        (Estimates) fits it to this design.";
+            let hint = "Information that a decoder, or annealed importance sampling (AIS), extracts from new measurements, with 95 % interval";
             let value = format!("{} {from}", with_interval(bits_per_pixel, interval_95));
             line("Lower bound", value, Some(LOWER), hint);
         }
         if let Some(upper) = known.current_live().and_then(|live| live.upper.as_ref()) {
-            let hint = "Annealed importance sampling from the decoder's guess to the posterior of the beads: the information \
-                        is at most this, however badly the sampling goes; the longer it takes, the tighter.";
+            let hint = "Upper bound by annealed importance sampling (AIS) from the decoder's posterior; it tightens with computing time";
             let value = with_interval(upper.bits_per_pixel, upper.interval_95);
-            line("Posterior sampling", value, Some(SAMPLED), hint);
+            line("AIS upper bound", value, Some(SAMPLED), hint);
         }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = &known.fitted {
-            let hint = "The smallest of the finished estimates (Estimates) of this design by one density model: an upper bound, \
-                        with its 95 % interval.";
+            let hint = "Smallest finished estimate of this design by one density model, with 95 % interval";
             let value = format!("{} {from}", with_interval(*bits_per_pixel, *interval_95));
             line("Upper bound", value, Some(FITTED), hint);
         }
         if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &known.sensor {
-            let hint = "The smallest of the finished estimates (Estimates) of whole measurements of this design: an upper bound, \
-                        with its 95 % interval. Patches count copies of one object point again; the whole sensor does not.";
+            let hint = "Smallest finished estimate of whole measurements of this design, with 95 % interval";
             let value = format!("{} {upper_from}", with_interval(*upper, *upper_interval_95));
             line("Whole sensor", value, Some(FITTED), hint);
         }
@@ -274,38 +267,35 @@ fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
             "Density model",
             value,
             Some(DENSITY),
-            "The live estimate: cross-entropy of a causal density model on held-out patches, less the noise entropy; 95 % \
-             interval. An upper bound from the first number on, that falls while the model is fitted.",
+            "Live estimate: cross-entropy of a causal density model on held-out patches minus the noise entropy, with 95 % interval",
         );
         line(
             known.bounds.gaussian_name(),
             with_interval(bound.bits_per_pixel, known.bounds.interval_95),
             Some(GAUSSIAN),
-            "Entropy of the Gaussian with the measurements' covariance, less the noise entropy; 95 % interval. \
-             It needs no samples but for the noise entropy, and is loose for sparse objects. Where patches see some \
-             parts of the pictures more often than others, as of whole pictures, it is no bound.",
+            "Entropy of the Gaussian with the covariance of the measurements minus the noise entropy, with 95 % interval; it is loose for sparse objects",
         );
         match known.bounds.ceiling_bits() {
             Some(ceiling) => line(
-                "Ceiling",
+                "Entropy bound",
                 rounded(ceiling),
                 Some(CEILING),
-                "What the objects hold and this PSF can tell apart one bead at a time: no measurement can carry more.",
+                "Object-entropy bound: the entropy of the objects, counted as far as this PSF resolves single beads",
             ),
-            None => line("Ceiling", "unknown".into(), None, "The entropy of these objects is not known."),
+            None => line("Entropy bound", "unknown".into(), None, "The entropy of these objects is unknown."),
         }
         line(
             "Infinite patch",
             rounded(known.bounds.infinite_patch_bits()),
             None,
-            "The same Gaussian of an infinitely large sensor (spectral integral)",
+            "The same Gaussian for an infinitely large sensor (spectral integral)",
         );
         let (name, entropy_y, entropy_y_given_x) = entropies;
         line(
             "H(Y)  -  H(Y|X)",
             format!("{entropy_y:.3}  -  {entropy_y_given_x:.3}"),
             None,
-            &format!("Entropy of measurements under the {name}, and of the noise alone; bits per pixel"),
+            &format!("Entropy of the measurements under the {name} and entropy of the noise, bits per pixel"),
         );
     });
 }
@@ -336,9 +326,9 @@ fn live_line(state: &State, known: &BoundSummary<'_>) -> (String, (&'static str,
         Some((live, current)) => {
             let stage = match (current, live.remaining) {
                 (false, _) => "of an earlier edit".to_owned(),
-                (true, None) if live.bounding && !off && !paused => "settled; bounds go on".into(),
-                (true, None) => "settled".into(),
-                (true, Some(_)) if off => "switched off".into(),
+                (true, None) if live.bounding && !off && !paused => "converged; bounds refining".into(),
+                (true, None) => "converged".into(),
+                (true, Some(_)) if off => "off".into(),
                 (true, Some(_)) if paused => "paused".into(),
                 (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
             };

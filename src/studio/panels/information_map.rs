@@ -14,16 +14,16 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
         state.views.information.colour_controls(ui, &state.palettes);
         let count = live.as_ref().map_or(0, |live| live.value.maps.len_of(Axis(0)));
-        let mean = ui.selectable_label(state.map_sample.is_none(), "Mean").on_hover_text(
-            "Mean over held-out patches: pixels are taken row by row, so the first ones of a patch tell most",
-        );
+        let mean = ui
+            .selectable_label(state.map_sample.is_none(), "Mean")
+            .on_hover_text("Mean over held-out patches; pixels are scanned row by row, so the first ones carry most");
         name_widget(&mean, "Mean information map");
         if mean.clicked() {
             state.map_sample = None;
         }
         let one = ui
             .selectable_label(state.map_sample.is_some(), "Patch")
-            .on_hover_text("One patch: which of its pixels told something new");
+            .on_hover_text("Information of each pixel of one patch");
         name_widget(&one, "Information map of a patch");
         if one.clicked() {
             state.map_sample = Some(state.map_sample.unwrap_or(0));
@@ -39,7 +39,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
     });
     let Some(live) = live else {
-        placeholder(ui, if state.bench.is_live() { "Computing" } else { "The live estimate is switched off." });
+        placeholder(ui, if state.bench.is_live() { "Computing" } else { "The live estimate is off." });
         return;
     };
     let stale = !state.is_current(live.revision);

@@ -19,7 +19,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
     window.pivot(egui::Align2::CENTER_BOTTOM).default_pos(corner).show(ctx, |ui| {
         let all = state.bench.activities();
         if all.is_empty() {
-            ui.weak("Nothing has been asked for yet. Estimates, runs, and files that are read or written stand here.");
+            ui.weak("There are no jobs yet. Estimates, runs and file operations are listed here.");
         }
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             for activity in all.iter().rev() {
@@ -51,7 +51,7 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
     let time = spoken(activity.time());
     match &activity.state {
         ActivityState::Waiting => {
-            ui.weak("waits for others");
+            ui.weak("waiting for other jobs");
         }
         ActivityState::Running | ActivityState::Paused => {
             let left = job_progress::left_of(activity);
@@ -77,7 +77,7 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
             let copy = ui.small_button("Copy log");
             name_widget(&copy, &format!("Copy log of job {number}"));
             if copy.clicked() {
-                state.copy(ui.ctx(), log_text(activity), "The log is");
+                state.copy(ui.ctx(), log_text(activity), "Log");
             }
             egui::Grid::new(("lines", number)).num_columns(2).show(ui, |ui| {
                 for (seconds, text) in &activity.log {

@@ -21,12 +21,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     };
     ui.horizontal(|ui| {
-        if ui.button("Add lenslet").on_hover_text("In the middle of the grid; or double-click the mask").clicked() {
+        if ui.button("Add lenslet").on_hover_text("Adds a lenslet in the middle of the grid").clicked() {
             state.add_lenslet();
         }
         let deletable = !state.selection.is_empty() && state.selection.len() < array.lenslets.len();
         let delete = ui.add_enabled(deletable, egui::Button::new("Delete selected"));
-        if delete.on_disabled_hover_text("Select lenslets first; one must stay").clicked() {
+        if delete.on_disabled_hover_text("Select lenslets first; at least one must remain").clicked() {
             state.delete_selection();
         }
         if ui.button("Equal weights").on_hover_text("Gives every lenslet the same share of the light").clicked() {
@@ -53,7 +53,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
                 ui.strong(column.title()).on_hover_text(column.hint());
             }
-            ui.strong("lock").on_hover_text("A run that starts from this design leaves it as it is");
+            ui.strong("lock").on_hover_text("Locked lenslets stay unchanged in runs");
             ui.end_row();
             for index in 0..array.lenslets.len() {
                 row(ui, state, array, index, volumes);

@@ -43,20 +43,18 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let arrows = ui.checkbox(&mut state.arrows, "Arrows");
         arrows.on_hover_ui(|ui| {
             ui.label(
-                "Where the gradient of the information would move each lenslet, the longest by 3 px; no arrow where it is not known \
-                 to differ from none. It is that of the live estimate or, of beads before which that is loose, of what the decoder \
-                 that comes with the program can tell; while a run is followed, that of the run.",
+                "Gradient of the information by the position of each lenslet, where it is statistically significant; the longest arrow is 3 px.",
             );
             if let Some(pulls) = pulls_of(state) {
-                let known = pulls.iter().filter(|pull| pull.is_certain).count();
-                ui.label(format!("Known by now: {known} of {}", pulls.len()));
+                let significant = pulls.iter().filter(|pull| pull.is_certain).count();
+                ui.label(format!("Significant: {significant} of {}", pulls.len()));
             }
         });
         let count = state.lenslet_count();
         let selected = state.selection.len();
         let text = match (count, selected) {
             (0, _) => state.bench.design().encoder.describe(),
-            (_, 0) => "Double-click adds a lenslet, drag moves, wheel changes weight".into(),
+            (_, 0) => "Double-click adds a lenslet, drag moves it, wheel changes its weight".into(),
             (_, 1) => "1 selected".into(),
             (_, more) => format!("{more} selected"),
         };

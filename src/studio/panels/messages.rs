@@ -74,7 +74,7 @@ impl Messages {
         };
         let text = RichText::new(&message.text).color(colour(ui, message.severity));
         let label = egui::Label::new(text).truncate().sense(egui::Sense::click());
-        let response = ui.add(label).on_hover_text(format!("{}\n\nClick for all messages", message.text));
+        let response = ui.add(label).on_hover_text(format!("{}\n\nClick to show all messages", message.text));
         if response.clicked() {
             self.log_open = !self.log_open;
         }
@@ -88,7 +88,7 @@ impl Messages {
         let window = egui::Window::new("Messages").open(&mut open).default_size([520.0, 260.0]);
         window.pivot(egui::Align2::LEFT_BOTTOM).default_pos(corner).show(ctx, |ui| {
             if self.entries.is_empty() {
-                ui.weak("Nothing has been told yet.");
+                ui.weak("There are no messages yet.");
             }
             egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
                 for message in self.entries.iter().rev() {

@@ -41,7 +41,7 @@ fn hint(state: &State, action: Action) -> &'static str {
         Action::Accept => {
             "The design has changed since the run was started, so that this mask is opened as a design of its own"
         }
-        Action::OpenMask => "Leaves the design as it is and opens this mask as a design of its own",
+        Action::OpenMask => "Opens this mask as a new design and leaves the open one unchanged",
         _ => "Shows the design again; the run goes on, and its masks can be shown again (Optimize, Newest)",
     }
 }

@@ -39,7 +39,7 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
         state.views.measurement.colour_controls(ui, &state.palettes);
         sample_controls(ui, state, "measurement");
-        ui.checkbox(&mut state.noisy, "Noise").on_hover_text("Off shows the noiseless encoded image");
+        ui.checkbox(&mut state.noisy, "Noise").on_hover_text("Off shows the noiseless measurement");
         information_overlay::switch(ui, state);
     });
     let Some(measurements) = state.live.measurements.clone() else {
@@ -77,7 +77,7 @@ fn sample_controls(ui: &mut Ui, state: &mut State, what: &str) {
     if next.clicked() {
         state.sample = (state.sample + 1) % count;
     }
-    let random = ui.add_enabled(count > 1, egui::Button::new("Any").small()).on_hover_text("Another sample by chance");
+    let random = ui.add_enabled(count > 1, egui::Button::new("Random").small()).on_hover_text("Random sample");
     name_widget(&random, &format!("Random {what}"));
     if random.clicked() {
         let mut random = ChaCha8Rng::seed_from_u64(ui.ctx().cumulative_frame_nr());

@@ -43,21 +43,21 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
             ui,
             is(|source| matches!(source, ObjectSource::Beads { .. })),
             "Beads",
-            "Randomly placed points, the whole set scaled to the mean below",
+            "Randomly placed beads; the whole set is scaled to the mean below",
             ObjectSource::Beads { density },
         );
         kind(
             ui,
             is(|source| matches!(source, ObjectSource::BeadsMax { .. })),
             "Equal beads",
-            "Every bead has 2000 photons, however many there are",
+            "Randomly placed beads of 2000 photons each",
             ObjectSource::BeadsMax { density },
         );
         kind(
             ui,
             is(|source| matches!(source, ObjectSource::Volume { .. })),
             "Volume",
-            "Five independent planes of beads; each lenslet sees the plane it is focused on",
+            "Five independent planes of beads; each lenslet images the plane in its focus",
             ObjectSource::Volume { planes: 5, density },
         );
     });
@@ -71,7 +71,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
     ui.horizontal(|ui| {
         if ui
             .button("Open objects...")
-            .on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, a picture, or a folder of pictures")
+            .on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, an image, or a folder of images")
             .clicked()
         {
             state.path_dialog.ask(PathPurpose::OpenObjects, state.bench.path());
@@ -163,7 +163,7 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
         if let Some(edit) = NumberField::seed("Seed").show(ui, design.seed as f64).1 {
             state.send_edit(edit, &Command::SetSeed(edit.value as u64));
         }
-        if ui.button("New").on_hover_text("Draws other objects and other noise").clicked() {
+        if ui.button("New").on_hover_text("Draws new objects and new noise").clicked() {
             state.bench.begin_step();
             state.send(&Command::SetSeed(design.seed.wrapping_add(1) % 9_000_000_000_000_000));
         }

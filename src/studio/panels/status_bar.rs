@@ -34,13 +34,13 @@ pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
             if state.bench.is_computing() {
                 "Computing".into()
             } else if state.failure().is_some() {
-                "No numbers".into()
+                "No results".into()
             } else {
                 format!("Up to date, computed in {:.0} ms", 1e3 * state.live.seconds)
             }
         });
         let work = egui::Label::new(egui::RichText::new(work).weak()).sense(egui::Sense::click());
-        if ui.add(work).on_hover_text("Click for all jobs").clicked() {
+        if ui.add(work).on_hover_text("Shows all jobs").clicked() {
             state.jobs_open = !state.jobs_open;
         }
         if state.live.busy.is_some() && ui.small_button("Cancel reading").clicked() {

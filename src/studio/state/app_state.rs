@@ -381,12 +381,12 @@ impl State {
         Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
     }
 
-    /// Puts a text into the clipboard and says whether it is there; `what` begins that sentence: "The numbers are".
+    /// Puts a text into the clipboard and says whether it is there; `what` begins that sentence: "Numbers".
     pub fn copy(&mut self, ctx: &egui::Context, text: String, what: &str) {
         match self.clipboard.put(ctx, text) {
-            Ok(()) => self.messages.push(Severity::Done, format!("{what} in the clipboard")),
+            Ok(()) => self.messages.push(Severity::Done, format!("{what} copied to the clipboard")),
             Err(reason) => {
-                let failure = format!("{what} not in the clipboard of the system, for it failed: {reason}");
+                let failure = format!("{what} not copied to the system clipboard: {reason}");
                 self.messages.push(Severity::Failure, failure);
             }
         }
@@ -395,7 +395,7 @@ impl State {
     /// Puts a command line into the clipboard, or tells why there is none.
     pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
         match command {
-            Ok(text) => self.copy(ctx, text, "The command line is"),
+            Ok(text) => self.copy(ctx, text, "Command line"),
             Err(reason) => self.messages.push(Severity::Failure, reason),
         }
     }
@@ -426,7 +426,7 @@ impl State {
                 if let Some(free) = free {
                     *free = Some(last.number);
                 }
-                self.messages.push(Severity::Done, format!("Kept as {}", last.name));
+                self.messages.push(Severity::Done, format!("Snapshot taken: {}", last.name));
             }
             Err(reason) => self.messages.push(Severity::Failure, reason),
         }

@@ -19,7 +19,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
         json!({
             "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
-            "settled": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
+            "converged": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
         })
     });
     let (upper, upper_from) = known.upper_bound().unzip();
@@ -51,5 +51,5 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
         "object_tamura": scene.map(|scene| scene.value.tamura.mean),
     });
-    state.copy(ctx, format!("{numbers:#}\n"), "The numbers are");
+    state.copy(ctx, format!("{numbers:#}\n"), "Numbers");
 }

@@ -35,7 +35,7 @@ impl EstimateForm {
         (
             Estimator::Bracket,
             "Bracket",
-            "Bounds from both sides: density model, Gaussian bound and ceiling above, a decoder below, posterior sampling on either side",
+            "Lower bound by a decoder and AIS, upper bound by density model, Gaussian, object entropy and AIS",
         ),
         (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
         (Estimator::PixelCnn, "PixelCNN", "The published density model"),

@@ -68,13 +68,13 @@ impl PathPurpose {
             Self::OpenDesign => "Open design".into(),
             Self::SaveAs => "Save design as".into(),
             Self::OpenObjects => "Open objects".into(),
-            Self::ChooseImages => "Images of a camera".into(),
+            Self::ChooseImages => "Camera images".into(),
             Self::ImportPsf => "Import PSF".into(),
             Self::KeepUnsaved => "Folder for unsaved changes".into(),
             Self::ExportDesign => "Export design".into(),
             Self::ExportMeasurements => "Export measurements".into(),
             Self::ExportView { name, .. } => format!("Export {name} view"),
-            Self::ExportPicture { name, .. } => format!("Export picture of {name}"),
+            Self::ExportPicture { name, .. } => format!("Export image of {name}"),
             Self::ExportRecord(_) => "Export record".into(),
             Self::ExportLive(_) => "Export record of the live estimate".into(),
             Self::ExportCurve { .. } => "Export curve".into(),
@@ -85,21 +85,19 @@ impl PathPurpose {
         match self {
             Self::OpenDesign | Self::SaveAs => "A design file (.json)",
             Self::OpenObjects => {
-                "IDX (.gz too), CIFAR-10 .bin, NPY, NPZ or TIFF stack, a picture, or a folder of pictures"
+                "IDX (also .gz), CIFAR-10 .bin, NPY, NPZ or TIFF stack, an image, or a folder of images"
             }
-            Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of pictures",
-            Self::ImportPsf => "A picture (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
+            Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of images",
+            Self::ImportPsf => "An image (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
             Self::ExportDesign => {
-                "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is made if need be"
+                "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is created if missing"
             }
-            Self::KeepUnsaved => "A folder of a disk that is there whenever the program runs; it is made if need be",
-            Self::ExportMeasurements => "A folder for objects, noiseless and measurements; it is made if need be",
-            Self::ExportView { .. } => "A PNG file, one pixel per pixel",
-            Self::ExportPicture { .. } => "A PNG file, as it was on the screen",
-            Self::ExportRecord(_) => "A JSON file with everything that is needed to repeat the run",
-            Self::ExportLive(_) => {
-                "A JSON file from which `lenslet-studio repeat FILE` computes the same numbers again"
-            }
+            Self::KeepUnsaved => "A folder on a disk that is always connected; it is created if missing",
+            Self::ExportMeasurements => "A folder for objects, noiseless and measurements; it is created if missing",
+            Self::ExportView { .. } => "A PNG file with one pixel per value",
+            Self::ExportPicture { .. } => "A PNG file of the panel as shown",
+            Self::ExportRecord(_) => "A JSON file that reproduces the run",
+            Self::ExportLive(_) => "A JSON file that `lenslet-studio reproduce FILE` reads",
             Self::ExportCurve { .. } => "A CSV file",
         }
     }
@@ -242,8 +240,8 @@ impl PathQuestion {
         let (first, others) = files.split_first()?;
         let first = first.display();
         Some(match others.len() {
-            0 => format!("{first} is there already. Replace it?"),
-            more => format!("{first} and {more} more are there already. Replace them?"),
+            0 => format!("{first} already exists. Replace it?"),
+            more => format!("{first} and {more} more already exist. Replace them?"),
         })
     }
 }

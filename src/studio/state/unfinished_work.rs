@@ -9,19 +9,19 @@ impl State {
         let open = self.bench.activities();
         let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
         let run = match (is_open(ActivityKind::Run), self.bench.keeps_run()) {
-            (true, true) => Some("A run goes on. It is kept, and the next window can go on with it."),
-            (true, false) => Some("A run goes on. What it has found so far would be lost."),
+            (true, true) => Some("A run is active. It is saved and can be resumed in the next window."),
+            (true, false) => Some("A run is active. Its progress would be lost."),
             (false, false) if self.bench.would_miss_run() => Some("Results of the run would be lost."),
             (false, _) => None,
         };
-        let why = self.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be kept: {why}."));
+        let why = self.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be saved: {why}."));
         let estimates =
             open.iter().filter(|activity| activity.kind == ActivityKind::Estimate && activity.is_open()).count();
         let estimate = match (estimates, self.bench.keeps_estimates()) {
             (0, _) => None,
-            (1, true) => Some("An estimate is being computed. It is kept, and goes on in the next window."),
-            (_, true) => Some("Estimates are being computed. They are kept, and go on in the next window."),
-            (_, false) => Some("An estimate is being computed. What it has computed so far would be lost."),
+            (1, true) => Some("An estimate is running. It is saved and resumes in the next window."),
+            (_, true) => Some("Estimates are running. They are saved and resume in the next window."),
+            (_, false) => Some("An estimate is running. Its progress would be lost."),
         };
         let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();
         (!sentences.is_empty()).then(|| sentences.join(" "))

@@ -23,8 +23,7 @@ pub fn missing_glyphs(ctx: &Context, text: &str) -> Option<String> {
     let more = if missing.len() > NAMED { " and others" } else { "" };
     (!missing.is_empty()).then(|| {
         format!(
-            "This system has no font for {}{more}, which names of files hold; boxes stand for them. Install a font for \
-             their script and start the program again.",
+            "This system has no font for {}{more} in file names; boxes replace them. Install a font for the script and restart the program.",
             codes.join(" ")
         )
     })
@@ -50,7 +49,7 @@ mod tests {
         });
         output.textures_delta.clear();
         assert_eq!(told[0], None);
-        assert!(told[1].as_ref().unwrap().contains("no font for U+8BBE U+8BA1, which"), "{told:?}");
+        assert!(told[1].as_ref().unwrap().contains("no font for U+8BBE U+8BA1 in"), "{told:?}");
         assert!(told[2].as_ref().unwrap().contains("U+3046 U+3048 U+304A U+304B and others"), "{told:?}");
     }
 }

@@ -28,7 +28,7 @@ pub enum Rejection {
     Empty,
     /// The comma may stand before decimals or between thousands.
     Ambiguous,
-    /// The text is no number.
+    /// The text is not a number.
     NoNumber,
     /// The field holds whole numbers.
     NotWhole,

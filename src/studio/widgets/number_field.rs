@@ -205,8 +205,8 @@ impl<'a> NumberField<'a> {
                 let [decimal, thousands] = [".", ""].map(|separator| text.replacen(',', separator, 1));
                 format!("{typed} may mean {decimal} or {thousands}")
             }
-            Rejection::NoNumber => format!("{typed} is no number"),
-            Rejection::NotWhole => format!("{typed} is no whole number"),
+            Rejection::NoNumber => format!("{typed} is not a number"),
+            Rejection::NotWhole => format!("{typed} is not a whole number"),
             Rejection::Outside => format!("{typed} is not {}", self.expected.clone().unwrap_or_else(|| self.bounds())),
         };
         format!("{}: {reason}; {old} stays", self.name)

@@ -15,7 +15,7 @@ use crate::workbench::{Calibration, FileUse, MeasuredOrder};
 
 /// An estimate from what a camera has recorded.
 pub fn show(ui: &mut Ui, state: &mut State) {
-    ui.collapsing("Images of a camera", |ui| {
+    ui.collapsing("Camera images", |ui| {
         ui.horizontal_wrapped(|ui| {
             if ui.button("Choose images...").clicked() {
                 state.path_dialog.ask(PathPurpose::ChooseImages, state.bench.path());
@@ -40,8 +40,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             }
             let can_start = form.path.is_some();
             let start = ui.add_enabled(can_start, egui::Button::new("Estimate images"));
-            let hint = "The patch is that above, the noise that of the scene. The noisy images stand in for the clean ones, \
-                        which is fair above some 10 photons";
+            let hint = "Estimates with the patch above and the noise of the scene; noisy images stand in for noiseless ones, which is accurate above 10 photons";
             let start = start.on_hover_text(hint).on_disabled_hover_text("Choose images first");
             if start.clicked()
                 && let Some(path) = form.path.clone()
@@ -60,13 +59,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let Calibration { gain, offset, bin } = &mut form.calibration;
             ui.label("gain");
             let field = NumberField::new("Images: gain", 1e-6..=1e6).speed(0.01);
-            field.edit(ui, gain).on_hover_text("Grey levels per photon");
+            field.edit(ui, gain).on_hover_text("Grey values per photon");
             ui.label("offset");
             let field = NumberField::new("Images: offset", -1e6..=1e6).speed(0.1);
-            field.edit(ui, offset).on_hover_text("Grey level of no light");
+            field.edit(ui, offset).on_hover_text("Grey value without light");
             ui.label("bin");
             let field = NumberField::whole("Images: bin", 1..=64);
-            field.edit_whole(ui, bin).on_hover_text("Rows and columns of pixels whose photons are added up");
+            field.edit_whole(ui, bin).on_hover_text("Side of the squares of pixels that are summed");
         });
         let form = &mut state.estimate_form.camera;
         if let Some(path) = &mut form.path {

@@ -21,12 +21,12 @@ impl FitLengthForm {
             .selected_text(if self.counts_steps(kind) { "steps" } else { "min" })
             .width(52.0)
             .show_ui(ui, |ui| {
-                ui.selectable_value(&mut self.by_steps, false, "min").on_hover_text(
-                    "The fit gets as far as the machine does, so that the copied command gives a similar number",
-                );
+                ui.selectable_value(&mut self.by_steps, false, "min")
+                    .on_hover_text("Limits the fit by time; the copied command gives a similar number");
                 ui.add_enabled_ui(kind != Estimator::PixelCnn, |ui| {
-                    ui.selectable_value(&mut self.by_steps, true, "steps")
-                        .on_hover_text("The copied command gives the same number again, bit for bit");
+                    ui.selectable_value(&mut self.by_steps, true, "steps").on_hover_text(
+                        "Limits the fit by steps; the copied command gives the same number, bit for bit",
+                    );
                 });
             })
             .response;

@@ -113,7 +113,7 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
     shown.response.context_menu(|ui| {
         more(ui, state, place);
         let fitted = view.of(state).viewport.is_fitted();
-        if ui.add_enabled(!fitted, egui::Button::new("Show all of it")).clicked() {
+        if ui.add_enabled(!fitted, egui::Button::new("Show all")).clicked() {
             view.of_mut(state).viewport = Viewport::default();
             match view {
                 View::Object => follow(ui, state, Side::Object),
@@ -122,15 +122,15 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
             }
             ui.close();
         }
-        if ui.button("Copy the value here").clicked() {
+        if ui.button("Copy value").clicked() {
             let image = view.picture(state);
             let text = image.and_then(|image| view.of(state).describe_pixel(image.view(), place));
             if let Some(text) = text {
-                state.copy(ui.ctx(), text, "The value is");
+                state.copy(ui.ctx(), text, "Value");
             }
             ui.close();
         }
-        if ui.add_enabled(view.is_current(state), egui::Button::new("Export this picture...")).clicked() {
+        if ui.add_enabled(view.is_current(state), egui::Button::new("Export image...")).clicked() {
             export(state, view);
             ui.close();
         }

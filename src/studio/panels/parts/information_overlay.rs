@@ -14,21 +14,20 @@ const MOST_OPAQUE: f32 = 0.85;
 /// The switch.
 pub fn switch(ui: &mut Ui, state: &mut State) {
     let possible = state.bench.is_live() || state.overlay.shown;
-    let hint = "Lays over the noisy measurement what each pixel adds to what the pixels above and to the left of it have \
-                told, by the model of the live estimate: clear is nothing new";
+    let hint = "Overlays the information that each pixel adds to the pixels above and left of it, by the model of the live estimate";
     let switch = egui::Checkbox::new(&mut state.overlay.shown, "Information");
     let response = ui.add_enabled(possible, switch).on_hover_text(hint);
-    let response = response.on_disabled_hover_text("The live estimate is switched off (View, Keep estimating)");
+    let response = response.on_disabled_hover_text("The live estimate is off (View > Live estimate)");
     name_widget(&response, "Information over the measurement");
     if state.overlay.shown && state.overlay.drawn.is_some() {
-        ui.weak(format!("to {} bits", format_significant(f64::from(state.overlay.most))));
+        ui.weak(format!("up to {} bits", format_significant(f64::from(state.overlay.most))));
     } else if state.overlay.shown {
         let asked = state.closer_asked.filter(|key| key.steps.is_some());
         let none = state.live.closer.as_ref().is_some_and(|closer| Some(closer.key) == asked && closer.map.is_none());
         let text = match state.live_estimate() {
             _ if none => "this measurement is too large for a map",
             Some(_) => "computing",
-            None => "waits for the live estimate",
+            None => "waiting for the live estimate",
         };
         ui.weak(text);
     }
@@ -69,9 +68,9 @@ pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) 
     let bits = |(x, y): (f64, f64)| map.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)).copied();
     let pointer = shown.response.hover_pos().map(|position| shown.placement.to_pixels(position));
     if let (Some(bits), Some(hover)) = (pointer.and_then(bits), &mut state.hover) {
-        *hover = format!("{hover}, tells {} bits", format_significant(f64::from(bits)));
+        *hover = format!("{hover}, {} bits of information", format_significant(f64::from(bits)));
     }
     ui.ctx().accesskit_node_builder(shown.response.id, |node| {
-        node.set_description(format!("information over it, to {} bits", format_significant(f64::from(overlay.most))));
+        node.set_description(format!("information overlay up to {} bits", format_significant(f64::from(overlay.most))));
     });
 }

@@ -19,7 +19,7 @@ pub fn summary(state: &State) -> Option<String> {
 pub fn left_of(activity: &Activity) -> String {
     match (activity.left, activity.step_left()) {
         (Some(left), _) => format!(", {} left", spoken(left)),
-        (None, Some(left)) => format!(", {} left of this part", spoken(left)),
+        (None, Some(left)) => format!(", {} left in this step", spoken(left)),
         (None, None) => String::new(),
     }
 }

@@ -34,7 +34,7 @@ pub fn measurement_of(measurements: &Measurements, sample: usize, noisy: bool) -
 pub fn switch(ui: &mut Ui, state: &mut State) {
     let response = ui
         .checkbox(&mut state.preferences.link_views, "Link")
-        .on_hover_text("Object and measurement show the same place: one zoom, one cursor");
+        .on_hover_text("Links zoom and cursor of object and measurement");
     name_widget(&response, "Link views");
     if response.clicked() {
         follow(ui, state, Side::Object);
@@ -100,7 +100,7 @@ fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
         Side::Measurement => measurements.map(|measured| {
             let image = measurement_of(&measured.value, state.sample, state.noisy);
             let inside = state.views.measurement.describe_pixel(image, place);
-            inside.unwrap_or_else(|| "outside the field of the sensor".into())
+            inside.unwrap_or_else(|| "outside the field of view".into())
         }),
     };
     if let (Some(hover), Some(text)) = (&mut state.hover, text) {

@@ -55,7 +55,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         plot = plot.include_y(noise.log10() - 0.5).include_y(noise.log10() + 0.5);
     }
     plot.show(ui, |plot| {
-        let line = Line::new(if current { "measurement" } else { "an earlier one" }, points);
+        let line = Line::new(if current { "measurement" } else { "earlier measurement" }, points);
         plot.line(line.width(if current { 2.0 } else { 1.0 }));
         if let Some(noise) = noise {
             plot.hline(HLine::new(name, noise.log10()).color(CEILING).width(1.5));
@@ -88,7 +88,7 @@ fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
     match (noise, read) {
         (Noise::Read { .. }, read) => ("read noise", read),
         (Noise::ShotRead { .. }, Some(read)) => ("shot and read noise", Some(mean + read)),
-        _ => ("shot noise of this mean", Some(mean)),
+        _ => ("shot noise at this mean", Some(mean)),
     }
 }
 

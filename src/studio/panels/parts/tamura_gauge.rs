@@ -28,8 +28,7 @@ pub fn show(ui: &mut Ui, state: &State) {
     })
     .response
     .on_hover_text(format!(
-        "Mean over {}. Published bead optima lie near {TAMURA_GUIDE}; designs found from random \
-         starts lie at 0.84 to 0.88: a guide, not a law. Pure noise has about 0.72.",
+        "Mean over {}; published bead optima lie near {TAMURA_GUIDE}, designs from random starts at 0.84 to 0.88, pure noise near 0.72",
         counted(sensor.count, "noisy measurement patch")
     ));
     let (response, mut painter) = ui.allocate_painter(vec2(ui.available_width(), 32.0), Sense::hover());
