@@ -12,7 +12,7 @@
 //! | -1 | [`plural`], [`seeds`] | counts beside their words, for the sentences of all floors |
 //! | 0 | [`formats`] | array and picture files, safe writing |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
-//! | 1 | [`network`] | the parts that networks on the CPU are built from; knows no optics |
+//! | 1 | [`nn`] | building blocks of neural networks on the CPU; knows no optics |
 //! | 2 | [`forward`] | the forward model: objects, mask and sensor |
 //! | 3 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
 //! | 4 | [`design`] | the gradient of information by the mask |
@@ -34,7 +34,7 @@ pub mod design;
 pub mod formats;
 pub mod forward;
 pub mod information;
-pub mod network;
+pub mod nn;
 pub mod objects;
 pub mod optics;
 pub mod plural;

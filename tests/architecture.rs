@@ -13,7 +13,7 @@ const FLOORS: [(&str, i8); 15] = [
     ("objects", 1),
     ("sensor", 1),
     ("sparsity", 1),
-    ("network", 1),
+    ("nn", 1),
     ("forward", 2),
     ("information", 3),
     ("design", 4),

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use lenslet_studio::information::{FitProgress, OnProgress};
-use lenslet_studio::network::{Write, product, product_of_transposed, product_with_transposed};
+use lenslet_studio::nn::{Write, product, product_of_transposed, product_with_transposed};
 use rayon::prelude::*;
 
 /// (inputs, outputs) of all products of the forward pass of the causal density model for one pixel.

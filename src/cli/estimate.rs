@@ -66,7 +66,7 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "budget")]
     steps: Option<usize>,
 
-    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:flex, burn:wgpu or burn:cuda.
+    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
     #[arg(long)]
     engine: Option<EngineChoice>,
 

@@ -21,7 +21,7 @@ use super::watched::Watched;
 use crate::formats::{content_key, json_of};
 use crate::forward::ForwardModel;
 use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLowerBound};
-use crate::network::read_detail;
+use crate::nn::read_detail;
 use crate::objects::Split;
 use crate::optics::{LensletArray, Limits, Spot, render_psf};
 use crate::seeds::derived_seed;

@@ -2,9 +2,9 @@
 
 use thiserror::Error;
 
-use super::EngineChoice;
+use super::engine_choice::EngineChoice;
 use crate::formats::FormatError;
-use crate::network::NetworkError;
+use crate::nn::NetworkError;
 use crate::plural::counted;
 
 /// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
@@ -216,7 +216,7 @@ pub enum InformationError {
         reason: String,
     },
     /// An engine name is unknown.
-    #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:flex, burn:wgpu or burn:cuda")]
+    #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:wgpu or burn:cuda")]
     UnknownEngine {
         /// The text given.
         found: String,

@@ -1,84 +1,83 @@
-//! Information in bits: entropies of the noise, Gaussian models, ceiling, intervals, the estimate.
+//! Mutual information in bits per pixel: noise entropies, density models, decoders, bounds and the estimate.
+//!
+//! Sub-folders, lowest first; imports only go down: `statistics`, `entropy`, `density` (`gaussian`, `causal`, `pixelcnn`),
+//! `decoder`, `ais`, `bounds`, `estimate`.
 
 #![allow(clippy::needless_pass_by_value, reason = "array views are passed by value, as ndarray itself does")]
 
-mod analytic;
-mod analytic_moments;
-mod bits;
-mod block_toeplitz;
-mod bootstrap;
-mod bracket;
-mod causal;
-mod ceiling;
-mod conditional;
+mod ais;
+mod bounds;
 mod decoder;
-mod dense;
+mod density;
+mod engine_choice;
+mod entropy;
 mod error;
 mod estimate;
-mod fit_keeper;
-mod fourier;
-mod gaussian;
-mod gaussian_estimate;
-mod held_density;
-mod interpolation;
-mod likelihood;
-mod measurement_stream;
-mod paired_difference;
-mod pixelcnn;
-mod poisson;
-mod poisson_gaussian;
-mod power_spectrum;
+mod fit_checkpoint;
 mod progress;
-mod reparameterised;
-mod shared_pictures;
-mod stationary;
+mod statistics;
 mod stopwatch;
-mod student;
 #[cfg(test)]
 mod test_beads;
-mod trial;
 
-/// Version of the numbers: that of the program, and how often the same settings have come to give other numbers. It stands in all
-/// records; numbers of different versions do not belong into one table, nor does a fit go on from that of another.
+/// Version of the numbers: the program's version, and how often the same settings have come to give other numbers. It
+/// stands in all records. Numbers of different versions do not belong in one table, and no fit resumes from another version.
 pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
-pub use analytic::{AnalyticGaussian, GaussianBound};
-pub use analytic_moments::AnalyticMoments;
-pub use bits::{between, interval_behind, rounded, with_decimals, with_interval};
-pub use block_toeplitz::{log2_determinant, log2_determinants_by_row};
-pub use bootstrap::{bootstrap_interval, paired_interval};
-pub use bracket::{BeadBounds, Bracket, NamedBound};
-pub use causal::{
-    Beginning, CausalFit, CausalModel, CausalRefit, CausalRequest, CausalShape, CausalStart, FirstFitProgress,
-    FirstScene, FirstWeights, FitLength, Moments, OnFirstFit, PatchBatch, PatchStream, causal_estimate, causal_model,
-    check_causal_patch, information_map, information_map_unless, information_over, score, score_while,
+pub use ais::bound::{
+    OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound,
 };
-pub use ceiling::{BeadCeiling, Ceiling, binary_entropy};
-pub use conditional::{NoiseEntropy, Protocol, gaussian_entropy};
-pub use decoder::{
-    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderProgress, DecoderRefit, FirstProgress, LowerBound,
-    OnFirstStep, OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, QuickLowerBound, decoder_lower_bound,
-    decoder_savings, posterior_lower_bound, posterior_upper_bound, savings_gain, spot_slope,
-};
-pub use dense::MAX_PATCH_PIXELS;
+pub use bounds::bracket::{BeadBounds, Bracket, NamedBound};
+pub use bounds::object_entropy::beads::{BeadCeiling, Ceiling, binary_entropy};
+pub use decoder::bound::{LowerBound, decoder_lower_bound};
+pub use decoder::channel::BeadChannel;
+pub use decoder::fit::{DecoderFit, DecoderProgress, DecoderRefit};
+pub use decoder::immse_gradient::spot_slope;
+pub use decoder::information_gain::{decoder_savings, savings_gain};
+pub use decoder::kind::DecoderKind;
+pub use decoder::layers::Decoder;
+pub use decoder::pretrained::{FirstProgress, OnFirstStep};
+pub use decoder::pretrained_bound::QuickLowerBound;
+pub use density::causal::conditioning::Moments;
+pub use density::causal::fit::{CausalFit, FitLength};
+pub use density::causal::init::{Beginning, CausalStart};
+pub use density::causal::measurement_stream::MeasurementStream;
+pub use density::causal::model::{CausalModel, check_causal_patch};
+pub use density::causal::pretrained::{FirstFitProgress, FirstScene, FirstWeights, OnFirstFit};
+pub use density::causal::refit::CausalRefit;
+pub use density::causal::score::{information_map, information_map_unless, score, score_while};
+pub use density::causal::shape::CausalShape;
+pub use density::causal::sliding_map::information_over;
+pub use density::causal::stream::{PatchBatch, PatchStream};
+pub use density::frozen::HeldDensity;
+pub use density::gaussian::analytic::{AnalyticGaussian, GaussianBound};
+pub use density::gaussian::block_toeplitz::{log2_determinant, log2_determinants_by_row};
+pub use density::gaussian::dense::MAX_PATCH_PIXELS;
+pub use density::gaussian::full::FullGaussian;
+pub use density::gaussian::stationary::StationaryGaussian;
+pub use density::pixelcnn::engine::Engine;
+pub use density::pixelcnn::gradient::HeldPixelCnn;
+pub use density::pixelcnn::model::{Mixtures, PixelCnn};
+pub use density::pixelcnn::protocols::{FitReport, PixelCnnFit, TrainingPatches};
+pub use density::pixelcnn::scale::DataScale;
+pub use density::pixelcnn::shape::PixelCnnShape;
+pub use engine_choice::{BurnDevice, EngineChoice};
+pub use entropy::likelihood::log_likelihood;
+pub use entropy::noise_entropy::{NoiseEntropy, Protocol, gaussian_entropy};
+pub use entropy::poisson::poisson_entropy;
 pub use error::InformationError;
-pub use estimate::{Estimate, Provenance};
-pub use fit_keeper::FitKeeper;
-pub use gaussian::FullGaussian;
-pub(crate) use gaussian_estimate::dequantised;
-pub use gaussian_estimate::{Covariance, GaussianRequest, gaussian_estimate};
-pub use held_density::HeldDensity;
-pub use likelihood::log_likelihood;
-pub use measurement_stream::MeasurementStream;
-pub use paired_difference::{PairedDifference, TestPatches};
-pub use pixelcnn::{
-    BurnDevice, DataScale, Engine, EngineChoice, FitReport, HeldPixelCnn, Mixtures, PixelCnn, PixelCnnFit,
-    PixelCnnRequest, PixelCnnShape, TrainingPatches, pixelcnn_estimate, pixelcnn_score,
-};
-pub use poisson::poisson_entropy;
-pub use power_spectrum::{PowerSpectrum, power_spectrum};
+pub use estimate::analytic_moments::AnalyticMoments;
+pub use estimate::causal::{CausalRequest, causal_estimate, causal_model};
+pub use estimate::combined::{Estimate, Provenance};
+pub use estimate::estimator::Estimator;
+pub use estimate::format::{between, interval_behind, rounded, with_decimals, with_interval};
+pub use estimate::gaussian::{Covariance, GaussianRequest, gaussian_estimate};
+pub use estimate::pixelcnn::{PixelCnnRequest, pixelcnn_estimate, pixelcnn_score};
+pub use estimate::trial::{Trial, TrialSettings};
+pub use fit_checkpoint::FitKeeper;
 pub use progress::{FitProgress, OnProgress};
-pub use shared_pictures::SharedPictures;
-pub use stationary::StationaryGaussian;
-use stopwatch::Stopwatch;
-pub use trial::{Estimator, Trial, TrialSettings};
+pub use statistics::bootstrap::{bootstrap_interval, paired_interval};
+pub(crate) use statistics::dequantisation::dequantised;
+pub use statistics::paired_difference::{PairedDifference, TestPatches};
+pub use statistics::power_spectrum::{PowerSpectrum, power_spectrum};
+pub use statistics::shared_images::SharedPictures;

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 /// Runs from when it is made, on top of the time that was taken before.
 #[derive(Clone, Copy)]
-pub(super) struct Stopwatch {
+pub(in crate::information) struct Stopwatch {
     before: Duration,
     since: Instant,
 }

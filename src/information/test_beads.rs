@@ -16,7 +16,7 @@ fn gaussian(sigma: f64, radius: i32) -> Array2<f64> {
 }
 
 /// Point spread function of the first `lenslets` of the layout, sum 1.
-pub(super) fn heuristic_psf(lenslets: usize) -> Array2<f64> {
+pub(in crate::information) fn heuristic_psf(lenslets: usize) -> Array2<f64> {
     let spot = gaussian(0.8, 3);
     let mut psf = Array2::zeros((32, 32));
     for &(row, col) in &LAYOUT[..lenslets] {
@@ -28,7 +28,7 @@ pub(super) fn heuristic_psf(lenslets: usize) -> Array2<f64> {
 }
 
 /// The bead: two unit Gaussians one pixel apart on the diagonal; sum 2.
-pub(super) fn bead() -> Array2<f64> {
+pub(in crate::information) fn bead() -> Array2<f64> {
     let sigma = 1.275e-3 * 4e3 / 2.0 / (2.0 * (2.0 * std::f64::consts::LN_2).sqrt());
     let one = gaussian(sigma, 4);
     let mut out = Array2::zeros((10, 10));
@@ -40,7 +40,7 @@ pub(super) fn bead() -> Array2<f64> {
 }
 
 /// Full convolution.
-pub(super) fn convolve(a: &Array2<f64>, b: &Array2<f64>) -> Array2<f64> {
+pub(in crate::information) fn convolve(a: &Array2<f64>, b: &Array2<f64>) -> Array2<f64> {
     let mut out = Array2::zeros((a.nrows() + b.nrows() - 1, a.ncols() + b.ncols() - 1));
     for ((r, c), x) in a.indexed_iter() {
         for ((s, d), y) in b.indexed_iter() {
@@ -51,13 +51,13 @@ pub(super) fn convolve(a: &Array2<f64>, b: &Array2<f64>) -> Array2<f64> {
 }
 
 /// Photons that one bead adds on an infinite sensor, shape (1, rows, cols), at a scene mean of 100 photons per pixel.
-pub(super) fn bead_spot(lenslets: usize, probability: f64) -> Array3<f64> {
+pub(in crate::information) fn bead_spot(lenslets: usize, probability: f64) -> Array3<f64> {
     let scale = 100.0 / (2.0 * probability);
     convolve(&bead(), &heuristic_psf(lenslets)).mapv(|x| x * scale).insert_axis(Axis(0))
 }
 
 /// Autocovariance of independent beads of a scene mean of 100 photons per pixel, lags up to `lag`.
-pub(super) fn bead_autocovariance(probability: f64, lag: usize) -> Array2<f64> {
+pub(in crate::information) fn bead_autocovariance(probability: f64, lag: usize) -> Array2<f64> {
     let bead = bead().mapv(|x| x * 100.0 / (2.0 * probability));
     let mut turned = bead.clone();
     turned.invert_axis(Axis(0));
@@ -72,7 +72,12 @@ pub(super) fn bead_autocovariance(probability: f64, lag: usize) -> Array2<f64> {
 }
 
 /// One encoded image of independent beads, side x side pixels, with a bias of 10 photons.
-pub(super) fn encoded_image(spot: &Array3<f64>, probability: f64, side: usize, seed: u64) -> Array2<f32> {
+pub(in crate::information) fn encoded_image(
+    spot: &Array3<f64>,
+    probability: f64,
+    side: usize,
+    seed: u64,
+) -> Array2<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let spot = spot.index_axis(Axis(0), 0);
     let (rows, cols) = spot.dim();

@@ -415,7 +415,7 @@ mod tests {
         };
         let kept = KeptEstimate::open(Some(&path), || identity(&design, &objects_of(&design), &request)).unwrap();
         let fit = kept.fit("1").unwrap();
-        let key = crate::network::read_detail(&fit.load().unwrap().unwrap(), "key").unwrap();
+        let key = crate::nn::read_detail(&fit.load().unwrap().unwrap(), "key").unwrap();
         assert_eq!(fit.key(), key);
     }
 

@@ -16,7 +16,7 @@ use crate::information::{
     NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map_unless,
     paired_interval,
 };
-use crate::network::Averaging;
+use crate::nn::Averaging;
 use crate::objects::Split;
 use crate::seeds::derived_seed;
 use crate::sensor::{Convolver, Noise};

@@ -1,37 +1,19 @@
 //! The lower bound: a number of bits per pixel with all that belongs to it.
 
-use std::fmt;
 use std::ops::ControlFlow;
 
 use serde::{Deserialize, Serialize};
 
 use super::channel::BeadChannel;
-use super::evaluation::Savings;
 use super::fit::{DecoderFit, DecoderProgress, Run};
 use super::gradient::Passes;
+use super::information_gain::Savings;
+use super::kind::DecoderKind;
 use super::layers::Decoder;
-use super::scene::Scene;
-use crate::information::{FitKeeper, InformationError};
+use super::problem::Scene;
+use crate::information::error::InformationError;
+use crate::information::fit_checkpoint::FitKeeper;
 use crate::sensor::Noise;
-
-/// What a decoder is given besides the measurement. The serialised names are stable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DecoderKind {
-    /// Nothing: every site has a probability of its own.
-    Factorised,
-    /// The sites before it, in random order.
-    Autoregressive,
-}
-
-impl fmt::Display for DecoderKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Factorised => "factorised",
-            Self::Autoregressive => "autoregressive",
-        })
-    }
-}
 
 /// Lower bound on the mutual information between beads and noisy measurements, by a trained decoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,7 +139,7 @@ fn test(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::information::fit_keeper::InMemory;
+    use crate::information::fit_checkpoint::InMemory;
     use ndarray::array;
 
     #[test]

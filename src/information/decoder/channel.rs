@@ -2,8 +2,8 @@
 
 use ndarray::{Array3, Axis, s};
 
-use crate::information::InformationError;
-use crate::information::conditional::check_noise;
+use crate::information::entropy::noise_entropy::check_noise;
+use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
 /// Most object pixels, all planes together, that a decoder takes.

@@ -2,7 +2,7 @@
 //! arrays with one number per site or per pixel.
 
 use super::layers::{FEATURES, HIDDEN, INPUTS, OUTPUTS};
-use crate::network::{exponential, logarithm, vectorised};
+use crate::nn::{exponential, logarithm, vectorised};
 
 /// Log odds are kept within this of zero between steps, or a little beyond those of the prior.
 const STATE_LIMIT: f32 = 14.0;

@@ -1,8 +1,8 @@
 //! Weights in and out, as a safetensors file.
 
 use super::layers::Decoder;
-use crate::information::InformationError;
-use crate::network::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
+use crate::information::error::InformationError;
+use crate::nn::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/bead-decoder", version: 1 };

@@ -6,15 +6,17 @@ use std::time::Duration;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::bound::DecoderKind;
 use super::channel::BeadChannel;
-use super::draws::Reveal;
 use super::gradient::Passes;
+use super::kind::DecoderKind;
 use super::layers::Decoder;
-use super::scene::Scene;
-use crate::information::fit_keeper::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
-use crate::information::{FitKeeper, InformationError, Stopwatch};
-use crate::network::{Averaging, Optimizer, Rule, rate_schedule};
+use super::problem::Scene;
+use super::samples::Reveal;
+use crate::information::error::InformationError;
+use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
+use crate::information::stopwatch::Stopwatch;
+use crate::nn::{Averaging, Optimizer, Rule, rate_schedule};
 
 /// Share of a budget that is kept for the test.
 const TEST_SHARE: f64 = 0.06;

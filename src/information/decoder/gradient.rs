@@ -3,15 +3,15 @@
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::draws::{Purpose, Reveal};
 use super::layers::Decoder;
 use super::pass::Pass;
-use super::scene::Scene;
-use crate::network::{Pool, sum_in_order};
+use super::problem::Scene;
+use super::samples::{Purpose, Reveal};
+use crate::nn::{Pool, sum_in_order};
 
 /// What one sample told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Outcome {
+pub(in crate::information) struct Outcome {
     /// Bits that the decoder saves over the prior on the sites it predicts, times the weight of the sample.
     pub saved_bits: f64,
     /// The same per predicted site, without the weight.
@@ -19,7 +19,7 @@ pub(super) struct Outcome {
 }
 
 /// Memory of the threads, kept from step to step.
-pub(super) struct Passes<'a> {
+pub(in crate::information) struct Passes<'a> {
     scene: &'a Scene,
     steps: usize,
     free: Pool<Pass<'a>>,

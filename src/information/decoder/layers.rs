@@ -2,22 +2,22 @@
 
 use std::ops::Range;
 
-use crate::information::InformationError;
-use crate::network::{Bordered, Initial, ParameterLayout, Window};
+use crate::information::error::InformationError;
+use crate::nn::{Bordered, Initial, ParameterLayout, Window};
 
 /// Channels that a site keeps from step to step, and numbers it is told in every step.
-pub(super) const HIDDEN: usize = 16;
-pub(super) const FEATURES: usize = 8;
+pub(in crate::information) const HIDDEN: usize = 16;
+pub(in crate::information) const FEATURES: usize = 8;
 /// Numbers that a step starts from.
-pub(super) const INPUTS: usize = HIDDEN + FEATURES;
+pub(in crate::information) const INPUTS: usize = HIDDEN + FEATURES;
 /// Numbers a step ends with: changes of the hidden channels, two that move the logit, and padding.
-pub(super) const OUTPUTS: usize = HIDDEN + 8;
+pub(in crate::information) const OUTPUTS: usize = HIDDEN + 8;
 /// Most unrolled steps.
 const MAX_STEPS: usize = 32;
 
 /// Places of the weights of one unrolled step.
 #[derive(Clone, Debug)]
-pub(super) struct StepLayers {
+pub(in crate::information) struct StepLayers {
     /// From hidden channels and features to channels, (inputs, channels).
     pub look: (Range<usize>, Range<usize>),
     /// 3x3 window over channels, (taps, channels, channels).
@@ -31,9 +31,9 @@ pub(super) struct StepLayers {
 /// A trained decoder. Its weights belong to no channel: one that was fitted to a design is a good start for the next.
 #[derive(Clone, Debug)]
 pub struct Decoder {
-    pub(super) steps: Vec<StepLayers>,
-    pub(super) layout: ParameterLayout,
-    pub(super) weights: Vec<f32>,
+    pub(in crate::information) steps: Vec<StepLayers>,
+    pub(in crate::information) layout: ParameterLayout,
+    pub(in crate::information) weights: Vec<f32>,
 }
 
 impl Decoder {
@@ -115,7 +115,7 @@ impl Decoder {
 
 /// The windows of the layers on one grid of sites, forwards and backwards.
 #[derive(Clone, Debug)]
-pub(super) struct Windows {
+pub(in crate::information) struct Windows {
     pub look: Window,
     pub look_back: Window,
     pub window: Window,

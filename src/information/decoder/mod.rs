@@ -6,31 +6,19 @@
 //! and variance of every pixel, takes the residual back to the object pixels, and lets a small convolutional network
 //! correct its logits.
 
-mod bound;
-mod channel;
-mod draws;
-mod evaluation;
-mod features;
-mod file;
-mod first;
-mod fit;
-mod gradient;
-mod layers;
-mod pass;
-mod posterior;
-mod quick;
-mod scene;
-mod slope;
-mod step;
-
-pub use bound::{DecoderKind, LowerBound, decoder_lower_bound};
-pub use channel::BeadChannel;
-pub use evaluation::{decoder_savings, savings_gain};
-pub use first::{FirstProgress, OnFirstStep};
-pub use fit::{DecoderFit, DecoderProgress, DecoderRefit};
-pub use layers::Decoder;
-pub use posterior::{
-    OnPosterior, PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound,
-};
-pub use quick::QuickLowerBound;
-pub use slope::spot_slope;
+pub(in crate::information) mod bound;
+pub(in crate::information) mod channel;
+pub(in crate::information) mod features;
+pub(in crate::information) mod file;
+pub(in crate::information) mod fit;
+pub(in crate::information) mod gradient;
+pub(in crate::information) mod immse_gradient;
+pub(in crate::information) mod information_gain;
+pub(in crate::information) mod kind;
+pub(in crate::information) mod layers;
+pub(in crate::information) mod pass;
+pub(in crate::information) mod pretrained;
+pub(in crate::information) mod pretrained_bound;
+pub(in crate::information) mod problem;
+pub(in crate::information) mod samples;
+pub(in crate::information) mod update;

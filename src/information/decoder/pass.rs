@@ -1,13 +1,14 @@
 //! One sample through all unrolled steps, forwards and backwards.
 
-use super::draws::Sample;
+use super::features::{ByEvidence, Evidence, Moves, PixelVariance, Pixels, REVEALED};
 use super::features::{
-    ByEvidence, Evidence, Moves, PixelVariance, Pixels, REVEALED, code_lengths, features, features_backward,
-    probabilities, probabilities_backward, residuals, residuals_backward, update, update_backward,
+    code_lengths, features, features_backward, probabilities, probabilities_backward, residuals, residuals_backward,
+    update, update_backward,
 };
 use super::layers::{Decoder, FEATURES, INPUTS, Windows};
-use super::scene::Scene;
-use super::step::{Activations, LayerScratch, Layers};
+use super::problem::Scene;
+use super::samples::Sample;
+use super::update::{Activations, LayerScratch, Layers};
 use crate::sensor::BlurWorkspace;
 
 /// Weight of the code length of every step before the last in the loss.
@@ -22,7 +23,7 @@ struct Kept {
 }
 
 /// Memory of one thread.
-pub(super) struct Pass<'a> {
+pub(in crate::information) struct Pass<'a> {
     scene: &'a Scene,
     windows: Windows,
     noise: PixelVariance,
@@ -191,7 +192,7 @@ const _: () = assert!(INPUTS == 24, "the window products know 16 and 24 channels
 #[cfg(test)]
 mod tests {
     use super::super::channel::BeadChannel;
-    use super::super::draws::{Purpose, Reveal};
+    use super::super::samples::{Purpose, Reveal};
     use super::*;
     use crate::sensor::Noise;
     use ndarray::Array3;

@@ -1,7 +1,9 @@
 //! Estimates of trials that were put together by hand.
 
-use super::super::TrialSettings;
-use super::*;
+use crate::information::{
+    EngineChoice, Estimate, Estimator, InformationError, NamedBound, Protocol, Provenance, Trial, TrialSettings,
+};
+use crate::sensor::Noise;
 
 #[test]
 fn a_bound_from_below_leaves_the_number_as_it_is() {

@@ -1,0 +1,373 @@
+//! Toys whose measurements' probabilities can be summed over all objects.
+
+use std::ops::ControlFlow;
+
+use ndarray::array;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::bound::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
+use super::chain::Walk;
+use super::checkpoint::Followed;
+use super::light::Light;
+use super::proposals::{Effort, Guess, Steps};
+use super::state::{Measured, State};
+use crate::information::decoder::channel::BeadChannel;
+use crate::information::decoder::layers::Decoder;
+use crate::information::decoder::problem::Scene;
+use crate::information::decoder::samples::{Purpose, Reveal, Sample};
+use crate::information::error::InformationError;
+use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::InMemory;
+use crate::sensor::Noise;
+
+const NOISES: [Noise; 3] = [Noise::Shot, Noise::Read { sigma: 4.0 }, Noise::ShotRead { sigma: 2.0 }];
+
+/// Ten object pixels in a row whose spots overlap on eight sensor pixels.
+fn toy(noise: Noise) -> BeadChannel {
+    let spot = array![[[9.0, 14.0, 5.0]]];
+    BeadChannel { spot, probability: 0.3, bias: 4.0, noise, patch: (1, 8) }
+}
+
+fn sample(scene: &Scene, index: usize) -> Sample {
+    let mut sample = Sample::default();
+    sample.draw(scene, (3, Purpose::Posterior, index), |_| Reveal::Nothing, &mut scene.light.blur_workspace());
+    sample
+}
+
+#[test]
+fn light_that_arithmetic_leaves_in_the_dark_is_part_of_the_channel() {
+    // A clean image with photons where no bead sends any, as a transform may leave them, and a count there.
+    let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
+    let fit = PosteriorFit { samples: 64, ..PosteriorFit::of_levels(16, 1) };
+    let decoder = Decoder::shipped().unwrap();
+    let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(bound.bits_per_pixel > 0.2 && bound.interval_95[0] > 0.0, "{bound:?}");
+    let below = posterior_lower_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(below.interval_95[0] <= bound.interval_95[1], "{below:?}");
+    let scene = Scene::new(&channel).unwrap();
+    let sample = sample(&scene, 1);
+    assert_eq!(sample.clean.len(), sample.noisy.len());
+    let likely = |(&y, &x): (&f32, &f32)| y == 0.0 || x > 0.0;
+    assert!(sample.noisy.iter().zip(&sample.clean).all(likely), "no count comes from nothing");
+}
+
+fn sites_of(object: usize) -> impl Iterator<Item = usize> {
+    (0..10).filter(move |site| object >> site & 1 == 1)
+}
+
+/// Log of prior times likelihood of all objects.
+fn all_logs(scene: &Scene, light: &Light, measured: &Measured) -> Vec<f64> {
+    let (lit, dark) = (scene.probability.ln(), (1.0 - scene.probability).ln());
+    let log = |object: usize| {
+        let beads = sites_of(object).count() as f64;
+        State::new(light, measured, 10, sites_of(object)).log_likelihood() + beads * lit + (10.0 - beads) * dark
+    };
+    (0..1 << 10).map(log).collect()
+}
+
+fn log_sum(logs: &[f64]) -> f64 {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest + logs.iter().map(|log| (log - largest).exp()).sum::<f64>().ln()
+}
+
+/// Mean of values and its standard error.
+fn mean(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    (mean, (square / count).sqrt())
+}
+
+#[test]
+fn a_gain_is_a_difference_of_log_likelihoods() {
+    for (noise, bias, brightness) in
+        NOISES.map(|noise| (noise, 6.0, 4.0)).into_iter().chain([(Noise::Shot, 5e6, 400.0)])
+    {
+        let level = |(z, r, c): (usize, usize, usize)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * brightness;
+        let spot = ndarray::Array3::from_shape_fn((2, 3, 11), level);
+        let channel = BeadChannel { spot, probability: 0.15, bias, noise, patch: (6, 5) };
+        let scene = Scene::new(&channel).unwrap();
+        let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+        let sample = sample(&scene, 1);
+        let measured = Measured::new(&scene, &light, &sample, |site| site % 3 == 0);
+        let beads = (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0 && site % 3 > 0);
+        let mut state = State::new(&light, &measured, sample.beads.len(), beads);
+        for site in (0..sample.beads.len()).filter(|site| site % 3 > 0) {
+            let (before, sign) = (state.log_likelihood(), if state.holds(site) { -1.0 } else { 1.0 });
+            let gain = state.gain(site, sign);
+            state.toggle(site);
+            state.shine(site, sign);
+            let found = state.log_likelihood() - before;
+            assert!((gain - found).abs() < 1e-3 * (1.0 + found.abs()), "{noise} {site}: {gain} {found}");
+        }
+        // The light of what is left is that of a fresh sum, and all light is that of the sample.
+        let changed = state.log_likelihood();
+        state.refresh();
+        assert!((state.log_likelihood() - changed).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn light_that_is_not_followed_could_tell_nothing() {
+    for (brightness, probability) in [(1.0, 0.02), (50.0, 0.02), (1.0, 0.001)] {
+        let spot = crate::information::test_beads::bead_spot(4, probability) * brightness;
+        let channel = BeadChannel { spot, probability, patch: (24, 20), ..toy(Noise::Shot) };
+        let spot = channel.checked_spot().unwrap();
+        let light = Light::new(&spot, &Scene::new(&channel).unwrap());
+        let energy = |photons: f64| photons * photons;
+        let followed: f64 = light.photons.iter().map(|&photons| energy(f64::from(photons))).sum();
+        let left = spot.iter().copied().map(energy).sum::<f64>() - followed;
+        // Photons are followed in single precision.
+        assert!(left <= 0.02 * light.variance + 1e-6 * followed, "{brightness}, {probability}: {left}");
+    }
+}
+
+#[test]
+fn the_light_of_the_true_beads_is_that_of_the_sample() {
+    let channel = BeadChannel {
+        spot: crate::information::test_beads::bead_spot(4, 0.02),
+        patch: (24, 20),
+        ..toy(Noise::Read { sigma: 1e-3 })
+    };
+    let channel = BeadChannel { probability: 0.02, ..channel };
+    let scene = Scene::new(&channel).unwrap();
+    let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+    let sample = sample(&scene, 2);
+    let mut clean = light.image(&vec![light.background as f32; scene.pixels()], 0.0);
+    for site in (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0) {
+        light.add(site, 1.0, &mut clean);
+    }
+    for (clean, noisy) in light.patch_of(&clean).zip(&sample.noisy) {
+        // Light that is too faint to be followed is there on average.
+        assert!((clean - noisy).abs() < 1.0, "{clean} {noisy}");
+    }
+}
+
+#[test]
+fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
+    for noise in NOISES {
+        let channel = toy(noise);
+        let scene = Scene::new(&channel).unwrap();
+        let spot = channel.checked_spot().unwrap();
+        let (light, steps) = (Light::new(&spot, &scene), Steps::new(&spot));
+        let measured = Measured::new(&scene, &light, &sample(&scene, 4), |_| false);
+        let logs = all_logs(&scene, &light, &measured);
+        let truth = log_sum(&logs);
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        // A guess that is wrong about everything, within reason.
+        let odds: Vec<f32> = (0..10).map(|site| [-1.5, 0.3, 1.1][site % 3]).collect();
+        let guess = Guess::new(&odds, vec![true; 10], (f64::from(scene.prior_logit()), 14.0));
+        let effort = Effort { flips: 4, shifts: 2 };
+        let (light, measured, guess, steps) = (&light, &measured, &guess, &steps);
+        let walk = |levels| Walk { light, measured, guess, steps, effort, levels, go_on: &|| true };
+        let mut last = f64::NEG_INFINITY;
+        for (levels, walkers) in [(1, 1), (6, 3), (400, 3)] {
+            let walk = walk(levels);
+            let found: Vec<f64> = (0..800).map(|_| walk.forwards(walkers, &mut random) - truth).collect();
+            let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
+            let (log, _) = mean(&found);
+            println!("{noise} {levels} {walkers}: {ratio} +- {error}, log {log}");
+            // Of too few levels rare walks carry the mean.
+            let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
+            assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
+            assert!(log < 0.0 && log > last, "{noise} {levels}: {log}");
+            last = log;
+        }
+        assert!(last > -0.2, "{noise}: {last}");
+
+        let draw = |random: &mut ChaCha8Rng| {
+            let mut left = random.random::<f64>();
+            let chosen = logs.iter().position(|log| {
+                left -= (log - truth).exp();
+                left < 0.0
+            });
+            sites_of(chosen.unwrap_or(0)).collect::<Vec<usize>>()
+        };
+        last = f64::INFINITY;
+        for levels in [1, 6, 400] {
+            let walk = walk(levels);
+            let found: Vec<f64> = (0..800)
+                .map(|_| {
+                    let beads = draw(&mut random);
+                    walk.backwards(&beads, &mut random) - truth
+                })
+                .collect();
+            let (ratio, error) = mean(&found.iter().map(|log| (-log).exp()).collect::<Vec<f64>>());
+            let (log, _) = mean(&found);
+            println!("{noise} {levels} backwards: {ratio} +- {error}, log {log}");
+            // Of too few levels rare walks carry the mean.
+            let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
+            assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
+            assert!(log > 0.0 && log < last, "{noise} {levels}: {log}");
+            last = log;
+        }
+        assert!(last < 0.4, "{noise}: {last}");
+    }
+}
+
+fn fit(groups: usize, levels: usize) -> PosteriorFit {
+    PosteriorFit { groups, walkers: 2, levels: Some(levels), samples: 200, half_width: 0.0, budget: None, seed: 6 }
+}
+
+fn bounds(channel: &BeadChannel, fit: &PosteriorFit) -> [PosteriorBound; 2] {
+    let decoder = Decoder::shipped().unwrap();
+    let on = &mut |_: &PosteriorProgress| ControlFlow::Continue(());
+    [
+        posterior_lower_bound(channel, fit, decoder, None, on).unwrap(),
+        posterior_upper_bound(channel, fit, decoder, None, on).unwrap(),
+    ]
+}
+
+/// The information of a toy by enumeration, bits per pixel, and its standard error.
+fn truth_of(channel: &BeadChannel) -> (f64, f64) {
+    let scene = Scene::new(channel).unwrap();
+    let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+    let values: Vec<f64> = (0..4000)
+        .map(|index| {
+            let sample = sample(&scene, index);
+            let measured = Measured::new(&scene, &light, &sample, |_| false);
+            let sites = sample.beads.len();
+            let beads = (0..sites).filter(|&site| sample.beads[site] > 0.0);
+            let own = State::new(&light, &measured, sites, beads).log_likelihood();
+            (own - log_sum(&all_logs(&scene, &light, &measured))) / std::f64::consts::LN_2 / scene.pixels() as f64
+        })
+        .collect();
+    mean(&values)
+}
+
+#[test]
+fn noise_beside_shot_noise_does_not_raise_the_upper_bound() {
+    // In as many groups as there are sites, each of which would pay for a Gaussian that is none.
+    let of = |noise: Noise| bounds(&toy(noise), &fit(10, 200))[1].clone();
+    let (shot, both) = (of(Noise::Shot), of(Noise::ShotRead { sigma: 1.0 }));
+    println!("{} {}", shot.bits_per_pixel, both.bits_per_pixel);
+    assert!(both.bits_per_pixel < shot.bits_per_pixel + 0.06, "{both:?} {shot:?}");
+}
+
+#[test]
+fn bounds_enclose_the_truth_and_close_in_on_it() {
+    for noise in NOISES {
+        let channel = toy(noise);
+        let (truth, error) = truth_of(&channel);
+        let [coarse_low, coarse_high] = bounds(&channel, &fit(1, 2));
+        let [low, high] = bounds(&channel, &fit(1, 4000));
+        let [_, grouped] = bounds(&channel, &fit(5, 1000));
+        println!(
+            "{noise}: {truth:.4} +- {error:.4}; {:.4} {:.4} {:.4} {:.4}, in groups {:.4}",
+            coarse_low.bits_per_pixel,
+            low.bits_per_pixel,
+            high.bits_per_pixel,
+            coarse_high.bits_per_pixel,
+            grouped.bits_per_pixel
+        );
+        // Three standard errors of both.
+        let spread = |bound: &PosteriorBound| 3.0 * error + (bound.interval_95[1] - bound.interval_95[0]) * 0.77;
+        // Shot plus read noise is a little off in the model of the walks.
+        let model = if matches!(noise, Noise::ShotRead { .. }) { 0.01 } else { 0.0 };
+        for below in [&coarse_low, &low] {
+            assert!(below.bits_per_pixel < truth + spread(below), "{noise}: {below:?} {truth}");
+        }
+        for above in [&coarse_high, &high, &grouped] {
+            assert!(above.bits_per_pixel > truth - spread(above), "{noise}: {above:?} {truth}");
+        }
+        assert!((low.bits_per_pixel - truth).abs() < spread(&low) + 0.1 + model, "{noise}: {low:?} {truth}");
+        assert!((high.bits_per_pixel - truth).abs() < spread(&high) + 0.1 + model, "{noise}: {high:?} {truth}");
+        assert!(coarse_low.bits_per_pixel < low.bits_per_pixel && high.bits_per_pixel < coarse_high.bits_per_pixel);
+        assert!(grouped.bits_per_pixel > high.bits_per_pixel);
+    }
+}
+
+#[test]
+fn equal_seeds_give_equal_bits_on_any_number_of_threads() {
+    let channel = toy(Noise::Shot);
+    let fit = PosteriorFit { samples: 24, ..fit(3, 10) };
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| bounds(&channel, &fit)).map(|bound| PosteriorBound { seconds: 0.0, ..bound })
+    };
+    let one = on(1);
+    assert_eq!(one, on(3));
+    let text = serde_json::to_string(&one[1]).unwrap();
+    assert_eq!(serde_json::from_str::<PosteriorBound>(&text).unwrap(), one[1]);
+    let other = bounds(&channel, &PosteriorFit { seed: 7, ..fit });
+    assert_ne!(one[1].bits_per_pixel, other[1].bits_per_pixel);
+}
+
+#[test]
+fn a_bound_stops_when_asked_and_keeps_within_its_time() {
+    let channel = toy(Noise::Shot);
+    let decoder = Decoder::shipped().unwrap();
+    let mut calls = 0;
+    let stopped = posterior_upper_bound(&channel, &fit(2, 5), decoder, None, &mut |_| {
+        calls += 1;
+        if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    });
+    assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
+    // In the middle of a walk, too: all of its levels would take hours.
+    let endless = PosteriorFit::of_levels(1 << 24, 1);
+    let stopped = posterior_lower_bound(&channel, &endless, decoder, None, &mut |_| ControlFlow::Break(()));
+    assert_eq!(stopped, Err(InformationError::Cancelled));
+    let budget = std::time::Duration::from_millis(600);
+    let fit = PosteriorFit { samples: usize::MAX, half_width: 0.0, ..PosteriorFit::within(budget, 1) };
+    let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(bound.seconds >= 0.6 && bound.seconds < 6.0 && bound.levels > 1, "{bound:?}");
+}
+
+#[test]
+fn a_bound_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
+    let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
+    let fit = PosteriorFit { samples: 24, ..fit(3, 10) };
+    for bound in [posterior_lower_bound, posterior_upper_bound] {
+        let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+            let mut told = Vec::new();
+            let result = bound(&channel, &fit, decoder, keeper, &mut |progress| {
+                told.push(progress.samples);
+                if progress.samples < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            });
+            (result.map(|bound| PosteriorBound { seconds: 0.0, ..bound }), told)
+        };
+        let whole = run(None, usize::MAX).0.unwrap();
+        let keeper = InMemory::default();
+        assert_eq!(run(Some(&keeper), 12).0, Err(InformationError::Cancelled));
+        let (resumed, told) = run(Some(&keeper), usize::MAX);
+        // Samples of a block are kept once they are told.
+        assert_eq!((resumed.unwrap(), told[0] >= 8), (whole, true), "{told:?}");
+    }
+    let broken = InMemory(Some(b"a letter".to_vec()).into());
+    let refusal = posterior_upper_bound(&channel, &fit, decoder, Some(&broken), &mut |_| ControlFlow::Continue(()));
+    let message = refusal.unwrap_err().to_string();
+    assert!(message.contains("memory"), "{message}");
+}
+
+#[test]
+fn levels_that_a_time_was_found_to_allow_stay_when_a_bound_goes_on() {
+    let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
+    let keeper = InMemory::default();
+    let (kept, elapsed) = ([0.25, 0.5, 0.75, 1.0].repeat(4), std::time::Duration::from_hours(2));
+    Followed::keep(&keeper, (77, &kept), elapsed).unwrap();
+    // Its time is over: one more block, and that is it.
+    let fit = PosteriorFit { half_width: 0.0, ..PosteriorFit::within(std::time::Duration::from_hours(1), 6) };
+    let bound = posterior_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
+    let bound = bound.unwrap();
+    assert_eq!((bound.levels, bound.samples), (77, 20));
+    assert!(bound.seconds >= 7200.0, "{bound:?}");
+}
+
+#[test]
+fn what_is_no_fit_is_refused_in_a_sentence() {
+    let refused = |fit: &PosteriorFit, part: &str| {
+        let decoder = Decoder::shipped().unwrap();
+        let result = posterior_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut |_| ControlFlow::Continue(()));
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(part), "{message}");
+    };
+    refused(&fit(0, 5), "groups");
+    refused(&PosteriorFit { walkers: 0, ..fit(1, 5) }, "walkers");
+    refused(&fit(1, 0), "levels");
+    refused(&PosteriorFit { samples: 1, ..fit(1, 5) }, "two samples");
+    let none = posterior_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    assert!(none.is_err());
+}

@@ -1,0 +1,145 @@
+//! The bracket around the truth: the best bound from either side, each by name.
+
+use serde::{Deserialize, Serialize};
+
+use crate::information::ais::bound::PosteriorBound;
+use crate::information::decoder::bound::LowerBound;
+
+/// A bound on the information from one side, bits per pixel, and where it comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NamedBound {
+    /// Above: "density", "gaussian", "ceiling" or "posterior sampling"; below: "factorised decoder", "autoregressive decoder"
+    /// or "posterior sampling".
+    pub from: String,
+    /// The bound, bits per pixel.
+    pub bits_per_pixel: f64,
+    /// Its 95 % interval, bits per pixel; both ends are the bound itself where nothing was sampled.
+    pub interval_95: [f64; 2],
+}
+
+/// The bounds that rest on the prior of beads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BeadBounds {
+    /// What a fitted decoder tells of fresh samples.
+    pub decoder: LowerBound,
+    /// From below, by following the posterior back from the true beads.
+    pub below: PosteriorBound,
+    /// From above, by following it from the decoder's guess.
+    pub above: PosteriorBound,
+}
+
+impl BeadBounds {
+    /// Those from below, by name.
+    pub(in crate::information) fn lower(&self) -> Vec<NamedBound> {
+        let decoder = &self.decoder;
+        vec![
+            NamedBound {
+                from: format!("{} decoder", decoder.decoder),
+                bits_per_pixel: decoder.bits_per_pixel,
+                interval_95: decoder.interval_95,
+            },
+            NamedBound::from(&self.below),
+        ]
+    }
+}
+
+impl From<&PosteriorBound> for NamedBound {
+    fn from(bound: &PosteriorBound) -> Self {
+        // Nobody knows less than nothing.
+        let known = |bits: f64| if bits < 0.0 { 0.0 } else { bits };
+        let (bits_per_pixel, interval_95) = (known(bound.bits_per_pixel), bound.interval_95.map(known));
+        Self { from: "posterior sampling".to_owned(), bits_per_pixel, interval_95 }
+    }
+}
+
+/// What is known of the information of one encoder for one kind of scene, from both sides.
+///
+/// No density model can tell a poor encoder from a poor fit; the bracket can, because what it holds is proven: the
+/// truth lies between the larger of a decoder's saving ([`LowerBound`]) and posterior sampling ([`PosteriorBound`]), and the
+/// smallest of a density model's cross-entropy, the Gaussian bound, the entropy ceiling of the objects and posterior
+/// sampling.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bracket {
+    /// Lower bound, bits per pixel; none for objects whose prior is not known.
+    pub lower: Option<f64>,
+    /// Its 95 % interval, bits per pixel.
+    pub lower_interval_95: Option<[f64; 2]>,
+    /// Where it comes from.
+    pub lower_from: Option<String>,
+    /// The smallest upper bound, bits per pixel.
+    pub upper: f64,
+    /// Its 95 % interval, bits per pixel.
+    pub upper_interval_95: [f64; 2],
+    /// Where it comes from.
+    pub upper_from: String,
+    /// All upper bounds, the smallest first.
+    pub upper_bounds: Vec<NamedBound>,
+    /// All lower bounds, the largest first; none in files of versions that knew one only.
+    #[serde(default)]
+    pub lower_bounds: Vec<NamedBound>,
+}
+
+impl Bracket {
+    /// From all bounds that are known; `None` without an upper bound.
+    pub fn new(mut upper_bounds: Vec<NamedBound>, mut lower_bounds: Vec<NamedBound>) -> Option<Self> {
+        upper_bounds.sort_by(|a, b| a.bits_per_pixel.total_cmp(&b.bits_per_pixel));
+        lower_bounds.sort_by(|a, b| b.bits_per_pixel.total_cmp(&a.bits_per_pixel));
+        let (best, lower) = (upper_bounds.first()?, lower_bounds.first());
+        Some(Self {
+            lower: lower.map(|bound| bound.bits_per_pixel),
+            lower_interval_95: lower.map(|bound| bound.interval_95),
+            lower_from: lower.map(|bound| bound.from.clone()),
+            upper: best.bits_per_pixel,
+            upper_interval_95: best.interval_95,
+            upper_from: best.from.clone(),
+            upper_bounds,
+            lower_bounds,
+        })
+    }
+
+    /// Everything that several of them know of one encoder, scene and patch; `None` without any.
+    pub fn joined<'a>(brackets: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
+        let (mut upper, mut lower) = (Vec::new(), Vec::new());
+        for bracket in brackets {
+            upper.extend(bracket.upper_bounds.iter().cloned());
+            lower.extend(bracket.lower_bounds.iter().cloned());
+        }
+        Self::new(upper, lower)
+    }
+
+    /// Lower and upper bound in order, bits per pixel: bounds that have met can cross by chance.
+    pub fn in_order(lower: f64, upper: f64) -> (f64, f64) {
+        (lower.min(upper), lower.max(upper))
+    }
+
+    /// Distance between the bounds, bits per pixel.
+    pub fn width(&self) -> Option<f64> {
+        self.lower.map(|lower| self.upper - lower)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bound(from: &str, bits: f64) -> NamedBound {
+        NamedBound { from: from.to_owned(), bits_per_pixel: bits, interval_95: [bits - 0.125, bits + 0.125] }
+    }
+
+    #[test]
+    fn the_smallest_upper_and_the_largest_lower_bound_count_and_are_named() {
+        let bounds = vec![bound("density", 0.5), bound("gaussian", 0.9), bound("ceiling", 0.4)];
+        let below = vec![bound("decoder", 0.25), bound("posterior sampling", 0.375)];
+        let both = Bracket::new(bounds.clone(), below).unwrap();
+        assert_eq!((both.lower, both.lower_from.as_deref()), (Some(0.375), Some("posterior sampling")));
+        assert_eq!(both.lower_interval_95, Some([0.25, 0.5]));
+        assert!((both.width().unwrap() - 0.025).abs() < 1e-12);
+        let bracket = Bracket::new(bounds, Vec::new()).unwrap();
+        assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.4, "ceiling"));
+        assert_eq!(bracket.upper_interval_95, [0.4 - 0.125, 0.4 + 0.125]);
+        assert_eq!((bracket.lower, bracket.width()), (None, None));
+        let order: Vec<&str> = bracket.upper_bounds.iter().map(|bound| bound.from.as_str()).collect();
+        assert_eq!(order, ["ceiling", "density", "gaussian"]);
+        assert_eq!(Bracket::new(Vec::new(), Vec::new()), None);
+    }
+}

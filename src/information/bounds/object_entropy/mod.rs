@@ -1,0 +1,7 @@
+//! The object-entropy bound: the information cannot exceed the entropy of the objects.
+
+pub(in crate::information) mod beads;
+pub(in crate::information) mod gaussian_channel;
+pub(in crate::information) mod poisson_channel;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,175 @@
+//! What a decoder is worth on fresh samples.
+//!
+//! The prior code length of the drawn beads has a known mean, so the difference of the two code lengths of each sample
+//! has the mean of the bound and varies far less than the decoder's code length alone.
+//!
+//! The autoregressive decoder predicts sites in random order, each given those before it. The mean code length over
+//! orders is that over k, uniform from 0 to D - 1, of D / (D - k) times the code length of all D - k sites that follow k
+//! revealed ones. Late k have few sites and large weights, so k is drawn with a probability near that of least variance,
+//! proportional to (1 - k / D)^(-1/2), evenly spread over each block of samples, and weighted by its inverse. Since the
+//! spread takes the differences between early and late k out of the error, that is estimated from the differences of
+//! neighbours in the spread, which is a little too large rather than too small (collapsed strata; Cochran 1977, 5A.12).
+
+use std::ops::{ControlFlow, Range};
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::channel::BeadChannel;
+use super::gradient::Passes;
+use super::kind::DecoderKind;
+use super::layers::Decoder;
+use super::problem::Scene;
+use super::samples::Reveal;
+use crate::information::error::InformationError;
+
+/// Samples that are spread evenly over k.
+const BLOCK: usize = 256;
+/// Samples between two reports.
+const REPORT: usize = 16;
+/// Standard errors to either side of a 95 % interval.
+const NORMAL_95: f64 = 1.96;
+
+/// Savings over the prior, bits per pixel of the patch, one per test sample.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Savings(pub Vec<f64>);
+
+impl Savings {
+    /// Number of test samples.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Mean and half the width of its 95 % interval, from the standard error of a normal mean.
+    pub fn mean_and_half_width(&self) -> (f64, f64) {
+        let count = self.0.len().max(1) as f64;
+        let mean = self.0.iter().sum::<f64>() / count;
+        let square: f64 = self.0.as_chunks::<2>().0.iter().map(|[one, other]| (one - other).powi(2)).sum();
+        (mean, NORMAL_95 * square.sqrt() / count)
+    }
+
+    /// Scores one more block of fresh samples; `on_scored` hears of every few of them and may break off.
+    ///
+    /// # Errors
+    /// [`InformationError::Cancelled`] where it does.
+    pub fn add_block(
+        &mut self,
+        scene: &Scene,
+        passes: &Passes<'_>,
+        decoder: &Decoder,
+        (kind, seed): (DecoderKind, u64),
+        on_scored: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    ) -> Result<(), InformationError> {
+        for _ in (0..BLOCK).step_by(REPORT) {
+            let range = self.0.len()..self.0.len() + REPORT;
+            self.0.extend(scored(scene, passes, decoder, (kind, seed, BLOCK), range));
+            if on_scored(self.0.len()).is_break() {
+                return Err(InformationError::Cancelled);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The savings of some of the test samples, each `block` of them spread evenly over k.
+fn scored(
+    scene: &Scene,
+    passes: &Passes<'_>,
+    decoder: &Decoder,
+    (kind, seed, block): (DecoderKind, u64, usize),
+    range: Range<usize>,
+) -> impl Iterator<Item = f64> {
+    let (sites, pixels) = (scene.decoded.len(), scene.pixels());
+    let reveal = |index: usize, random: &mut ChaCha8Rng| match kind {
+        DecoderKind::Factorised => Reveal::Nothing,
+        DecoderKind::Autoregressive => stratum(sites, ((range.start + index) % block, block), random),
+    };
+    let outcomes = passes.test(decoder, (seed, range.start, range.len()), reveal);
+    outcomes.into_iter().map(move |outcome| outcome.saved_bits / pixels as f64)
+}
+
+/// What a decoder as it is saves over the prior on a range of the fresh test samples of a seed, bits per pixel each. Their mean
+/// is a lower bound once all of a multiple of `block` are there, which spreads evenly over the orders in which sites are told (from 64 on
+/// its interval is no wider for that; [`QuickLowerBound::of_savings`](super::QuickLowerBound::of_savings)).
+///
+/// # Errors
+/// For what is no channel; cancelled where `go_on`, which is asked every few samples, says so.
+//
+// Beads are drawn at all sites of the whole spot, however much of it is dark, so that masks on one grid are asked for the same ones.
+pub fn decoder_savings(
+    decoder: &Decoder,
+    channel: &BeadChannel,
+    (seed, block): (u64, usize),
+    range: Range<usize>,
+    go_on: &dyn Fn() -> bool,
+) -> Result<Vec<f64>, InformationError> {
+    let scene = Scene::of(channel, channel.whole_spot()?)?;
+    let passes = Passes::new(&scene, decoder);
+    let mut savings = Vec::with_capacity(range.len());
+    for first in range.clone().step_by(REPORT) {
+        let part = first..range.end.min(first + REPORT);
+        savings.extend(scored(&scene, &passes, decoder, (DecoderKind::Autoregressive, seed, block), part));
+        if !go_on() {
+            return Err(InformationError::Cancelled);
+        }
+    }
+    Ok(savings)
+}
+
+/// How much more is saved on the same samples after a change than before, bits per pixel, and half the width of the 95 % interval of
+/// that: what both find hard or easy alike is no error of the difference.
+pub fn savings_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
+    Savings(before.iter().zip(after).map(|(before, after)| after - before).collect()).mean_and_half_width()
+}
+
+/// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
+fn stratum(sites: usize, (place, block): (usize, usize), random: &mut ChaCha8Rng) -> Reveal {
+    if sites == 0 {
+        // Nothing is decoded, and nothing is saved.
+        return Reveal::Random { count: 0, weight: 0.0 };
+    }
+    let all = sites as f64;
+    let root = (place as f64 + random.random::<f64>()) / block as f64;
+    let count = (((1.0 - root * root) * all) as usize).min(sites.saturating_sub(1));
+    // Those u in [0, 1] with 1 - u^2 between k / D and (k + 1) / D.
+    let left = all - count as f64;
+    let probability = (left / all).sqrt() - ((left - 1.0).max(0.0) / all).sqrt();
+    Reveal::Random { count, weight: 1.0 / (probability * left) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn half_width_is_that_of_the_mean_of_a_spread() {
+        // Values that rise with their place, plus noise of standard deviation 1: the rise adds no error.
+        let mut random = ChaCha8Rng::seed_from_u64(6);
+        let values = (0..1 << 14).map(|i| {
+            let normal: f64 = random.sample(rand_distr::StandardNormal);
+            (i % BLOCK) as f64 * 0.02 + normal
+        });
+        let (mean, half_width) = Savings(values.collect()).mean_and_half_width();
+        assert!((mean - 2.55).abs() < 0.03, "{mean}");
+        assert!((half_width / (1.96 / 128.0) - 1.0).abs() < 0.05, "{half_width}");
+    }
+
+    #[test]
+    fn weights_make_the_mean_over_orders() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        for sites in [1, 2, 7, 300] {
+            // Code lengths that depend on k: 1 + k / D per remaining site; over orders their sum is D + (D - 1) / 2.
+            let rounds = 400;
+            let mut sum = 0.0;
+            for place in (0..rounds).flat_map(|_| 0..BLOCK) {
+                let Reveal::Random { count, weight } = stratum(sites, (place, BLOCK), &mut random) else { panic!() };
+                assert!(count < sites);
+                sum += weight * (sites - count) as f64 * (1.0 + count as f64 / sites as f64);
+            }
+            let expected = sites as f64 + (sites as f64 - 1.0) / 2.0;
+            let found = sum / (rounds * BLOCK) as f64;
+            assert!((found / expected - 1.0).abs() < 0.01, "{sites}: {found} {expected}");
+        }
+    }
+}

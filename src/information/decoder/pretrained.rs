@@ -1,0 +1,108 @@
+//! First weights that serve many encoders and scenes.
+
+use std::ops::ControlFlow;
+use std::sync::LazyLock;
+use std::time::{Duration, Instant};
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::channel::BeadChannel;
+use super::fit::{Mover, revealed_in_training};
+use super::gradient::Passes;
+use super::layers::Decoder;
+use super::problem::Scene;
+use crate::information::error::InformationError;
+use crate::nn::rate_schedule;
+
+/// Those that come with the program.
+const SHIPPED: &[u8] = include_bytes!("../../../assets/first_decoder.safetensors");
+const DEEP: &[u8] = include_bytes!("../../../assets/bracket_decoder.safetensors");
+/// Channels in use at a time, and steps until they make room for others.
+const CHANNELS: usize = 16;
+const STEPS: usize = 256;
+/// Samples of one step.
+const BATCH: usize = 2;
+
+/// How far a fit to many channels has come.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FirstProgress {
+    /// Steps so far.
+    pub steps: usize,
+    /// Channels so far.
+    pub channels: u64,
+    /// Bits per pixel that the decoder saves of late, mean over channels with others revealed.
+    pub saved_bits: f64,
+    /// Time so far.
+    pub elapsed: Duration,
+}
+
+/// Hears of every step, gets what makes the decoder as it would be if the fit ended there, and answers whether to go on.
+pub type OnFirstStep<'a> = &'a mut dyn FnMut(&FirstProgress, &dyn Fn() -> Decoder) -> ControlFlow<()>;
+
+impl Decoder {
+    /// The decoder whose weights come with the program, fitted to beads through many encoders; none where the program was
+    /// built without weights that fit this version.
+    pub fn shipped() -> Option<&'static Self> {
+        static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| Decoder::of_program(SHIPPED, Decoder::UNROLLED));
+        DECODER.as_ref()
+    }
+
+    /// The same of [`Decoder::DEEP`] unrolled steps, for fits that have the time.
+    pub fn shipped_deep() -> Option<&'static Self> {
+        static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| Decoder::of_program(DEEP, Decoder::DEEP));
+        DECODER.as_ref()
+    }
+
+    fn of_program(bytes: &[u8], unrolled: usize) -> Option<Self> {
+        Self::from_bytes(bytes).ok().filter(|decoder| decoder.unrolled() == unrolled)
+    }
+
+    /// Fits a decoder for so long to many channels at once, with others revealed as an autoregressive decoder has them;
+    /// `channel` makes them by their number, `rate` is the largest learning rate.
+    ///
+    /// # Errors
+    /// Where a channel is none or numbers stay infinite; when `on_progress` cancels.
+    pub fn fit_generally(
+        &mut self,
+        channel: &dyn Fn(u64) -> Result<BeadChannel, InformationError>,
+        (length, seed, rate): (Duration, u64, f64),
+        on_progress: OnFirstStep<'_>,
+    ) -> Result<(), InformationError> {
+        let started = Instant::now();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut mover = Mover::new(self);
+        let mut progress = FirstProgress::default();
+        loop {
+            let scenes = (0..CHANNELS as u64).map(|index| Scene::new(&channel(progress.channels + index)?));
+            let scenes: Vec<Scene> = scenes.collect::<Result<_, _>>()?;
+            progress.channels += CHANNELS as u64;
+            let mut passes: Vec<Passes<'_>> = scenes.iter().map(|scene| Passes::new(scene, self)).collect();
+            for _ in 0..STEPS {
+                progress.elapsed = started.elapsed();
+                let done = progress.elapsed.as_secs_f64() / length.as_secs_f64().max(1e-9);
+                if done >= 1.0 {
+                    self.weights = mover.result(self);
+                    return Ok(());
+                }
+                let chosen = random.random_range(0..CHANNELS);
+                let (scene, passes) = (&scenes[chosen], &mut passes[chosen]);
+                let draws = (random.random(), 0, BATCH);
+                let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
+                // Sparse scenes have less to tell; without this they would count for less.
+                let prior = scene.prior_nats().max(1e-6);
+                if !mover.step(self, &passes.gradient, prior, rate * rate_schedule(done))? {
+                    continue;
+                }
+                progress.steps += 1;
+                let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / BATCH as f64;
+                let bits = saved * scene.decoded.len() as f64 / scene.pixels() as f64;
+                progress.saved_bits += (bits - progress.saved_bits) / (progress.steps.min(2000) as f64);
+                let snapshot = || Self { weights: mover.result(self), ..self.clone() };
+                if on_progress(&progress, &snapshot).is_break() {
+                    return Err(InformationError::Cancelled);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! A bound at once, without a fit.
+
+use std::ops::ControlFlow;
+
+use serde::{Deserialize, Serialize};
+
+use super::bound::decoder_lower_bound;
+use super::channel::BeadChannel;
+use super::fit::DecoderFit;
+use super::information_gain::Savings;
+use super::kind::DecoderKind;
+use super::layers::Decoder;
+use crate::information::error::InformationError;
+
+/// A bound from below by a decoder as it is, without any fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct QuickLowerBound {
+    /// Bits per pixel of the patch.
+    pub bits_per_pixel: f64,
+    /// 95 % interval over fresh samples.
+    pub interval_95: [f64; 2],
+    /// Samples behind it.
+    pub samples: usize,
+}
+
+impl QuickLowerBound {
+    /// Tests the decoder that comes with the program on at most so many samples, or until half the width of the interval (bits per pixel) is this
+    /// small; none where the program has no decoder.
+    ///
+    /// # Errors
+    /// As [`decoder_lower_bound`]; cancelled where `go_on` says so.
+    pub fn new(
+        channel: &BeadChannel,
+        (samples, half_width): (usize, f64),
+        seed: u64,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<Self>, InformationError> {
+        let Some(decoder) = Decoder::shipped() else { return Ok(None) };
+        let fit = DecoderFit {
+            half_width,
+            max_test: samples,
+            unrolled: decoder.unrolled(),
+            ..DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed)
+        };
+        let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), None, watch)?;
+        let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
+        Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
+    }
+
+    /// The bound that [savings](super::decoder_savings) make.
+    pub fn of_savings(savings: Vec<f64>) -> Self {
+        let savings = Savings(savings);
+        let (mean, half_width) = savings.mean_and_half_width();
+        let interval_95 = [(mean - half_width).max(0.0), (mean + half_width).max(0.0)];
+        Self { bits_per_pixel: mean.max(0.0), interval_95, samples: savings.count() }
+    }
+}

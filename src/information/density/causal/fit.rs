@@ -1,0 +1,324 @@
+//! The fit: small batches of fresh patches, Muon, a rate that rises and falls, averaged weights.
+
+use std::ops::{ControlFlow, Range};
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+
+use super::checkpoint::{Course, keep, restore};
+use super::conditioning::Inputs;
+use super::early_stopping::Best;
+use super::model::{CausalModel, Gradients};
+use super::shape::rule;
+use super::stream::{PatchBatch, PatchStream};
+use crate::information::error::InformationError;
+use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::progress::{FitProgress, OnProgress};
+use crate::information::stopwatch::Stopwatch;
+use crate::nn::{Averaging, Optimizer, rate_schedule};
+
+/// Patches of one step.
+pub(super) const BATCH: usize = 2;
+/// Largest learning rate.
+pub(super) const RATE: f64 = 1.2e-2;
+/// Largest norm of a gradient.
+pub(super) const MAX_NORM: f64 = 1.0;
+/// Patches that are drawn at a time.
+const DRAWN: usize = 64;
+/// Tells the seed of the noise that is predicted from that of the noise that is seen.
+const REDRAWN: u64 = 0x7a67 << 32;
+/// Steps that the reported training value looks back over.
+const REMEMBERED: f64 = 100.0;
+/// Steps without finite numbers after which a fit is given up.
+const MAX_REFUSED: usize = 30;
+
+/// How long a fit takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FitLength {
+    /// So many steps; equal seeds then give equal bits on one machine.
+    Steps(usize),
+    /// So much time.
+    Time(Duration),
+}
+
+/// Hears of every step, gets what makes the model as it would be if the fit ended there, as far as the last look at validation patches tells, and answers whether to go on; where it
+/// is to be of another number of steps than was planned, of how many. What is left of the fit is spread over them then.
+pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<(), Option<usize>>;
+
+/// What a fit of limited patches, or one that takes long, is aided by.
+#[derive(Clone, Copy)]
+pub(in crate::information) struct FitAids<'a> {
+    /// Keeps its state as often as it asks for; a fit whose state is there goes on from it.
+    pub keeper: Option<&'a dyn FitKeeper>,
+    /// Patches that are not fitted to; the weights that score best on them are kept.
+    pub validation: Option<&'a PatchBatch>,
+}
+
+/// What came of a fit.
+pub(in crate::information) struct Fitted {
+    /// Steps, those before it went on from a state among them.
+    pub steps: usize,
+    /// The step whose weights are kept where they score better than those at the end.
+    pub best: Option<usize>,
+    /// Time that was taken before it went on from a state.
+    pub before: Duration,
+}
+
+/// How a model is fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CausalFit {
+    /// Patches of one step.
+    pub batch: usize,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// What the weights are averaged over.
+    pub averaging: Averaging,
+    /// Largest norm of a gradient; longer ones are shortened to it.
+    pub max_norm: f64,
+    /// When it ends.
+    pub length: FitLength,
+    /// Seed of patches and noise.
+    pub seed: u64,
+}
+
+impl CausalFit {
+    /// The default procedure.
+    pub fn new(length: FitLength, seed: u64) -> Self {
+        Self { batch: BATCH, rate: RATE, averaging: Averaging::LAST_TENTH, max_norm: MAX_NORM, length, seed }
+    }
+
+    /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the
+    /// number of steps.
+    ///
+    /// # Errors
+    /// Where the stream fails, numbers stay infinite, or `on_progress` cancels; the model then keeps what it had
+    /// learned.
+    pub fn fit(
+        &self,
+        model: &mut CausalModel,
+        stream: &dyn PatchStream,
+        on_progress: OnProgress<'_>,
+    ) -> Result<usize, InformationError> {
+        self.fit_watched(model, (stream, None), &mut |progress, _| on_progress(progress).map_continue(|()| None))
+    }
+
+    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]). The weights are kept that scored best
+    /// on patches which validate the fit, where there are some.
+    ///
+    /// # Errors
+    /// As [`CausalFit::fit`]; where the validation patches do not fit the model.
+    pub fn fit_watched(
+        &self,
+        model: &mut CausalModel,
+        (stream, validation): (&dyn PatchStream, Option<&PatchBatch>),
+        on_step: OnStep<'_>,
+    ) -> Result<usize, InformationError> {
+        Ok(self.fit_aided(model, stream, FitAids { validation, keeper: None }, on_step)?.steps)
+    }
+
+    /// As [`CausalFit::fit_watched`], with aids. Of a fixed number of steps the outcome is the same bit for bit, whether
+    /// or not the fit went on from a state.
+    ///
+    /// # Errors
+    /// As there; where the state cannot be read or written, or is that of another fit; where the validation patches do not
+    /// fit the model.
+    pub(in crate::information) fn fit_aided(
+        &self,
+        model: &mut CausalModel,
+        stream: &dyn PatchStream,
+        FitAids { keeper, validation }: FitAids<'_>,
+        on_step: OnStep<'_>,
+    ) -> Result<Fitted, InformationError> {
+        let (mut mover, mut found) = (Mover::new(model, self.averaging), None);
+        if let Some(keeper) = keeper {
+            (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
+        }
+        let time = Stopwatch::after(mover.course.before);
+        let mut plan = Plan::new(self.length);
+        let mut best = Best::new(validation, plan.done(mover.course.steps, mover.course.before), found);
+        let mut kept = Instant::now();
+        loop {
+            if let Some(keeper) = keeper
+                && kept.elapsed() >= keeper.every()
+            {
+                let so_far = (&mover.course, time.elapsed());
+                keep(keeper, so_far, model, &mover.optimizer, best.found.as_ref())?;
+                kept = Instant::now();
+            }
+            let inputs = mover.draw(self, model, stream)?;
+            for indices in self.batches() {
+                let done = plan.done(mover.course.steps, time.elapsed());
+                if done >= 1.0 {
+                    model.weights = mover.averaged(model);
+                    let Course { steps, before, .. } = mover.course;
+                    return Ok(Fitted { steps, best: best.put_into(model)?, before });
+                }
+                mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
+                let averaged = || CausalModel { weights: mover.averaged(model), ..model.clone() };
+                let elapsed = time.elapsed();
+                best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &averaged)?;
+                let snapshot = || CausalModel { weights: best.or(|| mover.averaged(model)), ..model.clone() };
+                match on_step(&plan.progress(&mover.course, elapsed), &snapshot) {
+                    ControlFlow::Continue(None) => {}
+                    ControlFlow::Continue(Some(all)) => plan.revise(mover.course.steps, all),
+                    ControlFlow::Break(()) => {
+                        model.weights = best.or(|| mover.averaged(model));
+                        return Err(InformationError::Cancelled);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The patches of every step that those drawn at a time are enough for.
+    pub(super) fn batches(&self) -> impl DoubleEndedIterator<Item = Range<usize>> + use<> {
+        let batch = self.batch.clamp(1, DRAWN);
+        (0..DRAWN / batch).map(move |index| index * batch..(index + 1) * batch)
+    }
+}
+
+/// How long a fit is to be, which may be revised on the way.
+struct Plan {
+    length: FitLength,
+    /// Steps after which it was revised last, and the share of the fit that was over then.
+    revised: (usize, f64),
+}
+
+impl Plan {
+    fn new(length: FitLength) -> Self {
+        Self { length, revised: (0, 0.0) }
+    }
+
+    /// So many steps in all from now on, if steps are what is counted.
+    fn revise(&mut self, steps: usize, all: usize) {
+        if let FitLength::Steps(_) = self.length {
+            self.revised = (steps, self.done(steps, Duration::ZERO));
+            self.length = FitLength::Steps(all.max(steps));
+        }
+    }
+
+    /// Share of the fit that is over.
+    fn done(&self, steps: usize, elapsed: Duration) -> f64 {
+        match self.length {
+            // Rounding must not ask for one more.
+            FitLength::Steps(all) if steps >= all => 1.0,
+            FitLength::Steps(all) => {
+                let (from, before) = self.revised;
+                before + (1.0 - before) * (steps - from) as f64 / (all - from) as f64
+            }
+            FitLength::Time(all) => elapsed.as_secs_f64() / all.as_secs_f64().max(1e-9),
+        }
+    }
+
+    fn progress(&self, course: &Course, elapsed: Duration) -> FitProgress {
+        let remaining = match self.length {
+            FitLength::Steps(all) => elapsed.mul_f64((all as f64 / course.steps as f64 - 1.0).max(0.0)),
+            FitLength::Time(all) => all.saturating_sub(elapsed),
+        };
+        let (step, recent) = (course.steps, course.recent);
+        FitProgress {
+            epoch: 1,
+            epochs: 1,
+            step,
+            validation_bits: recent,
+            best_bits: recent,
+            elapsed,
+            remaining: Some(remaining),
+            scored: None,
+        }
+    }
+}
+
+/// What moves the weights of a model, and how far it has come.
+pub(super) struct Mover {
+    optimizer: Optimizer,
+    pub course: Course,
+    gradients: Gradients,
+}
+
+impl Mover {
+    pub fn new(model: &CausalModel, averaging: Averaging) -> Self {
+        Self {
+            optimizer: Optimizer::new(&model.layout, &model.weights, averaging, rule),
+            course: Course::default(),
+            gradients: Gradients::new(model.layout.count()),
+        }
+    }
+
+    /// Draws patches for the next steps: what the network is given of them, and what it predicts.
+    pub fn draw(
+        &mut self,
+        fit: &CausalFit,
+        model: &CausalModel,
+        stream: &dyn PatchStream,
+    ) -> Result<Inputs, InformationError> {
+        let seed = fit.seed.wrapping_add(self.course.draws.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let pool = stream.draw(DRAWN, seed)?;
+        super::model::check(pool.noisy.view())?;
+        let mut inputs = model.conditioning.inputs(pool.noisy.view());
+        if let Some(clean) = &pool.clean {
+            inputs.targets = model.conditioning.targets(clean.view(), seed ^ REDRAWN);
+        }
+        self.course.draws += 1;
+        Ok(inputs)
+    }
+
+    /// One step of `factor` times the largest rate.
+    pub fn step(
+        &mut self,
+        fit: &CausalFit,
+        model: &mut CausalModel,
+        (inputs, indices): (&Inputs, Range<usize>),
+        factor: f64,
+    ) -> Result<(), InformationError> {
+        let Self { optimizer, course, gradients } = self;
+        let indices: Vec<usize> = indices.collect();
+        let loss = gradients.evaluate(model, inputs, &indices);
+        let norm = gradients.norm();
+        course.steps += 1;
+        if loss.is_finite() && norm.is_finite() {
+            let scale = (fit.max_norm / norm.max(1e-30)).min(1.0);
+            let rate = fit.rate * course.caution * factor;
+            optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
+            let bits = loss / std::f64::consts::LN_2;
+            let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
+            course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
+        } else {
+            course.refused += 1;
+            course.caution *= 0.5;
+            if course.refused == MAX_REFUSED {
+                return Err(InformationError::Diverged { refused: course.refused });
+            }
+        }
+        Ok(())
+    }
+
+    /// The averaged weights.
+    pub fn averaged(&self, model: &CausalModel) -> Vec<f32> {
+        self.optimizer.result(&model.weights).to_vec()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_of_a_revised_fit_is_spread_over_its_steps() {
+        let share = |plan: &Plan, steps| plan.done(steps, Duration::ZERO);
+        let mut plan = Plan::new(FitLength::Steps(100));
+        assert_eq!([0, 25, 100].map(|steps| share(&plan, steps)), [0.0, 0.25, 1.0]);
+        plan.revise(25, 325);
+        assert_eq!([25, 125, 325].map(|steps| share(&plan, steps)), [0.25, 0.5, 1.0]);
+        plan.revise(125, 10);
+        assert_eq!(share(&plan, 125), 1.0, "never fewer than were taken");
+        let mut rounded = Plan::new(FitLength::Steps(5315));
+        rounded.revise(136, 1259);
+        assert!(share(&rounded, 1258) < 1.0);
+        assert_eq!(share(&rounded, 1259), 1.0);
+        let mut timed = Plan::new(FitLength::Time(Duration::from_secs(4)));
+        timed.revise(5, 7);
+        assert_eq!(timed.done(5, Duration::from_secs(1)), 0.25);
+    }
+}

@@ -1,0 +1,149 @@
+//! What a fitted model gives to the fit of a similar design.
+
+use serde::{Deserialize, Serialize};
+
+use std::sync::Arc;
+
+use super::conditioning::{Conditioning, FAR_PLACES, Moments, Units};
+use super::level_interpolation::{among, carry};
+use super::levels::{LevelSpan, Levels};
+use super::model::{CausalModel, check};
+use super::pretrained::FirstWeights;
+use super::shape::CausalShape;
+use super::stream::PatchBatch;
+use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
+use crate::information::error::InformationError;
+use crate::nn::ParameterLayout;
+use crate::sensor::Noise;
+
+/// Largest distance of a far place in rows or columns, px; that which stands for none is as far.
+const FARTHEST: usize = 1_000_000;
+
+/// The weights that a model begins with.
+#[derive(Clone, Copy, Debug)]
+pub enum Beginning<'a> {
+    /// Those that come with the program ([`FirstWeights`](super::FirstWeights)).
+    Shipped,
+    /// Drawn by chance.
+    Drawn,
+    /// Those of the model of a similar design, or of the program where it was before another noise.
+    Similar(&'a CausalStart),
+}
+
+/// Everything that a fit takes from the model of a similar design, in numbers that go through a file unchanged: a fit that
+/// starts from them is the same whenever it is repeated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CausalStart {
+    pub(super) shape: CausalShape,
+    pub(super) noise: Noise,
+    pub(super) span: LevelSpan,
+    /// Units of the inputs: mean and inverse deviation of the roots of photons, and of photons.
+    pub(super) roots: (f32, f32),
+    pub(super) photons: (f32, f32),
+    /// Far places (rows down, columns right), px.
+    pub(super) far: Vec<(isize, isize)>,
+    pub(super) weights: Vec<f32>,
+}
+
+impl CausalStart {
+    /// The weights.
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// Whether it is of measurements with this noise.
+    pub fn is_of(&self, noise: Noise) -> bool {
+        self.noise == noise
+    }
+
+    /// Whether a model can have given it, and not a damaged file.
+    pub fn is_sound(&self) -> bool {
+        let near = |place: &(isize, isize)| place.0.unsigned_abs() <= FARTHEST && place.1.unsigned_abs() <= FARTHEST;
+        let units = [self.roots.0, self.roots.1, self.photons.0, self.photons.1];
+        self.far.len() == FAR_PLACES
+            && self.far.iter().all(near)
+            && units.iter().all(|unit| unit.is_finite())
+            && self.span.is_sound()
+            && self.layout(Levels::spanning(self.noise, self.span).count()).is_some()
+    }
+
+    /// Where the weights lie; none where they are too many or too few, as those of a damaged file are.
+    pub(super) fn layout(&self, levels: usize) -> Option<ParameterLayout> {
+        let (_, layout) = self.shape.layers(levels, &self.far);
+        (layout.count() == self.weights.len() && self.weights.iter().all(|weight| weight.is_finite())).then_some(layout)
+    }
+}
+
+impl From<&CausalModel> for CausalStart {
+    fn from(model: &CausalModel) -> Self {
+        let conditioning = &model.conditioning;
+        let Units { roots, photons } = conditioning.units();
+        Self {
+            shape: model.shape.clone(),
+            noise: conditioning.noise,
+            span: conditioning.levels.span,
+            roots,
+            photons,
+            far: conditioning.far.clone(),
+            weights: model.weights.clone(),
+        }
+    }
+}
+
+impl CausalModel {
+    /// A model for patches like those of `sample` before its fit; from that of a similar design the weights are taken as far
+    /// as they fit, so that it needs few steps.
+    ///
+    /// # Errors
+    /// For no noise, patches that are empty, too large, constant or not finite, and moments that are no covariance.
+    pub fn new(
+        shape: CausalShape,
+        noise: Noise,
+        sample: &PatchBatch,
+        moments: &Moments,
+        beginning: Beginning<'_>,
+        seed: u64,
+    ) -> Result<Self, InformationError> {
+        NoiseEntropy::new(noise, Protocol::Default)?;
+        check(sample.noisy.view())?;
+        let start = match beginning {
+            Beginning::Similar(start) if start.shape == shape && start.is_of(noise) => {
+                let levels = Levels::spanning(start.noise, start.span);
+                start.layout(levels.count()).map(|layout| (start, layout, levels))
+            }
+            _ => None,
+        };
+        let mut conditioning = Conditioning::new(noise, sample, moments)?;
+        if let Some((start, _, levels)) = &start {
+            let units = Units { roots: start.roots, photons: start.photons };
+            conditioning = conditioning.in_units_of(units, &start.far, levels);
+        }
+        let mut model = Self::unfitted(shape, conditioning, sample, seed);
+        if !matches!(beginning, Beginning::Drawn) {
+            model.begin_as_shipped();
+        }
+        if let Some((start, layout, levels)) = &start {
+            let conditioning = Arc::clone(&model.conditioning);
+            let nodes: Vec<f32> = conditioning.roots_of(levels).collect();
+            let places = among(&nodes, conditioning.roots_of(&conditioning.levels));
+            let same_levels = levels.photons == conditioning.levels.photons;
+            for (tensor, from) in model.layout.tensors().iter().zip(layout.tensors()) {
+                let (own, start) = (&mut model.weights[tensor.range.clone()], &start.weights[from.range.clone()]);
+                match tensor.name.as_str() {
+                    "head.kernel" if !same_levels => carry(start, nodes.len(), &places, own),
+                    // How frequent levels are is known of each design.
+                    "head.bias" if !same_levels => own[places.len()] = start[nodes.len()],
+                    _ => own.copy_from_slice(start),
+                }
+            }
+        }
+        Ok(model)
+    }
+
+    /// Takes the weights that come with the program, where they are of its shape.
+    pub(super) fn begin_as_shipped(&mut self) {
+        if let Some(first) = FirstWeights::shipped() {
+            first.put_into(self);
+        }
+    }
+}

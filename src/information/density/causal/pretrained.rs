@@ -1,0 +1,312 @@
+//! First weights that serve many encoders and scenes.
+
+use std::ops::ControlFlow;
+use std::sync::LazyLock;
+use std::time::{Duration, Instant};
+
+use ndarray::Axis;
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::conditioning::{FAR_PLACES, Inputs, Moments, NOWHERE};
+use super::fit::{BATCH, MAX_NORM, RATE};
+use super::level_interpolation::{among, carry, carry_back};
+use super::model::{CausalModel, Gradients};
+use super::shape::{CausalShape, rule};
+use super::stream::PatchBatch;
+use crate::information::error::InformationError;
+use crate::nn::{
+    Averaging, Optimizer, ParameterLayout, WeightsHeader, rate_schedule, read_details, read_weights, write_weights,
+};
+use crate::sensor::Noise;
+
+/// Those that come with the program.
+const SHIPPED: &[u8] = include_bytes!("../../../../assets/first_density_model.safetensors");
+/// Whose weights they are.
+const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/first-density-model", version: 1 };
+/// Knots between which the weights of levels are interpolated, from and to these distances from the mean of the roots of
+/// photons, in their standard deviations; as the inverse hyperbolic sine they are evenly spaced.
+const KNOTS: usize = 96;
+const REACH: (f32, f32) = (-4.0, 60.0);
+/// Scenes in use at a time; each makes room for another when all its patches were fitted once.
+const SCENES: usize = 16;
+/// Steps that the reported cross-entropy looks back over.
+const REMEMBERED: f64 = 2000.0;
+
+/// Measurements of some scene through some encoder.
+#[derive(Clone, Debug)]
+pub struct FirstScene {
+    /// Noise of the sensor.
+    pub noise: Noise,
+    /// Patches to fit.
+    pub patches: PatchBatch,
+    /// Second moments of the measurements.
+    pub moments: Moments,
+}
+
+/// How far a fit of [`FirstWeights`] has come.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FirstFitProgress {
+    /// Steps so far.
+    pub steps: usize,
+    /// Scenes so far.
+    pub scenes: u64,
+    /// Cross-entropy of late, bits per pixel.
+    pub bits: f64,
+    /// Time so far.
+    pub elapsed: Duration,
+}
+
+/// Hears of every step, gets what makes the weights as they would be if the fit ended there, and answers whether to go on.
+pub type OnFirstFit<'a> = &'a mut dyn FnMut(&FirstFitProgress, &dyn Fn() -> FirstWeights) -> ControlFlow<()>;
+
+/// Weights that models of any design begin with. Those of the head are known at knots over the standardised roots of
+/// photons, since the levels differ from design to design.
+#[derive(Clone, Debug)]
+pub struct FirstWeights {
+    shape: CausalShape,
+    layout: ParameterLayout,
+    weights: Vec<f32>,
+}
+
+impl FirstWeights {
+    /// Those that come with the program, fitted to beads and drawn pictures through many encoders; none where it was built
+    /// without weights that fit this version.
+    pub fn shipped() -> Option<&'static Self> {
+        static WEIGHTS: LazyLock<Option<FirstWeights>> = LazyLock::new(|| FirstWeights::from_bytes(SHIPPED).ok());
+        WEIGHTS.as_ref()
+    }
+
+    /// Weights drawn by chance.
+    pub fn new(seed: u64) -> Self {
+        let shape = CausalShape::default();
+        let (_, layout) = shape.layers(KNOTS, &[NOWHERE; FAR_PLACES]);
+        let weights = layout.draw(seed);
+        Self { shape, layout, weights }
+    }
+
+    /// The bytes of a safetensors file.
+    ///
+    /// # Errors
+    /// Where the weights fit no file.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, InformationError> {
+        Ok(write_weights(&self.layout, &self.weights, &HEADER, Vec::new())?)
+    }
+
+    /// Reads what [`FirstWeights::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// For bytes that are something else, of another shape or of a newer version.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, InformationError> {
+        read_details(bytes, &HEADER)?;
+        let drawn = Self::new(0);
+        let weights = read_weights(&drawn.layout, bytes)?;
+        Ok(Self { weights, ..drawn })
+    }
+
+    /// Puts them into a model of the same shape, whose levels stay as frequent as they are; a model of another shape stays as
+    /// it is.
+    pub(super) fn put_into(&self, model: &mut CausalModel) {
+        if model.shape != self.shape {
+            return;
+        }
+        let knots = knots(model);
+        for (tensor, from) in model.layout.tensors().iter().zip(self.layout.tensors()) {
+            let (own, first) = (&mut model.weights[tensor.range.clone()], &self.weights[from.range.clone()]);
+            match tensor.name.as_str() {
+                "head.kernel" => carry(first, KNOTS, &knots, own),
+                "head.bias" => own[knots.len()] = first[KNOTS],
+                _ => own.copy_from_slice(first),
+            }
+        }
+    }
+
+    /// The gradient by these weights from that by those of a model that they were [put into](Self::put_into).
+    fn gradient(&self, model: &CausalModel, by_model: &[f32]) -> Vec<f32> {
+        let mut out = vec![0.0; self.weights.len()];
+        let knots = knots(model);
+        for (tensor, to) in model.layout.tensors().iter().zip(self.layout.tensors()) {
+            let (own, first) = (&by_model[tensor.range.clone()], &mut out[to.range.clone()]);
+            match tensor.name.as_str() {
+                "head.kernel" => carry_back(own, &knots, KNOTS, first),
+                "head.bias" => first[KNOTS] = own[knots.len()],
+                _ => first.copy_from_slice(own),
+            }
+        }
+        out
+    }
+
+    /// Fits them for so long, and for a step at least, to many scenes at once; `scene` makes them by their number. They become
+    /// the average over the last steps.
+    ///
+    /// # Errors
+    /// Where a scene is none; when `on_progress` cancels.
+    pub fn fit(
+        &mut self,
+        scene: &(dyn Fn(u64) -> Result<FirstScene, InformationError> + Sync),
+        (length, seed): (Duration, u64),
+        on_progress: OnFirstFit<'_>,
+    ) -> Result<(), InformationError> {
+        let started = Instant::now();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut optimizer = Optimizer::new(&self.layout, &self.weights, Averaging::LAST_TENTH, rule);
+        let mut progress = FirstFitProgress::default();
+        loop {
+            let next: Vec<(u64, u64)> =
+                (progress.scenes..progress.scenes + SCENES as u64).map(|number| (number, random.random())).collect();
+            let fitted = next.into_par_iter().map(|(number, seed)| Fitted::new(&self.shape, &scene(number)?, seed));
+            let mut fitted = fitted.collect::<Result<Vec<_>, _>>()?;
+            progress.scenes += SCENES as u64;
+            let mut order: Vec<(usize, usize)> =
+                (0..SCENES).flat_map(|scene| (0..fitted[scene].steps()).map(move |step| (scene, step))).collect();
+            order.shuffle(&mut random);
+            for (scene, step) in order {
+                progress.elapsed = started.elapsed();
+                let done = progress.elapsed.as_secs_f64() / length.as_secs_f64().max(1e-9);
+                // What has no finite numbers teaches nothing.
+                if let Some((loss, gradient, scale)) = fitted[scene].gradient(self, step) {
+                    optimizer.step(&mut self.weights, &gradient, scale, (RATE * rate_schedule(done)) as f32);
+                    progress.steps += 1;
+                    let bits = loss / std::f64::consts::LN_2;
+                    progress.bits += (bits - progress.bits) / REMEMBERED.min(progress.steps as f64);
+                }
+                if done >= 1.0 {
+                    self.weights = optimizer.result(&self.weights).to_vec();
+                    return Ok(());
+                }
+                let snapshot = || Self { weights: optimizer.result(&self.weights).to_vec(), ..self.clone() };
+                if on_progress(&progress, &snapshot).is_break() {
+                    return Err(InformationError::Cancelled);
+                }
+            }
+        }
+    }
+}
+
+/// A scene ready to be fitted.
+struct Fitted {
+    model: CausalModel,
+    inputs: Inputs,
+    gradients: Gradients,
+    patches: usize,
+}
+
+impl Fitted {
+    fn new(shape: &CausalShape, scene: &FirstScene, seed: u64) -> Result<Self, InformationError> {
+        let FirstScene { noise, patches, moments } = scene;
+        let model = CausalModel::random(shape.clone(), *noise, patches, moments, 0)?;
+        let mut inputs = model.conditioning.inputs(patches.noisy.view());
+        if let Some(clean) = &patches.clean {
+            inputs.targets = model.conditioning.targets(clean.view(), seed);
+        }
+        let gradients = Gradients::new(model.layout.count());
+        Ok(Self { gradients, inputs, patches: patches.noisy.len_of(Axis(0)), model })
+    }
+
+    /// Steps that a pass through its patches takes.
+    fn steps(&self) -> usize {
+        self.patches / BATCH
+    }
+
+    /// Loss of the patches of a step (nats per pixel), its gradient by the weights, and the factor that shortens that where it
+    /// is too long; none where they are not finite.
+    fn gradient(&mut self, weights: &FirstWeights, step: usize) -> Option<(f64, Vec<f32>, f32)> {
+        weights.put_into(&mut self.model);
+        let indices: Vec<usize> = (step * BATCH..(step + 1) * BATCH).collect();
+        let loss = self.gradients.evaluate(&self.model, &self.inputs, &indices);
+        let norm = self.gradients.norm();
+        let scale = (MAX_NORM / norm.max(1e-30)).min(1.0) as f32;
+        let finite = loss.is_finite() && norm.is_finite();
+        finite.then(|| (loss, weights.gradient(&self.model, &self.gradients.total), scale))
+    }
+}
+
+/// Where the levels of a model lie among the knots.
+fn knots(model: &CausalModel) -> Vec<(usize, f32)> {
+    let (first, last) = (REACH.0.asinh(), REACH.1.asinh());
+    let knots: Vec<f32> = (0..KNOTS).map(|knot| first + (last - first) * knot as f32 / (KNOTS - 1) as f32).collect();
+    among(&knots, model.conditioning.roots_of(&model.conditioning.levels).map(f32::asinh))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::init::Beginning;
+    use super::*;
+    use ndarray::Array3;
+
+    /// Spots of two kinds on a ground.
+    fn scene(number: u64) -> FirstScene {
+        let clean = Array3::from_shape_fn((40, 12, 12), |(n, r, c)| {
+            let (row, col) = ((n * 7 + number as usize) % 12, n * 5 % 12);
+            let distance = (r as f32 - row as f32).hypot(c as f32 - col as f32);
+            10.0 + if n % 2 == 0 { 60.0 } else { 200.0 } * (-0.4 * distance * distance).exp()
+        });
+        let noisy = Noise::Shot.draw(clean.view(), number);
+        let moments = Moments::of_patches(noisy.view()).unwrap();
+        FirstScene { noise: Noise::Shot, patches: PatchBatch { noisy, clean: Some(clean) }, moments }
+    }
+
+    fn model(beginning: Beginning<'_>) -> CausalModel {
+        let FirstScene { noise, patches, moments } = scene(3);
+        CausalModel::new(CausalShape::default(), noise, &patches, &moments, beginning, 7).unwrap()
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_what_was_put_into_a_model() {
+        let mut own = model(Beginning::Drawn);
+        let first = FirstWeights::new(1);
+        first.put_into(&mut own);
+        let by_model: Vec<f32> = (0..own.weights.len()).map(|i| ((i * 37 % 101) as f32 - 50.0) * 0.01).collect();
+        let gradient = first.gradient(&own, &by_model);
+        // Putting into a model is linear: along any change both say the same.
+        let mut changed = first.clone();
+        let change: Vec<f32> = (0..first.weights.len()).map(|i| ((i * 53 % 89) as f32 - 44.0) * 0.01).collect();
+        changed.weights.iter_mut().zip(&change).for_each(|(weight, change)| *weight += change);
+        let before = own.weights.clone();
+        changed.put_into(&mut own);
+        let moved = own.weights.iter().zip(&before).zip(&by_model);
+        let moved: f64 = moved.map(|((after, before), by)| f64::from(after - before) * f64::from(*by)).sum();
+        let told: f64 = gradient.iter().zip(&change).map(|(by, change)| f64::from(*by) * f64::from(*change)).sum();
+        assert!((moved - told).abs() < 1e-3 * told.abs().max(1.0), "{moved} {told}");
+        // How frequent levels are is known of each design.
+        let bias = own.layers.head.bias.clone();
+        let levels = own.conditioning.levels.count();
+        assert_eq!(own.weights[bias.clone()][..levels], model(Beginning::Drawn).weights[bias][..levels]);
+    }
+
+    #[test]
+    fn those_of_the_program_tell_more_of_a_new_scene_than_none() {
+        let patches = scene(11).patches.noisy;
+        let bits = |beginning| model(beginning).cross_entropy_map(patches.view()).unwrap().mean().unwrap();
+        let (shipped, drawn) = (bits(Beginning::Shipped), bits(Beginning::Drawn));
+        assert!(shipped < drawn - 0.02, "{shipped} {drawn}");
+    }
+
+    #[test]
+    fn a_fit_lowers_the_cross_entropy_of_all_scenes_and_goes_through_a_file() {
+        let mut weights = FirstWeights::new(2);
+        let (mut early, mut late, mut kept) = (0.0, f64::INFINITY, None);
+        let fitted =
+            weights.fit(&|number| Ok(scene(number)), (Duration::from_hours(1), 3), &mut |progress, snapshot| {
+                match progress.steps {
+                    10 => early = progress.bits,
+                    // 16 scenes of 20 steps each.
+                    321 => assert_eq!(progress.scenes, 32),
+                    ..400 => {}
+                    _ => {
+                        (late, kept) = (progress.bits, Some(snapshot()));
+                        return ControlFlow::Break(());
+                    }
+                }
+                ControlFlow::Continue(())
+            });
+        assert!(matches!(fitted, Err(InformationError::Cancelled)));
+        assert!(late < early - 0.05, "{late} {early}");
+        let kept = kept.unwrap();
+        let bytes = kept.to_bytes().unwrap();
+        assert_eq!(FirstWeights::from_bytes(&bytes).unwrap().weights, kept.weights);
+        assert!(FirstWeights::from_bytes(&bytes[..bytes.len() / 2]).is_err());
+    }
+}

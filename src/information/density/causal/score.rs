@@ -1,0 +1,98 @@
+//! Scores of held-out patches by a causal model, and maps of information per pixel.
+
+use std::ops::ControlFlow;
+
+use ndarray::{Array3, Axis, Zip};
+
+use super::model::CausalModel;
+use super::stream::PatchBatch;
+use crate::information::entropy::likelihood::log_likelihood;
+use crate::information::entropy::noise_entropy::NoiseEntropy;
+use crate::information::error::InformationError;
+
+/// Held-out patches scored between two checks for cancellation.
+const SCORED_AT_ONCE: usize = 32;
+
+/// As [`score`], part by part: after each `watch` hears how many patches are scored, and may break off.
+///
+/// # Errors
+/// As [`score`], and [`InformationError::Cancelled`] where it does.
+pub fn score_while(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+    watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let total = test.noisy.len_of(Axis(0));
+    let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
+    for part in test.in_parts(SCORED_AT_ONCE) {
+        let (bits, entropies) = score(model, entropy, &part)?;
+        information.extend(bits);
+        entropy_y_given_x.extend(entropies);
+        if watch(information.len()).is_break() {
+            return Err(InformationError::Cancelled);
+        }
+    }
+    Ok((information, entropy_y_given_x))
+}
+
+/// Information and noise entropy of every held-out patch, bits per pixel: `log2 p(y|x) - log2 q(y)` where clean patches
+/// are known, `-log2 q(y) - H(Y|X)` with the noisy ones as means otherwise. `entropy` is that of the model's noise.
+///
+/// # Errors
+/// For patches of another shape or broken ones.
+pub fn score(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let map = information_map(model, entropy, test)?;
+    let information = map.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
+    let entropy_y_given_x = match &test.clean {
+        Some(clean) => entropy.patch_bits(clean.view())?,
+        None => entropy.patch_bits(test.noisy.mapv(|y| y.max(0.0)).view())?,
+    };
+    Ok((information, entropy_y_given_x))
+}
+
+/// What each pixel of held-out patches adds to what those before it have told, bits; the mean over patches is the
+/// information, the map shows where it comes from. Shape of the patches.
+///
+/// # Errors
+/// As [`score`].
+pub fn information_map(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+) -> Result<Array3<f64>, InformationError> {
+    let noise = model.conditioning.noise;
+    let mut map = model.cross_entropy_map(test.noisy.view())?;
+    if let Some(clean) = &test.clean {
+        Zip::from(&mut map).and(&test.noisy).and(clean).par_for_each(|bits, &y, &x| {
+            *bits += log_likelihood(noise, f64::from(y), f64::from(x)) / std::f64::consts::LN_2;
+        });
+    } else {
+        Zip::from(&mut map).and(&test.noisy).par_for_each(|bits, &y| *bits -= entropy.bits(f64::from(y.max(0.0))));
+    }
+    Ok(map)
+}
+
+/// The same, part by part: before each `stop` is asked whether to break off.
+///
+/// # Errors
+/// As [`score_while`].
+pub fn information_map_unless(
+    model: &CausalModel,
+    entropy: &NoiseEntropy,
+    test: &PatchBatch,
+    stop: &dyn Fn() -> bool,
+) -> Result<Array3<f64>, InformationError> {
+    let mut map = Array3::zeros(test.noisy.dim());
+    for (mut map, part) in map.axis_chunks_iter_mut(Axis(0), SCORED_AT_ONCE).zip(test.in_parts(SCORED_AT_ONCE)) {
+        if stop() {
+            return Err(InformationError::Cancelled);
+        }
+        map.assign(&information_map(model, entropy, &part)?);
+    }
+    Ok(map)
+}

@@ -1,0 +1,7 @@
+//! Density models of noisy patches. Their cross-entropy bounds H(Y) from above.
+
+pub(in crate::information) mod causal;
+pub(in crate::information) mod frozen;
+pub(in crate::information) mod gaussian;
+pub(in crate::information) mod patch_checks;
+pub(in crate::information) mod pixelcnn;

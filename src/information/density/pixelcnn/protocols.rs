@@ -1,0 +1,117 @@
+//! How a `PixelCNN` is fitted: the published procedure, and one that gets further in the same time.
+
+use std::time::Duration;
+
+use ndarray::ArrayView3;
+
+use crate::information::engine_choice::EngineChoice;
+use crate::nn::Averaging;
+use crate::sensor::Noise;
+
+/// Patches to fit, photons per pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct TrainingPatches<'a> {
+    /// Noisy patches, shape (n, rows, cols); the first of them validate.
+    pub noisy: ArrayView3<'a, f32>,
+    /// The same without noise, and the noise to draw anew for every batch.
+    pub clean: Option<(ArrayView3<'a, f32>, Noise)>,
+}
+
+/// How a network is fitted.
+// Each switch is a choice of its own: what the two protocols do differently.
+#[allow(clippy::struct_excessive_bools)]
+#[derive(Clone, Debug, PartialEq)]
+pub struct PixelCnnFit {
+    /// Patches of one step.
+    pub batch: usize,
+    /// Steps of one epoch; validation follows each.
+    pub steps_per_epoch: usize,
+    /// Most epochs.
+    pub max_epochs: usize,
+    /// Epochs without improvement after which the fit ends.
+    pub patience: Option<usize>,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Whether the rate rises at first and falls along a line to the end; with a budget, to the end of the budget.
+    pub schedule: bool,
+    /// Whether hidden matrices move by Muon instead of Adam.
+    pub muon: bool,
+    /// Which steps the weights are averaged over.
+    pub averaging: Averaging,
+    /// Whether the first mixture is spread over the data, and means and widths, which are in photons, move by the
+    /// deviation of the data times the rate.
+    pub photon_scale: bool,
+    /// Largest norm of a gradient; longer ones are shortened to it.
+    pub max_norm: Option<f64>,
+    /// Largest number of validation patches; it is a tenth of all patches where that is less.
+    pub max_validation: usize,
+    /// Whether a uniform number from 0 to 1 is added to every pixel, anew for every batch.
+    pub dequantise: bool,
+    /// Time after which the fit ends, that of validation included.
+    pub budget: Option<Duration>,
+    /// What computes losses and gradients.
+    pub engine: EngineChoice,
+    /// Seed of first weights, order, noise and dequantisation.
+    pub seed: u64,
+}
+
+/// What a fit did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitReport {
+    /// Steps taken.
+    pub steps: usize,
+    /// Seconds taken, and cross-entropy of the validation patches in bits per pixel, after each epoch.
+    pub epochs: Vec<(f64, f64)>,
+    /// Number of the epoch whose weights were kept, from 1.
+    pub best_epoch: usize,
+    /// Steps that were refused because loss or gradient were not finite.
+    pub refused: usize,
+    /// Whether the budget ended it before its own rule did.
+    pub cut_short: bool,
+}
+
+impl PixelCnnFit {
+    /// The published procedure (Kabuli et al. 2026): Adam at 1e-3, batches of 64, 500 steps per epoch, at most 200
+    /// epochs, an end after 20 without improvement, the best one kept, a tenth of the patches to validate.
+    pub fn paper(seed: u64) -> Self {
+        Self {
+            batch: 64,
+            steps_per_epoch: 500,
+            max_epochs: 200,
+            patience: Some(20),
+            rate: 1e-3,
+            schedule: false,
+            muon: false,
+            averaging: Averaging::Off,
+            photon_scale: false,
+            max_norm: None,
+            max_validation: usize::MAX,
+            dequantise: true,
+            budget: None,
+            engine: EngineChoice::Cpu,
+            seed,
+        }
+    }
+
+    /// The default procedure: small batches, Muon with a rate that rises and falls, averaged weights, fresh noise for
+    /// every batch where clean patches are given.
+    pub fn standard(seed: u64) -> Self {
+        Self {
+            batch: 4,
+            steps_per_epoch: 600,
+            max_epochs: 10,
+            patience: None,
+            rate: 5e-3,
+            schedule: true,
+            muon: true,
+            averaging: Averaging::LAST_TENTH,
+            photon_scale: true,
+            max_norm: Some(1.0),
+            max_validation: 64,
+            dequantise: true,
+            budget: None,
+            engine: EngineChoice::Cpu,
+            seed,
+        }
+    }
+}

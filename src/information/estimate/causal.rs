@@ -1,0 +1,186 @@
+//! Information from an endless stream of patches by the causal density model.
+
+use std::time::Instant;
+
+use ndarray::Axis;
+
+use super::estimator::Estimator;
+use super::trial::{Trial, TrialSettings};
+use crate::information::density::causal::conditioning::Moments;
+use crate::information::density::causal::fit::{CausalFit, FitAids, FitLength, Fitted};
+use crate::information::density::causal::init::Beginning;
+use crate::information::density::causal::model::{CausalModel, check_causal_patch};
+use crate::information::density::causal::pretrained::FirstWeights;
+use crate::information::density::causal::score::score_while;
+use crate::information::density::causal::shape::CausalShape;
+use crate::information::density::causal::stream::{PatchBatch, PatchStream};
+use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
+use crate::information::error::InformationError;
+use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::progress::{FitProgress, OnProgress};
+use crate::plural::counted;
+use crate::sensor::Noise;
+
+/// Patches that levels and units are taken from.
+const SAMPLE: usize = 256;
+/// Patches that second moments are taken from where they are not given.
+const MOMENT_PATCHES: usize = 2048;
+
+/// What is to be estimated, from what, and for how long.
+#[derive(Clone, Copy)]
+pub struct CausalRequest<'a> {
+    /// Fresh patches to fit.
+    pub stream: &'a dyn PatchStream,
+    /// Held-out patches of other scenes.
+    pub test: &'a PatchBatch,
+    /// Patches of scenes that are neither fitted nor tested, for streams that repeat themselves: the weights that score
+    /// best on them are kept.
+    pub validation: Option<&'a PatchBatch>,
+    /// Keeps the state of the fit, where it is to survive the program.
+    pub keeper: Option<&'a dyn FitKeeper>,
+    /// Mean and autocovariance of the measurements where they are known; otherwise they are taken from patches.
+    pub moments: Option<&'a Moments>,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// Length of the fit.
+    pub length: FitLength,
+    /// What the model begins with.
+    pub beginning: Beginning<'a>,
+    /// The name the estimate goes by.
+    pub estimator: Estimator,
+    /// Seed of first weights, patches, noise and bootstraps.
+    pub seed: u64,
+}
+
+/// Makes a model ready for a stream: levels, units, linear prediction, first weights.
+///
+/// # Errors
+/// Where the stream fails, or its patches allow no model (constant, too large, not finite).
+pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, InformationError> {
+    let (_, rows, cols) = request.test.noisy.dim();
+    check_causal_patch((rows, cols))?;
+    let sample = request.stream.draw(SAMPLE, request.seed ^ 0x5eed)?;
+    let own;
+    let moments = if let Some(moments) = request.moments {
+        moments
+    } else {
+        own = Moments::of_patches(request.stream.draw(MOMENT_PATCHES, request.seed ^ 0x5eee)?.noisy.view())?;
+        &own
+    };
+    CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.beginning, request.seed)
+}
+
+/// Fits the causal density model to a stream and bounds the information from above by its cross-entropy on held-out
+/// patches, `I <= E[log2 p(y|x) - log2 q(y)]`, bits per pixel.
+///
+/// Both terms are taken at the same measurements, so the luck of the noise drops out of their difference. Without clean
+/// patches (an experiment) the noisy ones stand in for the means in `H(Y|X)`.
+///
+/// # Errors
+/// As [`causal_model`]; when `on_progress` cancels.
+pub fn causal_estimate(
+    request: &CausalRequest<'_>,
+    on_progress: OnProgress<'_>,
+) -> Result<(Trial, CausalModel), InformationError> {
+    let started = Instant::now();
+    let mut model = causal_model(request)?;
+    let fit = CausalFit::new(request.length, request.seed);
+    let aids = FitAids { keeper: request.keeper, validation: request.validation };
+    let Fitted { steps, best, before } = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| {
+        on_progress(progress).map_continue(|()| None)
+    })?;
+    let from = match request.beginning {
+        Beginning::Shipped if FirstWeights::shipped().is_some() => ", from the weights that come with the program",
+        Beginning::Similar(_) => ", from the model of a similar design",
+        Beginning::Shipped | Beginning::Drawn => "",
+    };
+    let mut notes =
+        vec![format!("fitted in {} of {}{from}", counted(steps, "step"), counted(fit.batch, "fresh patch"))];
+    if let Some(step) = best {
+        notes
+            .push(format!("the weights of step {step} are kept: they score best on the patches that validate the fit"));
+    }
+    if let Some(bits) = model.looseness_bits() {
+        notes.push(format!(
+            "the light has a range too wide for the model's levels, so that the number may be too high by about {bits:.2} \
+             bits per pixel"
+        ));
+    }
+    if request.test.clean.is_none() {
+        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+    }
+    let (information, entropy_y_given_x) = score_in_parts(&model, request, (started, steps), on_progress)?;
+    let settings = TrialSettings {
+        estimator: request.estimator,
+        protocol: Protocol::Default,
+        noise: request.noise,
+        patch: model.patch(),
+        patches_train: steps * fit.batch,
+        seed: request.seed,
+    };
+    let seconds = (before + started.elapsed()).as_secs_f64();
+    // Both logarithms of a patch are taken at its measurement; what they tell together stays as it is.
+    let cross_entropy: Vec<f64> = information.iter().zip(&entropy_y_given_x).map(|(i, h)| i + h).collect();
+    let trial = Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?;
+    Ok((trial, model))
+}
+
+/// As [`score`] of the held-out patches, telling after each part.
+fn score_in_parts(
+    model: &CausalModel,
+    request: &CausalRequest<'_>,
+    (started, step): (Instant, usize),
+    on_progress: OnProgress<'_>,
+) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+    let total = request.test.noisy.len_of(Axis(0));
+    let entropy = NoiseEntropy::new(request.noise, Protocol::Default)?;
+    score_while(model, &entropy, request.test, &mut |scored| {
+        on_progress(&FitProgress {
+            epoch: 1,
+            epochs: 1,
+            step,
+            validation_bits: None,
+            best_bits: None,
+            elapsed: started.elapsed(),
+            remaining: None,
+            scored: Some((scored, total)),
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array3;
+
+    use super::*;
+
+    /// A stream that is not to be asked.
+    struct Untouched;
+
+    impl PatchStream for Untouched {
+        fn draw(&self, _: usize, _: u64) -> Result<PatchBatch, InformationError> {
+            Err(InformationError::Stream { reason: "patches were drawn".to_owned() })
+        }
+    }
+
+    #[test]
+    fn a_patch_that_is_too_large_is_told_before_patches_are_drawn() {
+        let asked = |side: usize| {
+            let request = CausalRequest {
+                stream: &Untouched,
+                test: &PatchBatch { noisy: Array3::zeros((1, side, side)), clean: None },
+                validation: None,
+                keeper: None,
+                moments: None,
+                noise: Noise::Shot,
+                length: FitLength::Steps(1),
+                beginning: Beginning::Drawn,
+                estimator: Estimator::Live,
+                seed: 1,
+            };
+            causal_model(&request).unwrap_err()
+        };
+        assert!(matches!(asked(8), InformationError::Stream { .. }));
+        assert_eq!(asked(100), InformationError::PatchSize { rows: 100, cols: 100, limit: 8192 });
+    }
+}

@@ -1,0 +1,402 @@
+//! The estimate: a number of bits per pixel that carries everything needed to judge and to repeat it.
+
+use serde::{Deserialize, Serialize};
+
+use super::estimator::Estimator;
+use super::trial::Trial;
+use crate::formats::DocumentKind;
+use crate::information::ais::bound::PosteriorBound;
+use crate::information::bounds::bracket::{BeadBounds, Bracket, NamedBound};
+use crate::information::engine_choice::EngineChoice;
+use crate::information::entropy::noise_entropy::Protocol;
+use crate::information::error::InformationError;
+use crate::plural::counted;
+use crate::sensor::Noise;
+
+/// The kind of its JSON.
+const ESTIMATE: DocumentKind = DocumentKind::new("lenslet-studio/estimate", "an estimate");
+
+/// Where the measurements of an estimate come from, and what is known about the truth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Provenance {
+    /// Background of the measurements, photons per pixel.
+    pub bias: f64,
+    /// The object set, for a reader.
+    pub objects: String,
+    /// Fingerprint of the object set, for a machine.
+    pub objects_fingerprint: String,
+    /// The encoder, for a reader.
+    pub encoder: String,
+    /// A bound on the truth, bits per pixel, where the object entropy is known ([`super::Ceiling`]).
+    pub ceiling: Option<f64>,
+    /// Anything else a reader must know.
+    pub notes: Vec<String>,
+}
+
+/// Mutual information between scenes and measured patches, bits per pixel, with all that belongs to it.
+///
+/// Made from trials by [`Estimate::new`] or read by [`Estimate::from_json`], never as a bare number.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Always "lenslet-studio/estimate".
+    pub format: String,
+    /// Version of the fields.
+    pub format_version: u64,
+    /// The smallest of the trials, bits per pixel: all are upper bounds, so the smallest is the best.
+    pub bits_per_pixel: f64,
+    /// 95 % interval (low, high) of that trial, bits per pixel; it covers the choice of test patches only.
+    pub interval_95: [f64; 2],
+    /// The same for all pixels of the patch together, bits: where the patch is the sensor, of a whole measurement.
+    #[serde(default)]
+    pub bits_per_patch: f64,
+    /// The bound on the entropy of the measurements that the estimate rests on, bits per pixel: a model's cross-entropy, or
+    /// what another bound on the information leaves.
+    pub entropy_y: f64,
+    /// Entropy of the noise, bits per pixel.
+    pub entropy_y_given_x: f64,
+    /// A bound on the truth, bits per pixel, where the object entropy is known.
+    pub ceiling: Option<f64>,
+    /// All bounds that are known, where there are more than that of a density model: the fields `lower`, `lower_interval_95`,
+    /// `lower_from`, `upper`, `upper_interval_95`, `upper_from`, `upper_bounds` and `lower_bounds`.
+    #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
+    pub bracket: Option<Bracket>,
+    /// The density model.
+    pub estimator: Estimator,
+    /// What computed its network; none where there is no network, and in files that do not name it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub engine: Option<EngineChoice>,
+    /// How entropies were taken.
+    pub protocol: Protocol,
+    /// Patch shape [rows, cols], pixels.
+    pub patch: [usize; 2],
+    /// Patches the model was fitted to.
+    pub patches_train: usize,
+    /// Held-out patches it was scored on.
+    pub patches_test: usize,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// Background of the measurements, photons per pixel.
+    pub bias: f64,
+    /// Number of trials.
+    pub trials: usize,
+    /// Largest minus smallest trial, bits per pixel; 0 for one trial.
+    pub trial_spread: f64,
+    /// The seed that was asked for, which gives the same estimate again: trial t has the seed + t - 1.
+    pub seed: u64,
+    /// The smallest of several trials, from 1: the estimate is this one; none in files that name its seed as theirs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smallest_trial: Option<usize>,
+    /// Time that the estimate took, seconds: of all trials, and of drawing their measurements where that was done for it.
+    pub seconds: f64,
+    /// The object set, for a reader.
+    pub objects: String,
+    /// Fingerprint of the object set, for a machine.
+    pub objects_fingerprint: String,
+    /// The encoder, for a reader.
+    pub encoder: String,
+    /// What a reader must know.
+    pub notes: Vec<String>,
+    /// Keeps others from putting an estimate together by hand.
+    #[serde(skip)]
+    sealed: Sealed,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sealed;
+
+impl Estimate {
+    /// Combines trials of the same settings: the smallest with its own interval, and the spread of all.
+    ///
+    /// An estimate above the ceiling gets a note that says so.
+    ///
+    /// # Errors
+    /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches, where
+    /// these do not depend on time.
+    pub fn new(trials: &[Trial], provenance: Provenance) -> Result<Self, InformationError> {
+        let numbered = trials.iter().enumerate();
+        let best = numbered.min_by(|(_, a), (_, b)| a.bits_per_pixel().total_cmp(&b.bits_per_pixel()));
+        let ((place, best), first) = best.zip(trials.first()).ok_or(InformationError::Empty)?;
+        for trial in trials {
+            check_alike(best, trial)?;
+        }
+        let largest = trials.iter().map(Trial::bits_per_pixel).fold(best.bits_per_pixel(), f64::max);
+        let settings = *best.settings();
+        let Provenance { bias, objects, objects_fingerprint, encoder, ceiling, notes: given } = provenance;
+        let mut notes = best.notes().to_vec();
+        notes.extend(given);
+        if best.bits_per_pixel() < 0.0 {
+            notes.push("the estimate is negative, which information is not: within its error there is none".to_owned());
+        }
+        if let Some(ceiling) = ceiling.filter(|&ceiling| best.bits_per_pixel() > ceiling) {
+            notes.push(format!(
+                "the estimate lies above the ceiling: {:.3} of at most {ceiling:.3} bits per pixel; the density model \
+                 is loose for these objects, so do not rank designs by it",
+                best.bits_per_pixel()
+            ));
+        }
+        Ok(Self {
+            format: ESTIMATE.format.to_owned(),
+            format_version: ESTIMATE.version,
+            bits_per_pixel: best.bits_per_pixel(),
+            bits_per_patch: best.bits_per_pixel() * (settings.patch.0 * settings.patch.1) as f64,
+            interval_95: best.interval_95(),
+            entropy_y: best.entropy_y(),
+            entropy_y_given_x: best.entropy_y_given_x(),
+            ceiling,
+            bracket: None,
+            estimator: settings.estimator,
+            engine: best.engine(),
+            protocol: settings.protocol,
+            patch: [settings.patch.0, settings.patch.1],
+            patches_train: settings.patches_train,
+            patches_test: best.patches_test(),
+            noise: settings.noise,
+            bias,
+            trials: trials.len(),
+            trial_spread: largest - best.bits_per_pixel(),
+            seed: first.settings().seed,
+            smallest_trial: (trials.len() > 1).then_some(place + 1),
+            seconds: trials.iter().map(Trial::seconds).sum(),
+            objects,
+            objects_fingerprint,
+            encoder,
+            notes,
+            sealed: Sealed,
+        })
+    }
+
+    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and for beads
+    /// a decoder from below and posterior sampling from both sides. The estimate itself is the smallest upper bound.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn bracketed(
+        trials: &[Trial],
+        gaussian: &Trial,
+        beads: Option<&BeadBounds>,
+        provenance: Provenance,
+    ) -> Result<Self, InformationError> {
+        let mut above = vec![NamedBound {
+            from: "gaussian".to_owned(),
+            bits_per_pixel: gaussian.bits_per_pixel(),
+            interval_95: gaussian.interval_95(),
+        }];
+        above.extend(beads.map(|beads| NamedBound::from(&beads.above)));
+        let below = beads.map(BeadBounds::lower).unwrap_or_default();
+        let mut estimate = Self::with_bounds(trials, above, below, provenance)?;
+        match beads {
+            Some(BeadBounds { decoder: lower, below, above }) => {
+                let (tests, steps) = (lower.test_patches, lower.steps);
+                estimate.notes.push(format!(
+                    "decoder fitted in {} and tested on {}",
+                    counted(steps, "step"),
+                    counted(tests, "fresh sample")
+                ));
+                estimate.notes.extend(lower.notes.iter().cloned());
+                estimate.notes.push(format!(
+                    "posteriors of {} followed back from the true beads over {}, those of {} in {} of sites over {}",
+                    counted(below.samples, "fresh sample"),
+                    counted(below.levels, "level"),
+                    above.samples,
+                    counted(above.groups, "group"),
+                    counted(above.levels, "level")
+                ));
+            }
+            None => {
+                estimate.notes.push("the entropy of these objects is not known, so only an upper bound is".to_owned());
+            }
+        }
+        Ok(estimate)
+    }
+
+    /// The smallest upper bound on what measurements of beads tell: that of a density model, the ceiling, or posterior
+    /// sampling from above where that can be had.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn at_most(
+        trials: &[Trial],
+        above: Option<&PosteriorBound>,
+        provenance: Provenance,
+    ) -> Result<Self, InformationError> {
+        let bounds = above.map(NamedBound::from).into_iter().collect();
+        let mut estimate = Self::with_bounds(trials, bounds, Vec::new(), provenance)?;
+        estimate.notes.extend(above.map(|above| {
+            format!(
+                "posteriors of {} followed in {} of sites over {}",
+                counted(above.samples, "fresh sample"),
+                counted(above.groups, "group"),
+                counted(above.levels, "level")
+            )
+        }));
+        Ok(estimate)
+    }
+
+    /// An estimate by trials of a density model, the ceiling and these bounds: it is the smallest upper bound.
+    pub(super) fn with_bounds(
+        trials: &[Trial],
+        mut above: Vec<NamedBound>,
+        below: Vec<NamedBound>,
+        provenance: Provenance,
+    ) -> Result<Self, InformationError> {
+        // Above the ceiling is where most density models lie; here it is one bound of several.
+        let ceiling = provenance.ceiling;
+        let mut estimate = Self::new(trials, Provenance { ceiling: None, ..provenance })?;
+        estimate.ceiling = ceiling;
+        let (density, interval_95) = (estimate.bits_per_pixel, estimate.interval_95);
+        above.push(NamedBound { from: "density".to_owned(), bits_per_pixel: density, interval_95 });
+        above.extend(ceiling.map(|ceiling| NamedBound {
+            from: "ceiling".to_owned(),
+            bits_per_pixel: ceiling,
+            interval_95: [ceiling; 2],
+        }));
+        if let Some(ceiling) = ceiling.filter(|&ceiling| density > ceiling) {
+            estimate.notes.push(format!(
+                "the density model lies above the ceiling, {density:.3} of at most {ceiling:.3} bits per pixel: it is loose for \
+                 these objects"
+            ));
+        }
+        let bracket = Bracket::new(above, below).ok_or(InformationError::Empty)?;
+        estimate.notes.extend(note_of_crossing(&bracket));
+        estimate.bits_per_pixel = bracket.upper;
+        estimate.bits_per_patch = bracket.upper * estimate.pixels();
+        estimate.interval_95 = bracket.upper_interval_95;
+        estimate.entropy_y = estimate.entropy_y_given_x + bracket.upper;
+        estimate.bracket = Some(bracket);
+        Ok(estimate)
+    }
+
+    /// The same estimate with one more bound from below, and with all bounds beside it where it had its own alone; the number
+    /// itself stays what it is. Published numbers are no bounds, and stay without.
+    #[must_use]
+    pub fn bounded_below(mut self, below: NamedBound) -> Self {
+        if self.protocol == Protocol::Paper {
+            return self;
+        }
+        let bound =
+            |from: &str, bits_per_pixel, interval_95| NamedBound { from: from.to_owned(), bits_per_pixel, interval_95 };
+        let (above, mut lower) = if let Some(bracket) = self.bracket.take() {
+            (bracket.upper_bounds, bracket.lower_bounds)
+        } else {
+            let own = bound(&self.estimator.to_string(), self.bits_per_pixel, self.interval_95);
+            let ceiling = self.ceiling.map(|ceiling| bound("ceiling", ceiling, [ceiling; 2]));
+            (std::iter::once(own).chain(ceiling).collect(), Vec::new())
+        };
+        lower.push(below);
+        self.bracket = Bracket::new(above, lower);
+        let crossing = self.bracket.as_ref().and_then(note_of_crossing).filter(|note| !self.notes.contains(note));
+        self.notes.extend(crossing);
+        self
+    }
+
+    /// Pixels of the patch.
+    pub fn pixels(&self) -> f64 {
+        (self.patch[0] * self.patch[1]) as f64
+    }
+
+    /// Whether the number is that of its estimator alone, not the smallest of several bounds from above.
+    pub fn is_of_one_model(&self) -> bool {
+        let own = self.estimator.to_string();
+        self.bracket.as_ref().is_none_or(|bracket| bracket.upper_bounds.iter().any(|bound| bound.from == own))
+    }
+
+    /// The lower bound of a bracket that has one, bits per pixel.
+    pub fn lower(&self) -> Option<f64> {
+        self.bracket.as_ref()?.lower
+    }
+
+    /// Both bounds of a bracket with their 95 % intervals, bits per pixel, in order: bounds that have met can cross by chance.
+    pub fn ends(&self) -> Option<[(f64, [f64; 2]); 2]> {
+        let bracket = self.bracket.as_ref()?;
+        let mut ends = [(bracket.lower?, bracket.lower_interval_95?), (self.bits_per_pixel, self.interval_95)];
+        ends.sort_by(|one, other| one.0.total_cmp(&other.0));
+        Some(ends)
+    }
+
+    /// The number for people, with all that belongs to it in a line.
+    pub fn in_words(&self) -> String {
+        let [low, high] = self.interval_95;
+        let (bits, from) = (self.bits_per_pixel, self.upper_from());
+        match self.ends() {
+            Some(ends) => {
+                let [least, most] = ends.map(|(bits, [low, high])| format!("{bits:.4} [{low:.4}, {high:.4}]"));
+                format!("between {least} and {most} bits per pixel")
+            }
+            None => format!("{} {bits:.4} bits per pixel [{low:.4}, {high:.4}] ({from})", self.relation()),
+        }
+    }
+
+    /// How the information lies to the number, for people: published procedures have the base images of training patches in their
+    /// tests, so that what they tell is no bound.
+    pub fn relation(&self) -> &'static str {
+        match self.protocol {
+            Protocol::Default => "at most",
+            Protocol::Paper => "about",
+        }
+    }
+
+    /// The estimator, and which of its bounds the number is where it has several.
+    pub fn upper_from(&self) -> String {
+        match self.bracket.as_ref().filter(|_| !self.is_of_one_model()) {
+            Some(bracket) => format!("{}: {}", self.estimator, bracket.upper_from),
+            None => self.estimator.to_string(),
+        }
+    }
+
+    /// Whether the estimate lies above the ceiling, where one is known.
+    pub fn above_ceiling(&self) -> bool {
+        self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)
+    }
+
+    /// Reads an estimate from JSON.
+    ///
+    /// # Errors
+    /// When the text is not an estimate, or one of a newer format than this program knows.
+    pub fn from_json(text: &str) -> Result<Self, InformationError> {
+        let wrong = |error: serde_json::Error| InformationError::Format { reason: error.to_string() };
+        let value = serde_json::from_str(text).map_err(wrong)?;
+        ESTIMATE.version_of(&value).map_err(|found| InformationError::Format {
+            reason: format!(
+                "expected the format \"{}\" up to version {}, found {found}; {}",
+                ESTIMATE.format,
+                ESTIMATE.version,
+                found.advice()
+            ),
+        })?;
+        serde_json::from_value(value).map_err(wrong)
+    }
+}
+
+/// What a reader must know of bounds that cross.
+fn note_of_crossing(bracket: &Bracket) -> Option<String> {
+    bracket.width().filter(|&width| width < 0.0)?;
+    let is_chance = bracket.lower_interval_95.is_none_or(|[low, _]| low <= bracket.upper_interval_95[1]);
+    let told = if is_chance {
+        "the bounds have met and cross by chance: the information is about that of both"
+    } else {
+        "the bounds cross by more than their intervals: one of them is wrong here, and neither is to be relied on"
+    };
+    Some(told.to_owned())
+}
+
+fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
+    let (first, second) = (a.settings(), b.settings());
+    // Those that are fitted to fresh patches for a time get through as many as they do.
+    let is_counted = !matches!(first.estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
+    let what = if first.estimator != second.estimator {
+        "estimator"
+    } else if a.engine() != b.engine() {
+        "engine"
+    } else if first.protocol != second.protocol {
+        "protocol"
+    } else if first.noise != second.noise {
+        "noise"
+    } else if first.patch != second.patch {
+        "patch"
+    } else if a.patches_test() != b.patches_test() || (is_counted && first.patches_train != second.patches_train) {
+        "the number of patches"
+    } else {
+        return Ok(());
+    };
+    Err(InformationError::TrialsDiffer { what })
+}

@@ -1,0 +1,67 @@
+//! Bits per pixel and their intervals as they are written, in the window and on the command line.
+
+use crate::information::bounds::bracket::Bracket;
+
+/// Decimals of a number of bits.
+const DECIMALS: usize = 3;
+/// Decimals beyond which the ends of an interval count as equal.
+const MOST_DECIMALS: usize = 6;
+
+/// Bits with three decimals.
+pub fn rounded(bits: f64) -> String {
+    format!("{bits:.DECIMALS$}")
+}
+
+/// Both bounds, from the smaller to the larger.
+pub fn between(lower: f64, upper: f64) -> String {
+    let (low, high) = Bracket::in_order(lower, upper);
+    format!("{} \u{2013} {}", rounded(low), rounded(high))
+}
+
+/// A number of bits with its 95 % interval: "0.412 [0.408, 0.416]".
+///
+/// An interval of no width is none: the number stands alone. A narrow one takes as many decimals as tell its ends apart.
+pub fn with_interval(bits: f64, interval: [f64; 2]) -> String {
+    with_decimals(bits, interval, DECIMALS)
+}
+
+/// The same with at least so many decimals.
+pub fn with_decimals(bits: f64, interval: [f64; 2], least: usize) -> String {
+    let number = text(bits, decimals(interval, least).unwrap_or(least));
+    number + &interval_behind(interval, least)
+}
+
+/// The interval to be put behind a number, with a blank before it and at least so many decimals: " [0.408, 0.416]". One
+/// of no width is no text.
+pub fn interval_behind([low, high]: [f64; 2], least: usize) -> String {
+    let decimals = decimals([low, high], least);
+    decimals.map_or_else(String::new, |decimals| format!(" [{}, {}]", text(low, decimals), text(high, decimals)))
+}
+
+/// Decimals that tell the ends of an interval apart.
+fn decimals([low, high]: [f64; 2], least: usize) -> Option<usize> {
+    (least..=MOST_DECIMALS).find(|&decimals| text(low, decimals) != text(high, decimals))
+}
+
+/// A number with so many decimals. What rounds to zero has no sign.
+fn text(number: f64, decimals: usize) -> String {
+    let text = format!("{number:.decimals$}");
+    if text.trim_matches(['-', '0', '.']).is_empty() { text.trim_start_matches('-').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_of_no_width_is_not_shown_and_a_narrow_one_keeps_its_width() {
+        assert_eq!(with_interval(0.412_34, [0.408, 0.416_04]), "0.412 [0.408, 0.416]");
+        assert_eq!(with_interval(0.412, [0.412, 0.412]), "0.412");
+        assert_eq!(with_interval(0.0, [-1e-9, 1e-9]), "0.000");
+        assert_eq!(with_interval(0.412_34, [0.412_2, 0.412_4]), "0.4123 [0.4122, 0.4124]");
+        assert_eq!(with_interval(0.1, [f64::NAN, f64::NAN]), "0.100");
+        assert_eq!(with_decimals(0.5, [0.5, 0.5], 4), "0.5000");
+        assert_eq!(with_decimals(0.5, [0.4, 0.6], 4), "0.5000 [0.4000, 0.6000]");
+        assert_eq!(between(0.5, 0.4), "0.400 \u{2013} 0.500");
+    }
+}

@@ -1,0 +1,221 @@
+//! Information from noisy patches by a fitted `PixelCNN`.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use ndarray::{ArrayView3, Axis};
+
+use super::estimator::Estimator;
+use super::trial::{Trial, TrialSettings};
+use crate::information::density::patch_checks::check_clean;
+use crate::information::density::pixelcnn::fit::SCORED_AT_ONCE;
+use crate::information::density::pixelcnn::model::{PixelCnn, check};
+use crate::information::density::pixelcnn::protocols::{FitReport, PixelCnnFit, TrainingPatches};
+use crate::information::density::pixelcnn::shape::PixelCnnShape;
+use crate::information::engine_choice::EngineChoice;
+use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
+use crate::information::error::InformationError;
+use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::progress::{FitProgress, OnProgress};
+use crate::information::statistics::dequantisation::{TEST_STREAM, dequantised, whole};
+use crate::plural::{counted, one_or_many};
+use crate::sensor::Noise;
+
+/// Patches and settings of one `PixelCNN` trial.
+#[derive(Clone, Copy)]
+pub struct PixelCnnRequest<'a> {
+    /// Noisy patches to fit, photons per pixel, shape (n, rows, cols).
+    pub train: ArrayView3<'a, f32>,
+    /// The training patches without noise, in the same order. With them the default protocol draws the noise anew for
+    /// every batch; the paper protocol does not use them.
+    pub train_clean: Option<ArrayView3<'a, f32>>,
+    /// Noisy patches to score, photons per pixel, of scenes that the training patches do not show, shape (m, rows, cols).
+    pub test: ArrayView3<'a, f32>,
+    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones stand in for the
+    /// means, negative values as 0; fair above about 10 photons.
+    pub test_clean: Option<ArrayView3<'a, f32>>,
+    /// Noise of the measurements.
+    pub noise: Noise,
+    /// How the fit is done and entropies are taken.
+    pub protocol: Protocol,
+    /// Time for the fit; scoring the test patches comes on top.
+    pub budget: Option<Duration>,
+    /// A network to start from, such as that of a similar design.
+    pub start: Option<&'a PixelCnn>,
+    /// Keeps the state of the fit, where it is to survive the program.
+    pub keeper: Option<&'a dyn FitKeeper>,
+    /// What computes the network.
+    pub engine: EngineChoice,
+    /// Seed of first weights, order, noise, dequantisation and bootstraps.
+    pub seed: u64,
+}
+
+/// Fits a `PixelCNN` to noisy patches and bounds the information from above by its cross-entropy on held-out patches.
+///
+/// `I <= -E log2 p(y) - H(Y|X)`, bits per pixel (Pinkard et al. 2024): a measured cross-entropy, never an extrapolation,
+/// so a fit that ends early gives a looser bound and not a wrong one. Whole counts get a uniform number from 0 to 1, as
+/// [`super::super::gaussian_estimate`] says. Returns the trial and the network, which can start the next fit.
+///
+/// # Errors
+/// For patches of different shapes, fewer than a batch and its validation, constant, too bright or broken ones; for
+/// noise without a finite entropy; for an engine that this program or machine lacks; when `on_progress` cancels.
+pub fn pixelcnn_estimate(
+    request: &PixelCnnRequest<'_>,
+    on_progress: OnProgress<'_>,
+) -> Result<(Trial, PixelCnn), InformationError> {
+    let started = Instant::now();
+    let PixelCnnRequest { train, train_clean, test, noise, protocol, budget, start, keeper, engine, seed, .. } =
+        *request;
+    check_test(train, test)?;
+    let dequantise = request.dequantises();
+    // Better told before anything is fitted.
+    let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
+    let (fit, fresh, min_width) = match protocol {
+        Protocol::Paper => (PixelCnnFit::paper(seed), None, 1.0),
+        Protocol::Default => (PixelCnnFit::standard(seed), train_clean, narrowest(noise)),
+    };
+    let fit = PixelCnnFit { dequantise, budget, engine, ..fit };
+    let patches = TrainingPatches { noisy: train, clean: fresh.map(|clean| (clean, noise)) };
+    let (model, report) = fit.fit_kept(PixelCnnShape::default(), min_width, patches, (start, keeper), on_progress)?;
+    notes.extend(explained(&report, &fit, fresh.is_some()));
+
+    let fitted = (train.len_of(Axis(0)), &report, started);
+    let trial = request.score(&model, fitted, (&entropy_y_given_x, notes), on_progress)?;
+    Ok((trial, model))
+}
+
+/// Bounds the information from above by the cross-entropy of a network as it is on held-out patches; the training patches of the
+/// request are not looked at. A network that was fitted to other measurements gives a looser bound, not a wrong one.
+///
+/// # Errors
+/// As [`pixelcnn_estimate`], but for those of a fit.
+pub fn pixelcnn_score(
+    request: &PixelCnnRequest<'_>,
+    model: &PixelCnn,
+    on_progress: OnProgress<'_>,
+) -> Result<Trial, InformationError> {
+    let started = Instant::now();
+    check_test(request.test, request.test)?;
+    let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
+    notes.push("the network was scored as it is: nothing was fitted".to_owned());
+    let report = FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false };
+    request.score(model, (0, &report, started), (&entropy_y_given_x, notes), on_progress)
+}
+
+impl PixelCnnRequest<'_> {
+    /// Whether measurements get a uniform number from 0 to 1.
+    fn dequantises(&self) -> bool {
+        self.protocol == Protocol::Paper || self.noise == Noise::Shot
+    }
+
+    /// Entropy of the noise of each test patch, bits per pixel, and what a reader must know of the measurements.
+    fn noise_entropies(&self) -> Result<(Vec<f64>, Vec<String>), InformationError> {
+        let entropy = NoiseEntropy::new(self.noise, self.protocol)?;
+        let mut notes = Vec::new();
+        let entropies = if let Some(clean) = self.test_clean {
+            check_clean(clean, self.test)?;
+            entropy.patch_bits(clean)?
+        } else {
+            notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+            entropy.patch_bits(self.test.mapv(|y| y.max(0.0)).view())?
+        };
+        if self.dequantises() && !(whole(self.train) && whole(self.test)) {
+            notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
+        }
+        Ok((entropies, notes))
+    }
+
+    /// The trial of a network that was fitted to so many patches.
+    fn score(
+        &self,
+        model: &PixelCnn,
+        (patches_train, report, started): (usize, &FitReport, Instant),
+        (entropy_y_given_x, notes): (&[f64], Vec<String>),
+        on_progress: OnProgress<'_>,
+    ) -> Result<Trial, InformationError> {
+        let &Self { test, noise, protocol, engine, seed, .. } = self;
+        let (_, rows, cols) = test.dim();
+        let test = if self.dequantises() { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
+        let cross_entropy = scored(model, engine, test.view(), report, started, on_progress)?;
+        let estimator = Estimator::PixelCnn;
+        let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
+        // A fit that went on from a state took its time before, too.
+        let fitted = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
+        let seconds = started.elapsed().as_secs_f64().max(fitted);
+        Ok(Trial::from_patches(settings, &cross_entropy, entropy_y_given_x, seconds, notes)?.on_engine(engine))
+    }
+}
+
+/// The narrowest width a Gaussian of the mixture needs: no noisy measurement is sharper than its read noise, and no
+/// whole count with a uniform number is worth more than 1 photon.
+fn narrowest(noise: Noise) -> f32 {
+    noise.read_sigma().map_or(1.0, |sigma| (sigma as f32).clamp(1e-3, 1.0))
+}
+
+fn check_test(train: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(), InformationError> {
+    let (_, rows, cols) = train.dim();
+    let (found, found_rows, found_cols) = test.dim();
+    if (found_rows, found_cols) != (rows, cols) {
+        return Err(InformationError::PatchShape { what: "test patches", rows, cols, found_rows, found_cols });
+    }
+    if found == 0 {
+        let (model, pixels) = ("a held-out test", rows * cols);
+        return Err(InformationError::TooFewPatches { model, needed: 1, found, pixels });
+    }
+    check(test).map(|_| ())
+}
+
+/// Cross-entropy of each test patch, bits per pixel, with progress.
+fn scored(
+    model: &PixelCnn,
+    engine: EngineChoice,
+    test: ArrayView3<'_, f32>,
+    report: &FitReport,
+    started: Instant,
+    on_progress: OnProgress<'_>,
+) -> Result<Vec<f64>, InformationError> {
+    let total = test.len_of(Axis(0));
+    let mut engine = engine.open()?;
+    let best = report.best_epoch.checked_sub(1).and_then(|epoch| report.epochs.get(epoch)).map(|&(_, bits)| bits);
+    let mut bits = Vec::with_capacity(total);
+    for group in test.axis_chunks_iter(Axis(0), SCORED_AT_ONCE) {
+        bits.extend(engine.cross_entropy_bits(model, group)?);
+        let progress = FitProgress {
+            epoch: report.epochs.len(),
+            epochs: report.epochs.len(),
+            step: report.steps,
+            validation_bits: report.epochs.last().map(|&(_, bits)| bits),
+            best_bits: best,
+            elapsed: started.elapsed(),
+            remaining: None,
+            scored: Some((bits.len(), total)),
+        };
+        if on_progress(&progress) == ControlFlow::Break(()) {
+            return Err(InformationError::Cancelled);
+        }
+    }
+    Ok(bits)
+}
+
+/// What a reader must know of the fit.
+fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> {
+    let seconds = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
+    let noise = if fresh { ", noise drawn anew for each" } else { "" };
+    let mut notes = vec![format!(
+        "fitted in {} of {}{noise}; weights of epoch {} of {}, {seconds:.0} s",
+        counted(report.steps, "step"),
+        counted(fit.batch, "patch"),
+        report.best_epoch,
+        report.epochs.len()
+    )];
+    if report.cut_short {
+        notes.push(
+            "the time budget ended the fit before it had converged, so the bound is looser than it could be".into(),
+        );
+    }
+    if report.refused > 0 {
+        let (steps, were) = (counted(report.refused, "step"), one_or_many(report.refused, "was", "were"));
+        notes.push(format!("{steps} without finite numbers {were} refused and the rate was lowered"));
+    }
+    notes
+}

@@ -1,0 +1,122 @@
+//! Differences of estimates that are scored on the same test patches.
+
+use serde::{Deserialize, Serialize};
+
+use super::bootstrap::paired_interval;
+use super::shared_images::SharedPictures;
+use crate::information::error::InformationError;
+
+/// What each test patch tells by a density model, and the pictures that it shows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TestPatches {
+    /// Bits per pixel of each patch.
+    pub told: Vec<f64>,
+    /// Base images of the patches; none where they have none in common.
+    pub pictures: SharedPictures,
+}
+
+/// By how much one estimate is larger than another, bits per pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PairedDifference {
+    /// The difference of the two.
+    pub bits_per_pixel: f64,
+    /// Its 95 % interval (low, high).
+    pub interval_95: [f64; 2],
+}
+
+impl PairedDifference {
+    /// Of what two estimates tell of each patch, `of` less `than`, where both were scored on the same patches: scenes and noise
+    /// that are rich raise both alike, so that the interval of the difference ([`paired_interval`]) is narrower than those of the
+    /// two let one think. It is the wider for pictures in common ([`SharedPictures::widened`]), as `than` sees them, and covers
+    /// the choice of test patches only, neither the fits nor the looseness of either model.
+    ///
+    /// None where the numbers of patches differ, or there are fewer than two.
+    ///
+    /// # Errors
+    /// When a value is not finite.
+    pub fn new(of: &[f64], than: &TestPatches, seed: u64) -> Result<Option<Self>, InformationError> {
+        let TestPatches { told, pictures } = than;
+        if of.len() != told.len() || of.len() < 2 {
+            return Ok(None);
+        }
+        let differences: Vec<f64> = of.iter().zip(told).map(|(one, other)| one - other).collect();
+        let mean = differences.iter().sum::<f64>() / differences.len() as f64;
+        let interval = paired_interval(&differences, seed)?;
+        Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.widened(&differences, mean, interval) }))
+    }
+
+    /// Whether it has a sign: its interval leaves out 0.
+    pub fn is_clear(&self) -> bool {
+        let [low, high] = self.interval_95;
+        low > 0.0 || high < 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+
+    /// What two models tell of patches that are the same for both, 0.01 more by the first.
+    fn told(patches: usize, seed: u64) -> (Vec<f64>, TestPatches) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = |deviation: f64| deviation * random.sample::<f64, _>(StandardNormal);
+        let (mut of, mut than) = (Vec::new(), Vec::new());
+        for _ in 0..patches {
+            let scene = 0.3 + normal(0.1);
+            of.push(scene + 0.01 + normal(0.02));
+            than.push(scene + normal(0.02));
+        }
+        (of, TestPatches { told: than, pictures: SharedPictures::default() })
+    }
+
+    #[test]
+    fn what_scenes_add_to_both_is_no_part_of_a_difference() {
+        let covered = (0..300).filter(|&seed| {
+            let (of, than) = told(200, seed);
+            let PairedDifference { interval_95: [low, high], .. } =
+                PairedDifference::new(&of, &than, seed).unwrap().unwrap();
+            // The means scatter by 0.0071 each, their difference by 0.002.
+            assert!(high - low < 0.011, "{low} to {high}");
+            low <= 0.01 && 0.01 <= high
+        });
+        let share = covered.count() as f64 / 300.0;
+        assert!((0.90..=0.98).contains(&share), "{share}");
+        let (of, than) = told(200, 1);
+        let found = PairedDifference::new(&of, &than, 1).unwrap().unwrap();
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        assert!((found.bits_per_pixel - (mean(&of) - mean(&than.told))).abs() < 1e-12 && found.is_clear());
+        let none = PairedDifference::new(&than.told, &than, 1).unwrap().unwrap();
+        assert!(none.bits_per_pixel == 0.0 && !none.is_clear());
+    }
+
+    #[test]
+    fn pictures_that_patches_share_widen_it() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        // Ten pictures, each in twenty patches, of which the first model tells more or less alike.
+        let effects: Vec<f64> = (0..10).map(|_| 0.02 * random.sample::<f64, _>(StandardNormal)).collect();
+        let of: Vec<f64> =
+            (0..200).map(|patch| effects[patch % 10] + 0.01 * random.sample::<f64, _>(StandardNormal)).collect();
+        let than = |pictures| TestPatches { told: vec![0.0; 200], pictures };
+        let width = |than: &TestPatches| {
+            let [low, high] = PairedDifference::new(&of, than, 1).unwrap().unwrap().interval_95;
+            high - low
+        };
+        let shared = SharedPictures::one_each((0..200).map(|patch| patch % 10));
+        assert!(width(&than(shared)) > 2.0 * width(&than(SharedPictures::default())));
+    }
+
+    #[test]
+    fn other_patches_have_no_difference() {
+        let (of, than) = told(20, 1);
+        assert_eq!(PairedDifference::new(&of[..19], &than, 1), Ok(None));
+        assert_eq!(PairedDifference::new(&[], &TestPatches::default(), 1), Ok(None));
+        let one = TestPatches { told: vec![0.3], ..TestPatches::default() };
+        assert_eq!(PairedDifference::new(&[0.4], &one, 1), Ok(None));
+        let broken = TestPatches { told: vec![f64::NAN; 20], ..TestPatches::default() };
+        assert!(PairedDifference::new(&of, &broken, 1).is_err());
+    }
+}

@@ -1,0 +1,182 @@
+//! Test patches that show the same pictures, and what that does to intervals.
+//!
+//! Patches of mosaics of 180 images see each image dozens of times: what one image adds to the information comes again with
+//! it, so a mean over patches varies more than that of as many independent ones. With the value of a patch as
+//! `v = mean + sum over pictures of share x effect + rest`, the variances of effects and rests follow from two quadratic forms
+//! of the values whose expectations are known (the method of moments of Henderson 1953; with these forms Rao's MINQUE for
+//! weights of nothing but rests, 1971).
+
+use std::collections::BTreeMap;
+
+use super::student_t::student_95;
+
+/// Least part of the forms' determinant that counts as more than rounding.
+const SINGULAR: f64 = 1e-9;
+
+/// Which pictures each patch shows, and how much of its light comes from each; the shares of a patch add up to 1.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SharedPictures {
+    shares: Vec<Vec<(u32, f64)>>,
+}
+
+impl SharedPictures {
+    /// Of these patches, each with the numbers of its pictures and their shares; a picture that comes twice in a patch has the sum of
+    /// both.
+    pub fn new(shares: Vec<Vec<(u32, f64)>>) -> Self {
+        let merged = |patch: Vec<(u32, f64)>| {
+            let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
+            for (picture, share) in patch {
+                *sums.entry(picture).or_default() += share;
+            }
+            sums.into_iter().collect()
+        };
+        Self { shares: shares.into_iter().map(merged).collect() }
+    }
+
+    /// Of patches that show one picture each.
+    pub fn one_each(pictures: impl IntoIterator<Item = u32>) -> Self {
+        Self::new(pictures.into_iter().map(|picture| vec![(picture, 1.0)]).collect())
+    }
+
+    /// The numbers of the pictures of each patch, and their shares.
+    pub fn shares(&self) -> &[Vec<(u32, f64)>] {
+        &self.shares
+    }
+
+    /// With those of more patches behind.
+    #[must_use]
+    pub fn and(mut self, more: Self) -> Self {
+        self.shares.extend(more.shares);
+        self
+    }
+
+    /// Number of different pictures.
+    pub fn pictures(&self) -> usize {
+        let mut all: Vec<u32> = self.shares.iter().flatten().map(|&(picture, _)| picture).collect();
+        all.sort_unstable();
+        all.dedup();
+        all.len()
+    }
+
+    /// What pictures in common add to the variance of the mean of `values`, one for each patch, beyond that of independent
+    /// patches; 0 where nothing is shared, or the patches do not tell.
+    pub fn added_variance(&self, values: &[f64]) -> f64 {
+        let count = values.len().min(self.shares.len());
+        if count < 3 {
+            return 0.0;
+        }
+        let (shares, values, n) = (&self.shares[..count], &values[..count], count as f64);
+        let mean = values.iter().sum::<f64>() / n;
+        let mut light: BTreeMap<u32, f64> = BTreeMap::new();
+        let mut excess: BTreeMap<u32, f64> = BTreeMap::new();
+        let mut together: BTreeMap<(u32, u32), f64> = BTreeMap::new();
+        for (patch, value) in shares.iter().zip(values) {
+            for &(picture, share) in patch {
+                *light.entry(picture).or_default() += share;
+                *excess.entry(picture).or_default() += share * (value - mean);
+                for &(other, with) in patch {
+                    *together.entry((picture, other)).or_default() += share * with;
+                }
+            }
+        }
+        // A: the covariance of patches whose pictures have effects of variance 1. B: the same of differences from the mean.
+        let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
+        let all = square(&mut light.values().copied());
+        let of_patch = |patch: &Vec<(u32, f64)>| patch.iter().map(|(picture, share)| share * light[picture]).sum();
+        let rows = square(&mut shares.iter().map(of_patch));
+        let own: f64 = shares.iter().flatten().map(|(_, share)| share * share).sum();
+        let trace = own - all / n;
+        let trace_of_square = square(&mut together.values().copied()) - 2.0 * rows / n + (all / n).powi(2);
+        // e'Be = s^2 tr(BB) + t^2 tr(B) and e'e = s^2 tr(B) + t^2 (n - 1) on average.
+        let form = square(&mut excess.values().copied());
+        let squares = square(&mut values.iter().map(|value| value - mean));
+        let determinant = trace_of_square * (n - 1.0) - trace * trace;
+        if determinant <= SINGULAR * trace_of_square * (n - 1.0) {
+            return 0.0;
+        }
+        let of_pictures = (form * (n - 1.0) - squares * trace) / determinant;
+        (of_pictures * (all / (n * n) - trace / (n * (n - 1.0)))).max(0.0)
+    }
+
+    /// A 95 % interval about `mean` of `values` that was made as if patches were independent, as wide as pictures in common
+    /// make it: few pictures tell the variance of all with little certainty, as Student's t counts.
+    pub fn widened(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
+        let quantile = student_95(self.pictures() as f64 - 1.0);
+        let added = quantile * self.added_variance(values).sqrt();
+        [mean - (mean - low).hypot(added), mean + (high - mean).hypot(added)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// Values about 0 of patches that show two of `pictures` pictures at random shares.
+    fn drawn(pictures: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedPictures, Vec<f64>) {
+        // Uniform numbers of variance 1.
+        let mut uniform = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
+        let effects: Vec<f64> = (0..pictures).map(|_| effect * uniform()).collect();
+        let rests: Vec<f64> = (0..patches).map(|_| uniform()).collect();
+        let shares: Vec<Vec<(u32, f64)>> = (0..patches)
+            .map(|_| {
+                let first = 0.2 + 0.6 * random.random::<f64>();
+                vec![(random.random_range(0..pictures), first), (random.random_range(0..pictures), 1.0 - first)]
+            })
+            .collect();
+        let value = |(patch, rest): (&Vec<(u32, f64)>, &f64)| {
+            rest + patch.iter().map(|&(picture, share)| share * effects[picture as usize]).sum::<f64>()
+        };
+        let values = shares.iter().zip(&rests).map(value).collect();
+        (SharedPictures::new(shares), values)
+    }
+
+    #[test]
+    fn widened_intervals_cover_the_mean_over_all_pictures() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        for (pictures, effect) in [(40, 1.0), (40, 0.0), (300, 2.0)] {
+            let (mut covered, mut narrow) = (0, 0);
+            for _ in 0..400 {
+                let (shared, values) = drawn(pictures, 400, effect, &mut random);
+                let n = values.len() as f64;
+                let mean = values.iter().sum::<f64>() / n;
+                let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                let half = student_95(n - 1.0) * (variance / n).sqrt();
+                let [low, high] = shared.widened(&values, mean, [mean - half, mean + half]);
+                assert!(low <= mean - half && high >= mean + half);
+                covered += usize::from(low < 0.0 && high > 0.0);
+                narrow += usize::from(mean.abs() < half);
+            }
+            assert!((368..=396).contains(&covered), "{pictures} pictures of effect {effect}: {covered} of 400");
+            assert!(effect == 0.0 || narrow < 352, "{pictures} pictures of effect {effect}: {narrow} of 400");
+        }
+    }
+
+    #[test]
+    fn what_shares_nothing_or_tells_nothing_stays_as_it_is() {
+        let values = [1.0, 4.0, 2.0, 3.0, 5.0];
+        assert_eq!(SharedPictures::one_each(0..5).added_variance(&values), 0.0);
+        assert_eq!(SharedPictures::one_each([7; 5]).added_variance(&values), 0.0);
+        assert_eq!(SharedPictures::default().added_variance(&values), 0.0);
+        assert_eq!(SharedPictures::one_each([7, 8, 7]).and(SharedPictures::one_each([9])).pictures(), 3);
+    }
+
+    #[test]
+    fn a_picture_that_comes_twice_in_a_patch_is_one() {
+        let tiles = vec![vec![(1, 0.25), (2, 0.5), (1, 0.25)], vec![(3, 1.0)]];
+        assert_eq!(SharedPictures::new(tiles).shares(), [vec![(1, 0.5), (2, 0.5)], vec![(3, 1.0)]]);
+    }
+
+    #[test]
+    fn of_patches_with_one_picture_each_it_is_the_variance_between_pictures() {
+        // Two patches of each of three pictures, equal to each other: as good as one of each.
+        let values = [1.0, 1.0, 2.0, 2.0, 6.0, 6.0];
+        let shared = SharedPictures::one_each([0, 0, 1, 1, 2, 2]);
+        let independent = values.iter().map(|v| (v - 3.0f64).powi(2)).sum::<f64>() / 5.0 / 6.0;
+        let between = (4.0 + 1.0 + 9.0) / 2.0 / 3.0;
+        let found = independent + shared.added_variance(&values);
+        assert!((found - between).abs() < 1e-12, "{found} {between}");
+    }
+}
