@@ -1,4 +1,4 @@
-//! Encoders as they are named on the command line.
+//! Argument types of the command line: masks, patches, estimators, budgets.
 
 use std::ffi::OsStr;
 use std::ops::RangeInclusive;
@@ -7,8 +7,8 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use clap::ValueEnum;
 use clap::builder::{OsStringValueParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 
 use super::output;
 use crate::formats::{ImageFile, split_kind};
@@ -20,7 +20,7 @@ use crate::optics::{
 };
 use crate::workbench::{EvaluationError, MeasuredSource};
 
-/// An encoder named by `--lenslets`.
+/// Mask named by `--mask`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EncoderChoice {
     /// `heuristic:9`
@@ -31,9 +31,9 @@ pub enum EncoderChoice {
     Depth(usize),
     /// `diffuser:32`, with the seed of `--seed`.
     Diffuser(usize),
-    /// `psf:FILE`, or `psf:FILE@32` resampled to 32 pixels.
+    /// `psf:FILE`, resampled to the given side in pixels (also written `psf:FILE@32`).
     Psf(PathBuf, Option<usize>),
-    /// `fit:FILE`, or `fit:FILE@32`: lenslets whose PSF is like that picture.
+    /// `fit:FILE`: lenslets fitted to the PSF image, resampled as for `psf:`.
     Fit(PathBuf, Option<usize>),
     /// `design:FILE`: the mask of a design file.
     Design(PathBuf),
@@ -67,8 +67,8 @@ pub fn measurements_argument() -> impl TypedValueParser<Value = MeasuredSource> 
     OsStringValueParser::new().try_map(|text| MeasuredSource::from_os(&text))
 }
 
-const CHOICES: &str = "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (or psf:FILE@32), fit:FILE, or \
-                       design:FILE";
+const CHOICES: &str =
+    "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE, or design:FILE";
 
 impl FromStr for EncoderChoice {
     type Err = String;
@@ -82,21 +82,21 @@ impl EncoderChoice {
     /// The encoder of a text that need not be UTF-8.
     fn from_os(text: &OsStr) -> Result<Self, String> {
         let named = text.display();
-        let wrong = || format!("lenslets \"{named}\": expected {CHOICES}");
+        let wrong = || format!("mask \"{named}\": expected {CHOICES}");
         let (kind, path) = split_kind(text).ok_or_else(wrong)?;
         let (rest, is_named) = (path.to_string_lossy(), !path.as_os_str().is_empty());
-        let picture = || psf_file(&path).map_err(|error| error.to_string());
+        let image = || psf_file(&path).map_err(|error| error.to_string());
         let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
             Ok(count) if range.contains(&count) => Ok(count),
-            _ => Err(format!("lenslets \"{named}\": expected {} to {} after {kind}:", range.start(), range.end())),
+            _ => Err(format!("mask \"{named}\": expected {} to {} after {kind}:", range.start(), range.end())),
         };
         match kind {
             "heuristic" => count(1..=9).map(Self::Heuristic),
             "random" => count(1..=crate::optics::LensletArray::MAX_LENSLETS).map(Self::Random),
             "depth" => count(1..=5).map(Self::Depth),
             "diffuser" => count(1..=Diffuser::GRID).map(Self::Diffuser),
-            "psf" if is_named => picture().map(|(path, side)| Self::Psf(path, side)),
-            "fit" if is_named => picture().map(|(path, side)| Self::Fit(path, side)),
+            "psf" if is_named => image().map(|(path, side)| Self::Psf(path, side)),
+            "fit" if is_named => image().map(|(path, side)| Self::Fit(path, side)),
             "design" if is_named => Ok(Self::Design(path)),
             _ => Err(wrong()),
         }
@@ -104,7 +104,25 @@ impl EncoderChoice {
 }
 
 impl EncoderChoice {
-    /// Makes or reads the encoder.
+    /// The same mask with its PSF image resampled to `side` pixels (`--resample`).
+    ///
+    /// # Errors
+    /// One sentence where the mask has no PSF image, or names another side already.
+    pub fn resampled(&self, side: usize) -> anyhow::Result<Self> {
+        match self {
+            Self::Psf(path, None) => Ok(Self::Psf(path.clone(), Some(side))),
+            Self::Fit(path, None) => Ok(Self::Fit(path.clone(), Some(side))),
+            Self::Psf(path, Some(_)) | Self::Fit(path, Some(_)) => {
+                bail!(
+                    "--resample {side}: expected a --mask without @, found {}@; leave one of them out",
+                    path.display()
+                )
+            }
+            _ => bail!("--resample {side}: expected --mask psf:FILE or fit:FILE; leave it out for other masks"),
+        }
+    }
+
+    /// Makes or reads the encoder. Random masks are drawn with `seed`.
     pub fn encoder(&self, seed: u64) -> anyhow::Result<Encoder> {
         Ok(match self {
             Self::Heuristic(count) => Encoder::Lenslets(heuristic_layout(*count)),
@@ -114,7 +132,7 @@ impl EncoderChoice {
             Self::Psf(path, side) => Encoder::Image(import_and_report(path, *side)?),
             Self::Fit(path, side) => {
                 let fitted = fit_lenslets(&Encoder::Image(import_and_report(path, *side)?))?;
-                output::tell(format_args!("{}: {}", path.display(), fitted.in_words()));
+                output::report(format_args!("{}: {}", path.display(), fitted.in_words()));
                 Encoder::Lenslets(fitted.array)
             }
             Self::Design(path) => Design::open(path)?.encoder,
@@ -122,10 +140,10 @@ impl EncoderChoice {
     }
 }
 
-/// Reads a PSF and says what was understood of its file.
+/// Reads a PSF and reports how its file was interpreted.
 fn import_and_report(path: &Path, side: Option<usize>) -> anyhow::Result<PsfImage> {
     let (image, understood) = import_psf(path, side)?;
-    output::tell(format_args!("{}: {understood}", image.origin));
+    output::report(format_args!("{}: {understood}", image.origin));
     Ok(image)
 }
 
@@ -172,53 +190,84 @@ pub enum EstimatorChoice {
     Gaussian,
     /// Gaussian with the full covariance of all pixels of a patch, fitted to patches.
     GaussianFull,
-    /// Gaussian of the covariance that objects and PSF have, without fitting.
+    /// Gaussian with the covariance computed from objects and PSF; nothing is fitted.
     GaussianAnalytic,
-    /// The published autoregressive network fitted to patches.
+    /// Published autoregressive network (PixelCNN), fitted to patches.
     #[value(name = "pixelcnn")]
     PixelCnn,
-    /// Causal density model over clean levels, fitted to fresh patches for 60 s or the --budget.
-    Live,
-    /// The same with a fit of 30 minutes or the --budget.
+    /// Causal density model, fitted for 60 s or the --budget to patches drawn as the fit proceeds.
+    #[value(alias = "live")]
+    Causal,
+    /// Former name of `causal` with a budget of 30 minutes.
+    #[value(hide = true)]
     Full,
-    /// Bounds from both sides: live estimate, Gaussian bound and ceiling above, a decoder below, posterior sampling on either
-    /// side, in 5 minutes or the --budget.
+    /// Lower and upper bounds: causal model, Gaussian bound, entropy bound, decoder and annealed importance sampling, in
+    /// 5 minutes or the --budget.
     Bracket,
 }
 
 impl EstimatorChoice {
-    /// What it names.
+    /// The estimator of the library.
     pub fn estimator(self) -> Estimator {
         match self {
             Self::Gaussian => Estimator::GaussianStationary,
             Self::GaussianFull => Estimator::GaussianFull,
             Self::GaussianAnalytic => Estimator::GaussianAnalytic,
             Self::PixelCnn => Estimator::PixelCnn,
-            Self::Live => Estimator::Live,
+            Self::Causal => Estimator::Live,
             Self::Full => Estimator::Full,
             Self::Bracket => Estimator::Bracket,
         }
     }
 }
 
-/// Most patches of one kind; those of 32 x 32 px then take 4 GB.
+/// Largest number of patches of one kind: 4 GB at 32 x 32 px.
 const MOST_PATCHES: usize = 1_000_000;
 
-/// Refuses `--fresh` where no weights come with the program.
-pub(super) fn check_fresh(fresh: bool, estimator: Estimator) -> anyhow::Result<()> {
-    if fresh && !estimator.begins_with_weights() {
-        bail!("--fresh is for fits by --estimator live, full or bracket, others begin anew; leave it out");
-    }
-    Ok(())
+/// Initial weights by the names of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum InitChoice {
+    /// Weights that come with the program.
+    Pretrained,
+    /// Random weights (cold start).
+    Random,
 }
 
-/// Refuses more patches than memory holds, and a single one to test on, which tells nothing of the interval.
+/// The flag `--init`, and its former spelling.
+#[derive(Args, Debug)]
+pub(super) struct InitArgs {
+    /// Initial weights of the fits of causal and bracket.
+    #[arg(long, value_enum, default_value_t = InitChoice::Pretrained)]
+    init: InitChoice,
+
+    /// Former name of `--init random`.
+    #[arg(long, hide = true, conflicts_with = "init")]
+    fresh: bool,
+}
+
+impl InitArgs {
+    /// Whether fits of `estimator` start from random weights.
+    ///
+    /// # Errors
+    /// One sentence where they are asked for and the estimator has no pretrained weights.
+    pub fn is_random(&self, estimator: Estimator) -> anyhow::Result<bool> {
+        let is_random = self.fresh || self.init == InitChoice::Random;
+        if is_random && !estimator.begins_with_weights() {
+            bail!(
+                "--init is for --estimator causal or bracket, as the others have no pretrained weights; leave it out"
+            );
+        }
+        Ok(is_random)
+    }
+}
+
+/// Refuses numbers of patches that exceed memory, and a single test patch, which has no confidence interval.
 pub fn check_patches(train: usize, test: usize) -> anyhow::Result<()> {
     check_count("--patches-train", train, 0..=MOST_PATCHES)?;
     check_count("--patches-test", test, 2..=MOST_PATCHES)
 }
 
-/// The error of objects and mask that do not fit each other, with the name of the objects.
+/// Adds the name of the objects to the error that objects and mask do not fit each other.
 pub fn about_objects(design: &Design, error: EvaluationError) -> anyhow::Error {
     match error {
         EvaluationError::Sensor(error) => anyhow::anyhow!("{}: {error}", design.objects),
@@ -226,7 +275,7 @@ pub fn about_objects(design: &Design, error: EvaluationError) -> anyhow::Error {
     }
 }
 
-/// Paths as text for people and JSON, which cannot hold names that are no text.
+/// Paths as text; JSON holds no others.
 pub fn names_of(files: &[PathBuf]) -> Vec<String> {
     files.iter().map(|file| file.display().to_string()).collect()
 }
@@ -239,15 +288,15 @@ pub fn check_count(name: &str, found: usize, range: RangeInclusive<usize>) -> an
     Ok(())
 }
 
-/// Refuses a folder that cannot be one, before anything long is computed.
+/// Makes the output folder, or refuses it before the computation starts.
 pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
     if folder.exists() && !folder.is_dir() {
         bail!("{}: expected a folder to write into, found a file; choose another name", folder.display());
     }
-    crate::formats::create_folder(folder).context("the output folder cannot be made")
+    crate::formats::create_folder(folder).context("the output folder cannot be created")
 }
 
-/// Whether two names are those of one file, which need not be there yet.
+/// Whether two paths name one file, which need not exist.
 pub fn is_same_file(one: &Path, other: &Path) -> bool {
     let place = |path: &Path| {
         let path = std::path::absolute(path).ok()?;
@@ -257,11 +306,11 @@ pub fn is_same_file(one: &Path, other: &Path) -> bool {
     place(one).is_some_and(|one| place(other) == Some(one))
 }
 
-/// The time of a fit: `60s`, `5m` or `1h`.
+/// Duration of a fit: `60s`, `5m` or `1h`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BudgetChoice(pub Duration);
 
-/// Longest time of a fit, seconds: a week.
+/// Longest duration of a fit, seconds: one week.
 const LONGEST_BUDGET: f64 = 7.0 * 86_400.0;
 
 impl FromStr for BudgetChoice {
@@ -285,7 +334,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn encoders_are_read_from_their_names() {
+    fn masks_are_parsed_from_their_names() {
         for (text, expected) in [
             ("heuristic:9", EncoderChoice::Heuristic(9)),
             ("random:25", EncoderChoice::Random(25)),
@@ -302,7 +351,16 @@ mod tests {
     }
 
     #[test]
-    fn budgets_are_read_with_their_unit() {
+    fn only_psf_images_are_resampled() {
+        let mask: EncoderChoice = "psf:a.png".parse().unwrap();
+        assert_eq!(mask.resampled(48).unwrap(), EncoderChoice::Psf("a.png".into(), Some(48)));
+        for wrong in ["psf:a.png@32", "heuristic:3", "design:a.json"] {
+            assert!(wrong.parse::<EncoderChoice>().unwrap().resampled(48).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn budgets_are_parsed_with_their_unit() {
         for (text, seconds) in [("60s", 60.0), ("1.5m", 90.0), ("2h", 7200.0), ("0.25s", 0.25)] {
             assert_eq!(text.parse(), Ok(BudgetChoice(Duration::from_secs_f64(seconds))));
         }
@@ -312,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn patches_are_read_from_their_names() {
+    fn patches_are_parsed_from_their_names() {
         assert_eq!("32".parse(), Ok(PatchChoice::Shape(32, 32)));
         assert_eq!("16x24".parse(), Ok(PatchChoice::Shape(16, 24)));
         assert_eq!("sensor".parse(), Ok(PatchChoice::Sensor));

@@ -386,7 +386,7 @@ fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
             let earlier = (1..u32::MAX).map(|number| run.join(format!("{SCORE}-{number}"))).find(|path| !path.exists());
             let earlier = earlier.unwrap_or_else(|| folder.clone());
             std::fs::rename(&folder, &earlier).with_context(|| format!("{}: cannot be moved", folder.display()))?;
-            output::tell(format_args!(
+            output::report(format_args!(
                 "{}: what was there, of an earlier result, other settings or another version, is in {} now",
                 folder.display(),
                 earlier.display()

@@ -1,4 +1,4 @@
-//! Flags that say which design a command is about.
+//! Flags that select the design of a command.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -6,38 +6,42 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::choices::{EncoderChoice, encoder_argument, objects_argument};
+use super::choices::{EncoderChoice, check_count, encoder_argument, objects_argument};
 use crate::forward::Design;
 use crate::objects::ObjectSource;
+use crate::optics::LensletArray;
 use crate::sensor::Noise;
 use crate::workbench::DESIGN_FILE;
 
-/// Most bytes that are read from standard input.
+/// Largest design read from standard input, bytes.
 const LARGEST_DESIGN: u64 = 256 << 20;
 const STANDARD_INPUT: &str = "standard input";
 
-/// A design: a file, flags, or a file with some entries replaced by flags.
+/// A design: a file, flags, or a file with entries replaced by flags.
 #[derive(Args, Debug)]
 pub struct DesignArgs {
-    /// Design file, or - for standard input; flags replace its entries. Without one, flags replace entries of the default design.
+    /// Design file, or - for standard input [default: the default design]. Flags replace its entries.
     design: Option<PathBuf>,
 
-    /// The mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE (psf:FILE@32 resamples),
-    /// fit:FILE for lenslets that are fitted to a PSF image, or design:FILE. FILE?key=psf&channel=green tells what a file
-    /// means.
-    #[arg(long, value_name = "MASK", value_parser = encoder_argument())]
-    lenslets: Option<EncoderChoice>,
+    /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
+    /// image), or design:FILE. FILE?key=psf&channel=green selects an array and a channel of a file.
+    #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = encoder_argument())]
+    mask: Option<EncoderChoice>,
+
+    /// Resample the PSF image of --mask psf:FILE or fit:FILE to this side.
+    #[arg(long, value_name = "PIXELS", requires = "mask")]
+    resample: Option<usize>,
 
     /// Seed of random masks, objects, noise and patches.
     #[arg(long)]
     seed: Option<u64>,
 }
 
-/// What the mask looks at, and the sensor behind it.
+/// Objects in front of the mask and sensor behind it.
 #[derive(Args, Debug)]
 pub struct SceneArgs {
-    /// The objects: beads:DENSITY, beads-max:DENSITY, volume:PLANES:DENSITY, idx:FILE, cifar:FILE, images:FOLDER, or
-    /// stack:FILE. Where a file does not say what it means, its path does: FILE?axis=last&key=NAME&channel=green&frame=3.
+    /// Objects: beads:DENSITY, beads-max:DENSITY, volume:PLANES:DENSITY, idx:FILE, cifar:FILE, images:FOLDER, or
+    /// stack:FILE. FILE?axis=last&key=NAME&channel=green&frame=3 selects the part of a file.
     #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Option<ObjectSource>,
 
@@ -55,17 +59,17 @@ pub struct SceneArgs {
 }
 
 impl DesignArgs {
-    /// Refuses to put any of `outputs` in place of a file that `design` is made from, but for one that holds this very design.
+    /// Refuses `outputs` that would overwrite an input file of `design`; a design file with equal content may be rewritten.
     pub fn check_inputs_stay(&self, outputs: &[PathBuf], design: &Design) -> anyhow::Result<()> {
         check_inputs_stay(&self.files(design), outputs, ("--out", Some(design)))
     }
 
-    /// The files that `design` is made from.
+    /// Input files of `design`.
     pub fn files(&self, design: &Design) -> Vec<PathBuf> {
-        files_of([self.design.clone(), self.lenslets.as_ref().and_then(EncoderChoice::file)], &design.objects)
+        files_of([self.design.clone(), self.mask.as_ref().and_then(EncoderChoice::file)], &design.objects)
     }
 
-    /// The design, with the scene replaced by what `scene` gives.
+    /// The design of the flags, with objects and sensor replaced by those of `scene`.
     pub fn design(&self, scene: &SceneArgs) -> anyhow::Result<Design> {
         let mut design = match &self.design {
             Some(path) => open_design(path)?,
@@ -74,8 +78,12 @@ impl DesignArgs {
         if let Some(seed) = self.seed {
             design.seed = seed;
         }
-        if let Some(choice) = &self.lenslets {
-            design.encoder = choice.encoder(design.seed)?;
+        if let Some(side) = self.resample {
+            check_count("--resample", side, 1..=LensletArray::MAX_SIDE)?;
+        }
+        if let Some(mask) = &self.mask {
+            let resampled = self.resample.map(|side| mask.resampled(side)).transpose()?;
+            design.encoder = resampled.as_ref().unwrap_or(mask).encoder(design.seed)?;
         }
         scene.replace_in(&mut design);
         design.check()?;
@@ -83,13 +91,13 @@ impl DesignArgs {
     }
 }
 
-/// The files that are read: those that are `named`, but for standard input, and those of the objects.
+/// Input files: those `named` (standard input left out) and those of the objects.
 pub fn files_of(named: [Option<PathBuf>; 2], objects: &ObjectSource) -> Vec<PathBuf> {
     let named = named.into_iter().flatten().filter(|input| input != Path::new("-"));
     named.chain(objects.files()).collect()
 }
 
-/// Refuses a folder in which one of these files lies beside the design of another mask, as whose it would pass from then on.
+/// Refuses a folder that holds the design of another mask and one of `files`, which would then be attributed to this mask.
 pub(super) fn check_no_other(folder: &Path, design: &Design, files: &[&str]) -> anyhow::Result<()> {
     let is_other = Design::open(&folder.join(DESIGN_FILE)).is_ok_and(|there| there.encoder != design.encoder);
     match files.iter().find(|name| is_other && folder.join(name).exists()) {
@@ -101,14 +109,14 @@ pub(super) fn check_no_other(folder: &Path, design: &Design, files: &[&str]) -> 
     }
 }
 
-/// Refuses to put one of the files `outputs`, which `flag` names, in place of one of the `inputs`. A design file may be written
-/// again as it is: where it will hold `design`.
+/// Refuses `outputs` (named by `flag`) that would overwrite one of the `inputs`. A design file with the content of `design` may
+/// be rewritten.
 pub fn check_inputs_stay(
     inputs: &[PathBuf],
     outputs: &[PathBuf],
     (flag, design): (&str, Option<&Design>),
 ) -> anyhow::Result<()> {
-    // What is not there yet takes no place.
+    // A file that does not exist yet overwrites nothing.
     let outputs: Vec<_> = outputs.iter().filter_map(|output| Some((output.canonicalize().ok()?, output))).collect();
     if outputs.is_empty() {
         return Ok(());
@@ -118,13 +126,13 @@ pub fn check_inputs_stay(
         let Some((_, output)) = outputs.iter().find(|(place, _)| *place == read) else { continue };
         let stays = output.ends_with(DESIGN_FILE) && design.is_some() && Design::open(input).ok().as_ref() == design;
         if !stays {
-            bail!("{}: a file of the result would take the place of this one; choose another {flag}", input.display());
+            bail!("{}: a file of the result would overwrite this input; choose another {flag}", input.display());
         }
     }
     Ok(())
 }
 
-/// Reads a design from a file, or from standard input where it is called `-`.
+/// Reads a design from a file, or from standard input for the path `-`.
 pub fn open_design(path: &Path) -> anyhow::Result<Design> {
     if path != Path::new("-") {
         return Ok(Design::open(path)?);
@@ -135,7 +143,7 @@ pub fn open_design(path: &Path) -> anyhow::Result<Design> {
 }
 
 impl SceneArgs {
-    /// Puts what was given in place of what a design says.
+    /// Replaces the entries of a design that were given as flags.
     pub fn replace_in(&self, design: &mut Design) {
         if let Some(objects) = &self.objects {
             design.objects = objects.clone();

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
-use super::output::{self, Meter};
+use super::output::{self, ProgressLine};
 use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
 use crate::formats::check_writable;
 use crate::forward::Design;
@@ -31,19 +31,19 @@ pub(super) fn climb(
     let from = kept.load(0)?;
     let rewind_to = rewind.map(|step| frame_at(step, from.as_deref(), settings)).transpose();
     let rewind_to = rewind_to.with_context(|| folder.display().to_string())?.flatten();
-    let meter = Meter::new();
+    let progress_line = ProgressLine::new();
     let mut going_on = from.is_some();
     let folder = folder.display();
     let mut watch = |progress: &IdealProgress<'_>| {
         if std::mem::take(&mut going_on) {
             let step = progress.state.step;
-            meter.tell(format_args!("{folder}: going on with the run that is there, at step {step}"));
+            progress_line.report(format_args!("{folder}: going on with the run that is there, at step {step}"));
         }
-        meter.show(progress.state.step, settings.steps, &message(progress, settings));
+        progress_line.show(progress.state.step, settings.steps, &message(progress, settings));
         ControlFlow::Continue(())
     };
     let reading = |progress: Progress| {
-        progress.understood.iter().for_each(|understood| meter.tell(understood));
+        progress.understood.iter().for_each(|understood| progress_line.report(understood));
         ControlFlow::Continue(())
     };
     let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
@@ -51,18 +51,18 @@ pub(super) fn climb(
         run_ideal(design, settings, from.as_deref().map(|state| GoOn { state, rewind_to }), &reading, keep, &mut watch)
             .map_err(|error| about_state(design, kept, error))
             .with_context(|| format!("{folder}: the run ended"))?;
-    meter.finish();
+    progress_line.finish();
     if let (Some((rows, cols)), Some(taken)) = (settings.patch, record.settings.patch)
         && taken != (rows, cols)
     {
         let (most_rows, most_cols) = taken;
-        output::tell(format_args!(
+        output::report(format_args!(
             "{folder}: a patch of {rows} x {cols} px is larger than the measurement; the run has patches of {most_rows} x {most_cols} px"
         ));
     }
     if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
         let taken = counted(end.step, "step");
-        output::tell(format_args!("{folder}: the run that is there has taken {taken} already, and stays as it is"));
+        output::report(format_args!("{folder}: the run that is there has taken {taken} already, and stays as it is"));
     }
     Ok(record)
 }
@@ -212,9 +212,9 @@ fn ranked_start(
     if let Some(result) = known.filter(|result| result.is_scored) {
         return Ok((record, result.clone()));
     }
-    let meter = Meter::new();
+    let progress_line = ProgressLine::new();
     let mut watch = |progress: &EstimateProgress| {
-        meter.show(progress.done, progress.total, &progress.step);
+        progress_line.show(progress.done, progress.total, &progress.step);
         ControlFlow::Continue(())
     };
     let mut result = if let Some(known) = known {
@@ -225,9 +225,9 @@ fn ranked_start(
         RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None }
     };
     let scored = score_whole(&design, &result.estimate, budget, &mut watch);
-    meter.finish();
+    progress_line.finish();
     if let Err(error) = result.take_sensor(scored) {
-        output::tell(format_args!("{}: no number for the whole sensor: {error}", folder.display()));
+        output::report(format_args!("{}: no number for the whole sensor: {error}", folder.display()));
     }
     Ok((record, result))
 }
@@ -261,17 +261,17 @@ pub(super) fn rank(
     let (mut records, mut ranked, mut failed) = (Vec::new(), Vec::<RankedStart>::new(), 0);
     for (at, start) in starts.iter().enumerate() {
         let folder = start_folder(out, at + 1);
-        output::tell(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
+        output::report(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
         match ranked_start(start, settings, (&folder, budget), &known) {
             Ok((record, result)) => {
-                output::tell(format_args!("{}: {}", folder.display(), in_words(&result)));
+                output::report(format_args!("{}: {}", folder.display(), in_words(&result)));
                 records.push((result.name.clone(), record));
                 ranked.push(result);
             }
             // What the others find is worth having.
             Err(error) if starts.len() - failed > 1 => {
                 failed += 1;
-                output::tell(format_args!("{error:#}"));
+                output::report(format_args!("{error:#}"));
             }
             Err(error) => return Err(error),
         }

@@ -1,4 +1,4 @@
-//! `estimate`: the information of a design's measurements.
+//! `estimate`: information of a design's measurements, or of images of a camera.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::choices::{
-    BudgetChoice, EstimatorChoice, PatchChoice, about_objects, check_count, check_fresh, check_patches, is_same_file,
+    BudgetChoice, EstimatorChoice, InitArgs, PatchChoice, about_objects, check_count, check_patches, is_same_file,
     measurements_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
-use super::output::Meter;
+use super::output::ProgressLine;
 use super::{Failure, output};
 use crate::formats::check_writable;
 use crate::forward::Design;
@@ -20,9 +20,9 @@ use crate::workbench::{
     estimate, has_name_of_fit, tells_of_unwritten_weights,
 };
 
-/// Most repetitions.
+/// Largest number of trials.
 const MOST_TRIALS: usize = 10_000;
-/// Most steps of a fit.
+/// Largest number of steps of a fit.
 const MOST_STEPS: usize = 100_000_000;
 
 /// Arguments of `estimate`.
@@ -37,11 +37,11 @@ pub struct Arguments {
     #[command(flatten)]
     measured: MeasuredArgs,
 
-    /// The density model.
+    /// Density model.
     #[arg(long, value_enum, default_value_t = EstimatorChoice::Gaussian)]
     estimator: EstimatorChoice,
 
-    /// default: exact noise entropy, no base image in both training and test; paper: as published.
+    /// default: exact noise entropy, training and test patches of different images; paper: the published procedure.
     #[arg(long, default_value_t = Protocol::Default)]
     protocol: Protocol,
 
@@ -49,45 +49,43 @@ pub struct Arguments {
     #[arg(long, default_value = "32")]
     patch: PatchChoice,
 
-    /// Patches that the model is fitted to.
+    /// Training patches.
     #[arg(long, default_value_t = 10_000)]
     patches_train: usize,
 
-    /// Held-out patches that it is scored on.
+    /// Held-out test patches.
     #[arg(long, default_value_t = 1_500)]
     patches_test: usize,
 
-    /// Time for the fits of a trial, such as 60s, 5m or 1h [default: live 60s, full 30m, bracket 5m; of pixelcnn the protocol
-    /// decides].
+    /// Time for the fits of a trial, such as 60s, 5m or 1h [default: causal 60s, bracket 5m; pixelcnn by its protocol].
     #[arg(long)]
     budget: Option<BudgetChoice>,
 
-    /// Steps of a live or full fit, or of each fit of a bracket, in place of a time: equal seeds then give equal numbers.
+    /// Steps of each fit of causal or bracket, in place of a time. Equal seeds then give equal numbers.
     #[arg(long, conflicts_with = "budget")]
     steps: Option<usize>,
 
-    /// What computes the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
+    /// Backend for the network of pixelcnn [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
     #[arg(long)]
     engine: Option<EngineChoice>,
 
-    /// Begin the fits of live, full and bracket with nothing, instead of the weights that come with the program.
-    #[arg(long)]
-    fresh: bool,
+    #[command(flatten)]
+    init: InitArgs,
 
     /// Repetitions with other seeds; the smallest estimate is reported.
     #[arg(long, default_value_t = 1)]
     trials: usize,
 
-    /// Keep in this file what estimates by pixelcnn, live, full and bracket have come to, and beside it every 20 s how far the
-    /// part has come that goes on; the same command goes on from it, and removes it in the end.
+    /// Checkpoint file of pixelcnn, causal and bracket, written every 20 s. The same command resumes from it and removes it at
+    /// the end.
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
 
-    /// Score these weights of a PixelCNN, a safetensors file, as they are: nothing is fitted.
+    /// Score the PixelCNN weights of this safetensors file without fitting.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["budget", "trials", "resume", "save_weights"])]
     weights: Option<PathBuf>,
 
-    /// Write the weights that pixelcnn was fitted to, those of the smallest trial, to this safetensors file.
+    /// Write the fitted weights of pixelcnn (smallest trial) to this safetensors file.
     #[arg(long, value_name = "FILE")]
     save_weights: Option<PathBuf>,
 
@@ -96,27 +94,27 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Measurements of a camera in place of a design's.
+/// Images of a camera in place of a design.
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Measurements of a camera")]
 struct MeasuredArgs {
-    /// Images of a camera: a file (NPY, NPZ, TIFF, PNG) or a folder of them, in place of a design; FILE?axis=last tells which
-    /// axis of an array counts them.
+    /// Images of a camera in place of a design: a file (NPY, NPZ, TIFF, PNG) or a folder. FILE?axis=last names the axis of an
+    /// array that counts images.
     #[arg(
         long, value_name = "PATH", value_parser = measurements_argument(),
-        conflicts_with_all = ["design", "lenslets", "objects", "mean_photons", "bias"]
+        conflicts_with_all = ["design", "mask", "objects", "mean_photons", "bias"]
     )]
     measurements: Option<MeasuredSource>,
 
-    /// Grey levels per photon: photons = (grey - offset) / gain. The noise is that of the photons.
-    #[arg(long, value_name = "GREY", default_value_t = 1.0, requires = "measurements")]
+    /// System gain, grey value (DN) per photon: photons = (DN - offset) / gain. --noise is that of the photons.
+    #[arg(long, value_name = "DN", default_value_t = 1.0, requires = "measurements")]
     gain: f64,
 
-    /// Grey level of no light.
-    #[arg(long, value_name = "GREY", default_value_t = 0.0, requires = "measurements", allow_negative_numbers = true)]
+    /// Grey value (DN) without light.
+    #[arg(long, value_name = "DN", default_value_t = 0.0, requires = "measurements", allow_negative_numbers = true)]
     offset: f64,
 
-    /// Add up the photons of squares of this many rows and columns of pixels.
+    /// Sum photons over squares of this side.
     #[arg(long, value_name = "PIXELS", default_value_t = 1, requires = "measurements")]
     bin: usize,
 }
@@ -127,40 +125,40 @@ impl Arguments {
         check_patches(self.patches_train, self.patches_test)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let estimator = self.estimator.estimator();
-        // Those that are made for the default protocol alone.
+        // These support the default protocol only.
         let ours = estimator.begins_with_weights();
         let budget = self.budget.map(|choice| choice.0);
         if budget.is_some() && estimator.usual_budget().is_none() {
-            return Err(anyhow::anyhow!(
-                "--budget is the time of a fit by --estimator pixelcnn, live, full or bracket; leave it out"
-            )
-            .into());
+            return Err(anyhow::anyhow!("--budget is for --estimator pixelcnn, causal or bracket; leave it out").into());
         }
         if self.engine.is_some() && estimator != Estimator::PixelCnn {
-            return Err(anyhow::anyhow!("--engine computes the network of --estimator pixelcnn; leave it out").into());
+            return Err(anyhow::anyhow!("--engine is for --estimator pixelcnn; leave it out").into());
         }
         if self.protocol == Protocol::Paper && ours {
             return Err(anyhow::anyhow!(
-                "--protocol paper is that of --estimator pixelcnn and gaussian; leave it out for live, full and bracket"
+                "--protocol paper is for --estimator pixelcnn and gaussian; leave it out for causal and bracket"
             )
             .into());
         }
         if self.trials > 1 && estimator == Estimator::Bracket {
-            return Err(anyhow::anyhow!("--estimator bracket is fitted once; give it a longer --budget").into());
+            return Err(anyhow::anyhow!(
+                "--estimator bracket has one trial; leave --trials out and give a longer --budget"
+            )
+            .into());
         }
         if self.resume.is_some() && estimator.usual_budget().is_none() {
-            let advice = "--resume is for fits by --estimator pixelcnn, live, full or bracket; leave it out";
+            let advice = "--resume is for --estimator pixelcnn, causal or bracket; leave it out";
             return Err(anyhow::anyhow!(advice).into());
         }
         if (self.weights.is_some() || self.save_weights.is_some()) && estimator != Estimator::PixelCnn {
             let advice = "--weights and --save-weights are for --estimator pixelcnn; leave them out";
             return Err(anyhow::anyhow!(advice).into());
         }
-        check_fresh(self.fresh, estimator)?;
+        let fresh = self.init.is_random(estimator)?;
         if let Some(steps) = self.steps {
             check_count("--steps", steps, 1..=MOST_STEPS)?;
             if !ours {
-                let advice = "--steps is the length of a fit by --estimator live, full or bracket; leave it out";
+                let advice = "--steps is for --estimator causal or bracket; leave it out";
                 return Err(anyhow::anyhow!(advice).into());
             }
         }
@@ -173,17 +171,17 @@ impl Arguments {
             patch: self.patch.shape(),
             patches_train: self.patches_train,
             patches_test: self.patches_test,
-            fresh: self.fresh,
+            fresh,
             trials: self.trials,
             keep: self.resume.clone(),
             weights: WeightsFiles { from: self.weights.clone(), to: self.save_weights.clone() },
         };
-        let meter = Meter::new();
+        let progress_line = ProgressLine::new();
         let mut watch = |progress: &EstimateProgress| {
             if let Some(understood) = &progress.understood {
-                meter.tell(understood);
+                progress_line.report(understood);
             }
-            meter.show(progress.done, progress.total, &progress.step);
+            progress_line.show(progress.done, progress.total, &progress.step);
             ControlFlow::Continue(())
         };
         let result = if let Some(source) = &self.measured.measurements {
@@ -193,25 +191,25 @@ impl Arguments {
         } else {
             estimate(&design, &request, &mut watch).map_err(|error| about_objects(&design, error))?
         };
-        meter.finish();
+        progress_line.finish();
         let printed =
             if self.json { output::print_json(&result) } else { output::print(&lines_of(&result).join("\n")) };
         let lost = result.notes.iter().find(|note| tells_of_unwritten_weights(note));
         match (printed, lost) {
-            // Whether anybody reads the result or not; what was kept is there for the same command.
+            // The checkpoint stays: the same command can write the weights.
             (Ok(()) | Err(Failure::Closed), Some(lost)) => Err(Failure::Incomplete(anyhow::anyhow!("{lost}"))),
             (Ok(()), None) => {
                 request.end_kept();
                 Ok(())
             }
-            // Whatever could not be printed is there for the same command.
+            // The checkpoint stays: the same command can print the result.
             (printed, _) => printed,
         }
     }
 }
 
 impl Arguments {
-    /// Refuses files of the result that cannot be written, are one, or would take the place of one that is read.
+    /// Refuses output files that cannot be written, coincide, or would overwrite an input.
     fn check_files(&self, design: &Design) -> anyhow::Result<()> {
         for file in [&self.resume, &self.save_weights].into_iter().flatten() {
             check_writable(file)?;
@@ -228,13 +226,13 @@ impl Arguments {
         if let Some(source) = &self.measured.measurements {
             inputs.extend(source.files()?);
         }
-        // Such files are removed before an estimate begins and in its end.
+        // Checkpoint files are removed before and after an estimate.
         let named = inputs.iter().chain(&self.save_weights);
         if let Some(kept) = &self.resume
             && let Some(file) = named.into_iter().find(|file| has_name_of_fit(kept, file))
         {
             anyhow::bail!(
-                "{}: expected another name than those of the states beside --resume {}; choose another one",
+                "{}: expected a name that differs from the checkpoint files of --resume {}; choose another name",
                 file.display(),
                 kept.display()
             );
@@ -249,7 +247,7 @@ impl Arguments {
 /// Decimals of a number of bits.
 const DECIMALS: usize = 4;
 
-/// The bounds that are known and where they come from.
+/// Lower and upper bound with their sources.
 fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     let others = bracket.upper_bounds.iter().skip(1);
     let others: Vec<String> = others.map(|bound| format!("{} {:.4}", bound.from, bound.bits_per_pixel)).collect();
@@ -257,7 +255,7 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     let (above_95, from_above) = (interval_behind(bracket.upper_interval_95, DECIMALS), &bracket.upper_from);
     if let (Some(lower), Some(from), Some(lower_95)) = (bracket.lower, &bracket.lower_from, bracket.lower_interval_95) {
         let (least, most) = Bracket::in_order(lower, bracket.upper);
-        // Where they cross, the smaller number is not the lower bound.
+        // Where the bounds cross, both are printed with their names.
         let (below, above) = if lower > bracket.upper {
             (format!(" {lower:.4}"), format!(" {:.4}", bracket.upper))
         } else {
@@ -273,7 +271,7 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     format!("at most {:.4} bits per pixel{above_95}, from the {from_above}{others}{below}", bracket.upper)
 }
 
-/// The same numbers for all pixels together: where the patch is the sensor, of a whole measurement.
+/// The same numbers in bits per patch; the patch may be the whole sensor.
 fn per_patch(result: &Estimate) -> String {
     let [rows, cols] = result.patch;
     let pixels = result.pixels();
@@ -288,12 +286,12 @@ fn per_patch(result: &Estimate) -> String {
     }
 }
 
-/// The estimate for people, line by line.
+/// Text of the estimate, line by line.
 fn lines_of(result: &Estimate) -> Vec<String> {
     let [rows, cols] = result.patch;
     let smallest = result.smallest_trial.map_or(String::new(), |trial| format!(", the smallest is trial {trial}"));
     let engine = result.engine.map_or(String::new(), |engine| format!(" on {engine}"));
-    let mut lines = vec![format!("{} before {}, {} noise", result.encoder, result.objects, result.noise)];
+    let mut lines = vec![format!("{} imaging {}, {} noise", result.encoder, result.objects, result.noise)];
     lines.extend(result.bracket.as_ref().map(|bracket| bracket_line(bracket, result.ceiling.is_some())));
     if result.is_of_one_model() {
         lines.push(format!(
@@ -309,8 +307,8 @@ fn lines_of(result: &Estimate) -> Vec<String> {
         per_patch(result),
         format!("H(Y) {:.4}   H(Y|X) {:.4}   bits per pixel", result.entropy_y, result.entropy_y_given_x),
         match result.ceiling {
-            Some(ceiling) => format!("ceiling {ceiling:.4} bits per pixel"),
-            None => "ceiling unknown: the entropy of these objects is not known, so only upper bounds are".into(),
+            Some(ceiling) => format!("object-entropy bound {ceiling:.4} bits per pixel"),
+            None => "no object-entropy bound: the entropy of these objects is unknown".into(),
         },
         format!(
             "patch {rows} x {cols} px, {} training and {} test patches, trials {} (spread {:.4}{smallest}), seed {}, {:.1} s",

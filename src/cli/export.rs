@@ -1,4 +1,4 @@
-//! `export`: what a design is, in files.
+//! `export`: files of a design: PSF, design, lenslets.
 
 use std::path::PathBuf;
 
@@ -20,11 +20,11 @@ pub struct Arguments {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Folder to write into; it is made if need be.
+    /// Folder to write into; created if missing.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
 
-    /// Also write psf-COLOURS.png in these colours.
+    /// Also write psf-COLORMAP.png with this color map.
     #[arg(long, value_enum)]
     colormap: Option<Colormap>,
 
@@ -42,7 +42,7 @@ struct Exported {
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         let design = self.design.design(&self.scene)?;
         check_folder(&self.out)?;

@@ -130,7 +130,7 @@ impl<'a> Writer<'a> {
             return ControlFlow::Continue(());
         }
         self.written = Instant::now();
-        output::tell(format_args!("{}: {told}", spoken(elapsed)));
+        output::report(format_args!("{}: {told}", spoken(elapsed)));
         match bytes().map_err(Failure::from).and_then(|bytes| self.write(&bytes)) {
             Ok(()) => ControlFlow::Continue(()),
             Err(failure) => {

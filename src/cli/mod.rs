@@ -1,8 +1,9 @@
 //! The command line: the same computations and files as the window, without one.
 //!
-//! Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 2 bad input or usage or a
-//! file that cannot be read or written, 1 done but not all of it.
+//! Results go to standard output, progress and errors to standard error. Exit codes: 0 success; 1 incomplete result; 2 bad
+//! input, wrong usage, or a file that cannot be read or written; 101 a bug.
 
+mod bounds;
 mod choices;
 mod design;
 mod design_args;
@@ -11,10 +12,9 @@ mod estimate;
 mod export;
 mod first_weights;
 mod headless;
-mod look;
-mod measure;
 mod output;
-mod repeat;
+mod reproduce;
+mod simulate;
 mod study;
 mod tamura;
 
@@ -51,20 +51,23 @@ struct Arguments {
 enum Command {
     /// Write the PSF as PNG, TIFF and NPY, the design as JSON and the lenslets as CSV.
     Export(export::Arguments),
-    /// Draw objects and measure them: objects, noiseless and noisy measurements as NPY or TIFF.
-    Measure(measure::Arguments),
-    /// Print the numbers that the window shows beside every edit: Gaussian bound, ceiling, Tamura coefficients.
-    Look(look::Arguments),
-    /// Tamura coefficient of NPY, TIFF or picture files.
-    Tamura(tamura::Arguments),
+    /// Simulate measurements: objects, noiseless and noisy measurements as NPY or TIFF.
+    #[command(alias = "measure")]
+    Simulate(simulate::Arguments),
+    /// Print the bounds that the window updates with every edit: Gaussian bound, entropy bound, Tamura coefficients.
+    #[command(alias = "look")]
+    Bounds(bounds::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
-    /// Compute a live estimate of the window or a run again, from its record, and compare.
-    Repeat(repeat::Arguments),
     /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
     Design(design::Arguments),
-    /// Estimate a whole table of objects, designs and patches, resumable, into files.
+    /// Estimate a table of objects, designs and patches (resumable) and write it into a folder.
     Study(study::Arguments),
+    /// Recompute a live estimate or a run from its record, and compare the results.
+    #[command(alias = "repeat")]
+    Reproduce(reproduce::Arguments),
+    /// Print the Tamura coefficient of NPY, TIFF or image files.
+    Tamura(tamura::Arguments),
     /// Fit what bounds begin with, a decoder or a density model, to many designs and scenes; the program comes with both.
     FirstWeights(first_weights::Arguments),
     /// Print a completion script for a shell.
@@ -74,25 +77,25 @@ enum Command {
     },
 }
 
-/// What stopped a command, by exit code.
+/// Reason why a command stopped; it decides the exit code.
 #[derive(Debug)]
 enum Failure {
-    /// Nobody reads the results any more: code 0.
+    /// The reader of the results has closed the pipe: code 0.
     Closed,
     /// Bad input, usage, or a file that cannot be read or written: code 2.
     Input(anyhow::Error),
-    /// Done, but not all of it: code 1.
+    /// The result is incomplete: code 1.
     Incomplete(anyhow::Error),
 }
 
-/// Every error of the library is about what it was given: files, settings, designs.
+/// Errors of the library concern its input: files, settings, designs.
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         Self::Input(error.into())
     }
 }
 
-/// Exit code of a bug, the one that a panic has by itself.
+/// Exit code of a bug: the code of a panic.
 const PANICKED: u8 = 101;
 
 /// Runs the program with the arguments it was started with.
@@ -101,14 +104,14 @@ pub fn run() -> ExitCode {
         Ok(arguments) => arguments,
         Err(message) => return usage(&message),
     };
-    // A panic is a bug: its message is printed by the default hook, and the code is not one that means something else.
+    // A panic is a bug. The default hook prints its message.
     match std::panic::catch_unwind(|| dispatch(arguments)) {
         Ok(result) => finish(result),
         Err(_) => ExitCode::from(PANICKED),
     }
 }
 
-/// Help and version go to standard output like results; a wrong argument is told with code 2.
+/// Prints help and version to standard output, and a wrong argument to standard error with code 2.
 fn usage(message: &clap::Error) -> ExitCode {
     if message.use_stderr() {
         let _ = message.print();
@@ -119,25 +122,25 @@ fn usage(message: &clap::Error) -> ExitCode {
 
 fn finish(result: Result<(), Failure>) -> ExitCode {
     let (error, code) = match result {
-        // Whoever closed the pipe has what they wanted.
+        // The reader has closed the pipe on purpose.
         Ok(()) | Err(Failure::Closed) => return ExitCode::SUCCESS,
         Err(Failure::Input(error)) => (error, 2),
         Err(Failure::Incomplete(error)) => (error, 1),
     };
-    output::tell(format_args!("lenslet-studio: {error:#}"));
+    output::report(format_args!("lenslet-studio: {error:#}"));
     ExitCode::from(code)
 }
 
 fn dispatch(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Some(Command::Export(arguments)) => arguments.run(),
-        Some(Command::Measure(arguments)) => arguments.run(),
-        Some(Command::Look(arguments)) => arguments.run(),
-        Some(Command::Tamura(arguments)) => arguments.run(),
+        Some(Command::Simulate(arguments)) => arguments.run(),
+        Some(Command::Bounds(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
-        Some(Command::Repeat(arguments)) => arguments.run(),
         Some(Command::Design(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
+        Some(Command::Reproduce(arguments)) => arguments.run(),
+        Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::FirstWeights(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();
@@ -153,15 +156,15 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
 fn open(arguments: Arguments) -> Result<(), Failure> {
     let design = headless::design(arguments.design.as_deref())?;
     if !headless::has_display() {
-        output::tell("No display was found, so there is no window; the design is computed here instead.");
+        output::report("No display was found, so there is no window; the design is computed here instead.");
         return headless::run(&design);
     }
     match crate::studio::open_window(design.clone(), arguments.design, arguments.renderer, arguments.reset_ui) {
         Ok(()) => Ok(()),
-        // What was edited in it is not the design that the program was started with.
+        // The edited design is lost: the start design must not be computed in its place.
         Err(error @ crate::studio::WindowError::Lost { .. }) => Err(Failure::Incomplete(error.into())),
         Err(error) => {
-            output::tell(format_args!("{error}; the design is computed here instead."));
+            output::report(format_args!("{error}; the design is computed here instead."));
             headless::run(&design)
         }
     }
@@ -171,7 +174,7 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
 #[cfg(not(feature = "studio"))]
 fn open(arguments: Arguments) -> Result<(), Failure> {
     let design = headless::design(arguments.design.as_deref())?;
-    output::tell("This build has no window; the design is computed here instead.");
+    output::report("This build has no window; the design is computed here instead.");
     headless::run(&design)
 }
 
@@ -179,7 +182,7 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
 mod tests {
     use super::*;
 
-    /// Whatever the README tells people to type: lines of its blocks, and commands within sentences.
+    /// Commands in the README: lines of its code blocks, and code spans in sentences.
     fn commands() -> Vec<String> {
         let readme = include_str!("../../README.md");
         let mut found = Vec::new();
@@ -193,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_of_the_readme_are_understood() {
+    fn commands_in_the_readme_parse() {
         let commands = commands();
         assert!(commands.len() > 20, "{commands:#?}");
         for command in commands {

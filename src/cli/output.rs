@@ -1,4 +1,4 @@
-//! Standard output and standard error, where either may be a closed pipe or a full disk.
+//! Output to standard output and standard error; either may be a closed pipe or a full disk.
 
 use std::fmt::Display;
 use std::io::{self, Write};
@@ -14,7 +14,7 @@ use crate::workbench::spoken;
 /// Prints a result, followed by the end of a line.
 ///
 /// # Errors
-/// [`Failure::Closed`] where nobody reads any more, [`Failure::Input`] where the text cannot be written.
+/// [`Failure::Closed`] for a closed pipe, [`Failure::Input`] for text that cannot be written.
 pub fn print(text: &str) -> Result<(), Failure> {
     write_to(&mut io::stdout().lock(), text)
 }
@@ -24,37 +24,36 @@ pub fn print_json(result: &impl Serialize) -> Result<(), Failure> {
     print(&serde_json::to_string_pretty(result)?)
 }
 
-/// Tells the user something beside the result. Where standard error is closed, nobody is there to be told.
-pub fn tell(text: impl Display) {
+/// Reports a message on standard error. A closed standard error is ignored.
+pub fn report(text: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{text}");
 }
 
-/// Progress of what takes long, on standard error: a bar on a terminal, a line a minute elsewhere, as in the log of a
-/// cluster's job.
-pub struct Meter {
+/// Progress on standard error: a bar on a terminal, a line per minute in a log.
+pub struct ProgressLine {
     bar: ProgressBar,
-    /// Whole minutes until the last line.
+    /// Elapsed minutes at the last line.
     minutes: AtomicU64,
 }
 
-impl Meter {
-    /// Begins at nothing.
+impl ProgressLine {
+    /// A progress line at zero.
     pub fn new() -> Self {
         let bar = ProgressBar::new(1).with_style(
-            // The template is fixed and valid; a default bar is as good.
+            // The template is fixed and valid.
             ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
         Self { bar, minutes: AtomicU64::new(0) }
     }
 
-    /// Shows that `done` of `total` steps are done, and what goes on.
+    /// Shows `done` of `total` steps and the current activity.
     pub fn show(&self, done: usize, total: usize, message: &str) {
         if self.bar.is_hidden() {
             let elapsed = self.bar.elapsed();
             let minutes = elapsed.as_secs() / 60;
             if self.minutes.fetch_max(minutes, Ordering::Relaxed) < minutes {
-                tell(line(elapsed, done, total, message));
+                report(line(elapsed, done, total, message));
             }
             return;
         }
@@ -63,12 +62,12 @@ impl Meter {
         self.bar.set_message(message.to_owned());
     }
 
-    /// Tells something for good.
-    pub fn tell(&self, text: impl Display) {
-        self.bar.suspend(|| tell(text));
+    /// Reports a message above the bar.
+    pub fn report(&self, text: impl Display) {
+        self.bar.suspend(|| report(text));
     }
 
-    /// Leaves the place to the result.
+    /// Removes the bar.
     pub fn finish(self) {
         self.bar.finish_and_clear();
     }
@@ -84,7 +83,7 @@ fn write_to(writer: &mut dyn Write, text: &str) -> Result<(), Failure> {
         Ok(()) => Ok(()),
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Err(Failure::Closed),
         Err(error) => Err(anyhow::anyhow!(
-            "standard output: expected to write the result, found \"{error}\"; redirect it to a place with room"
+            "standard output: expected to write the result, found \"{error}\"; redirect it to a disk with free space"
         )
         .into()),
     }
@@ -95,10 +94,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_of_progress_tells_time_and_place() {
-        let told = |message| line(Duration::from_secs(190), 120, 1600, message);
-        assert_eq!(told("9 lenslets"), "3 min: 120 of 1600; 9 lenslets");
-        assert_eq!(told(""), "3 min: 120 of 1600");
+    fn progress_lines_hold_time_and_count() {
+        let text = |message| line(Duration::from_secs(190), 120, 1600, message);
+        assert_eq!(text("9 lenslets"), "3 min: 120 of 1600; 9 lenslets");
+        assert_eq!(text(""), "3 min: 120 of 1600");
     }
 
     struct Broken(io::ErrorKind);
@@ -114,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_who_left_is_no_error_and_a_full_disk_is() {
+    fn closed_pipes_are_ignored_and_full_disks_are_errors() {
         assert!(matches!(write_to(&mut Broken(io::ErrorKind::BrokenPipe), "x"), Err(Failure::Closed)));
         let Err(Failure::Input(error)) = write_to(&mut Broken(io::ErrorKind::StorageFull), "x") else { panic!() };
         assert!(error.to_string().starts_with("standard output: expected"), "{error}");

@@ -1,4 +1,4 @@
-//! `study`: one estimate for every cell of a table, resumable.
+//! `study`: one estimate for every cell of a table (resumable).
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -6,10 +6,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::choices::{
-    BudgetChoice, EstimatorChoice, PatchChoice, check_folder, check_fresh, check_patches, objects_argument,
+    BudgetChoice, EstimatorChoice, InitArgs, PatchChoice, check_folder, check_patches, objects_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs};
-use super::output::Meter;
+use super::output::ProgressLine;
 use super::{Failure, output};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -28,43 +28,42 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Kind {
-    /// Objects and designs against published values: beads of four densities before five heuristic layouts.
+    /// Estimates of objects and designs beside published values: four bead densities, five heuristic layouts.
     Grid(Grid),
-    /// One design and its objects in patches of many sizes: how far patches overstate the whole sensor.
+    /// Estimates of one design by patch size: how far patches overstate the whole sensor.
     Patches(Patches),
-    /// Bounds from both sides against bead density, with a plot.
+    /// Lower and upper bounds by bead density, with a plot.
     Bracket(Bracket),
 }
 
-/// What all kinds share.
+/// Flags of all studies.
 #[derive(Args, Debug)]
 struct Common {
-    /// Folder of the study. One that holds a part of the same study is continued.
+    /// Folder of the study. An unfinished study in it is resumed.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 
-    /// Time for the fits of one cell, such as 60s, 5m or 1h [default: 60s; full 30m, pixelcnn and bracket 5m].
+    /// Time for the fits of one cell, such as 60s, 5m or 1h [default: causal 60s, pixelcnn and bracket 5m].
     #[arg(long)]
     budget: Option<BudgetChoice>,
 
-    /// Patches that gaussian and pixelcnn are fitted to.
+    /// Training patches of gaussian and pixelcnn.
     #[arg(long, default_value_t = 10_000)]
     patches_train: usize,
 
-    /// Held-out patches that estimates are scored on.
+    /// Held-out test patches.
     #[arg(long, default_value_t = 1_500)]
     patches_test: usize,
 
-    /// Begin the fits of live, full and bracket with nothing, instead of the weights that come with the program.
-    #[arg(long)]
-    fresh: bool,
+    #[command(flatten)]
+    init: InitArgs,
 
     /// Print the result file.
     #[arg(long)]
     json: bool,
 }
 
-/// What the cells of a table share.
+/// Settings shared by the cells of a table.
 #[derive(Args, Debug)]
 struct CellArgs {
     /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
@@ -85,11 +84,11 @@ struct Grid {
     #[command(flatten)]
     common: Common,
 
-    /// The objects, in place of the beads: any source that estimate takes; repeat it for several.
+    /// Objects in place of the beads, as in estimate; repeat the flag for several.
     #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Vec<ObjectSource>,
 
-    /// The published image set that --objects stand for, in the same order: once for each, or for each that is read from files.
+    /// Published image set of each --objects (or of each that is read from files), in the same order.
     #[arg(long, value_enum, value_name = "NAME", requires = "objects")]
     published_as: Vec<PublishedChoice>,
 
@@ -98,7 +97,7 @@ struct Grid {
     lenslets: Vec<usize>,
 
     /// The estimator.
-    #[arg(long, value_enum, default_value_t = EstimatorChoice::Live)]
+    #[arg(long, value_enum, default_value_t = EstimatorChoice::Causal)]
     estimator: EstimatorChoice,
 
     #[command(flatten)]
@@ -121,7 +120,7 @@ struct Patches {
     sides: Vec<PatchChoice>,
 
     /// The estimator.
-    #[arg(long, value_enum, default_value_t = EstimatorChoice::Live)]
+    #[arg(long, value_enum, default_value_t = EstimatorChoice::Causal)]
     estimator: EstimatorChoice,
 }
 
@@ -148,7 +147,7 @@ pub(super) enum PublishedChoice {
     Cifar10,
     Mnist,
     Fashion,
-    /// Objects that nothing was published for.
+    /// Objects without published values.
     None,
 }
 
@@ -164,7 +163,7 @@ impl PublishedChoice {
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         match self.kind {
             Kind::Grid(grid) => {
@@ -191,7 +190,7 @@ impl Grid {
         if ![0, sources, read].contains(&names) {
             anyhow::bail!(
                 "--published-as: expected one for each of {sources} --objects in the same order, or for each of {read} that are \
-                 read from files, found {names}; give none for those that nothing was published for"
+                 read from files, found {names}; give none for objects without published values"
             );
         }
         let mut choices = self.published_as.iter();
@@ -201,7 +200,7 @@ impl Grid {
             let set = choice.and_then(|choice| choice.set());
             if !source.is_read() && set.is_some() {
                 anyhow::bail!(
-                    "{source}: expected pictures that a published set holds, found beads; give --published-as none for them"
+                    "{source}: expected images of a published set, found beads; give --published-as none for beads"
                 );
             }
             objects.push(StudyObjects::new(source.clone(), set));
@@ -258,14 +257,13 @@ impl Common {
             }
             settings.budget_seconds = Some(budget.0.as_secs_f64());
         }
-        check_fresh(self.fresh, settings.estimator)?;
+        settings.fresh = self.init.is_random(settings.estimator)?;
         settings.patches_train = self.patches_train;
         settings.patches_test = self.patches_test;
-        settings.fresh = self.fresh;
         settings.check()?;
         check_folder(&self.out)?;
         let mut study = Study::open(settings, &self.out)?;
-        study.record().notices.iter().for_each(output::tell);
+        study.record().notices.iter().for_each(output::report);
         run_with_bar(&mut study)?;
         self.print(&study)
     }
@@ -278,44 +276,44 @@ impl Common {
             let files = study.files().iter().map(|file| format!("  {}", file.display())).collect::<Vec<_>>().join("\n");
             output::print(&format!("{}\nWritten:\n{files}", study.markdown()))
         };
-        // Whether anybody reads it or not.
+        // Failed cells are reported even if the table cannot be printed.
         failed(study.record(), &self.out)?;
         printed
     }
 }
 
-/// Computes what is missing, with a bar on standard error and a line for every cell.
+/// Computes the missing cells, with a progress bar and a line for every cell on standard error.
 pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
-    output::tell(announcement(study));
-    let meter = Meter::new();
+    output::report(announcement(study));
+    let progress_line = ProgressLine::new();
     study.run(&mut |event| {
         match event {
             StudyEvent::Step(step) => {
-                meter.show(step.number - 1, step.cells, &working(step));
+                progress_line.show(step.number - 1, step.cells, &working(step));
             }
             StudyEvent::Done { number, cells, cell } => {
-                meter.tell(finished(*number, *cells, cell));
+                progress_line.report(finished(*number, *cells, cell));
             }
         }
         ControlFlow::Continue(())
     })?;
-    meter.finish();
+    progress_line.finish();
     Ok(())
 }
 
-/// What failed; the sentences are in the record and were told when they came.
+/// Error that counts the failed cells. Their sentences are in the record.
 pub(super) fn failed(record: &StudyRecord, folder: &std::path::Path) -> Result<(), Failure> {
     match record.summary.failed {
         0 => Ok(()),
         failed => Err(Failure::Incomplete(anyhow::anyhow!(
-            "{}: expected an estimate in every cell, found {failed} of {} failed; the same command tries those again",
+            "{}: expected an estimate in every cell, found {failed} of {} failed; run the same command to retry them",
             folder.display(),
             record.summary.cells
         ))),
     }
 }
 
-/// What lies ahead, before it begins.
+/// Number of cells and expected time.
 fn announcement(study: &Study) -> String {
     let settings = &study.record().settings;
     let (cells, missing) = (settings.cells(), study.missing());
@@ -358,12 +356,12 @@ fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
     format!("Cell {number} of {cells}: {name}: {result}")
 }
 
-/// Time for a cell where none is given, seconds.
+/// Default time of a cell, seconds.
 fn budget_seconds(estimator: EstimatorChoice) -> Option<f64> {
     estimator.estimator().usual_budget().map(|budget| budget.as_secs_f64())
 }
 
-/// Heuristic layouts, or those that are usual where none is named.
+/// Heuristic layouts by their counts, or the default ones.
 fn layouts(counts: &[usize], usual: Vec<StudyDesign>) -> Vec<StudyDesign> {
     if counts.is_empty() { usual } else { counts.iter().map(|&count| StudyDesign::heuristic(count)).collect() }
 }

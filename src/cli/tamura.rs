@@ -1,4 +1,4 @@
-//! `tamura`: sparsity of pictures and stacks.
+//! `tamura`: sparsity of images and stacks.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use crate::sparsity::{TamuraSummary, tamura_of_stack};
 /// Arguments of `tamura`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// NPY, NPZ, TIFF or image files; stacks count image by image.
+    /// NPY, NPZ, TIFF or image files. Each image of a stack counts.
     #[arg(required = true)]
     files: Vec<PathBuf>,
 
@@ -23,37 +23,37 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Mean and spread over pictures.
+/// Mean and standard deviation of Tamura coefficients.
 #[derive(Serialize)]
 pub struct Summary {
     /// Mean.
     pub mean: f64,
     /// Sample standard deviation.
     pub sd: f64,
-    /// Pictures.
+    /// Number of images.
     pub count: usize,
 }
 
 impl Summary {
-    /// Of the coefficients of single pictures.
+    /// Summary of the coefficients of single images.
     pub fn of(values: &[f64]) -> anyhow::Result<Self> {
         let summary = TamuraSummary::of(values);
         let TamuraSummary { mean, sd, count } =
-            summary.ok_or_else(|| anyhow::anyhow!("there is no picture to rate"))?;
+            summary.ok_or_else(|| anyhow::anyhow!("expected images, found none"))?;
         Ok(Self { mean, sd, count })
     }
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         let mut values = Vec::new();
         for path in &self.files {
             let stack = read_stack(path)?;
-            output::tell(format_args!("{}: {}", path.display(), ImageSummary::of(&stack)));
+            output::report(format_args!("{}: {}", path.display(), ImageSummary::of(&stack)));
             let stack = stack.into_array();
-            for (page, picture) in stack.axis_iter(Axis(0)).enumerate() {
-                if let Some(((row, col), value)) = picture.indexed_iter().find(|(_, value)| !value.is_finite()) {
+            for (page, image) in stack.axis_iter(Axis(0)).enumerate() {
+                if let Some(((row, col), value)) = image.indexed_iter().find(|(_, value)| !value.is_finite()) {
                     return Err(anyhow::anyhow!(
                         "{}: expected finite values, found {value} in image {} at row {row}, column {col}; \
                          repair or leave out that image",

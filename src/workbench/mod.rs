@@ -72,7 +72,7 @@ pub use pulls::Pull;
 pub use record::{Record, RecordError};
 pub use recovery::Recovered;
 pub use refinement::{LiveEstimate, LiveRecipe};
-pub use repeat::{estimate_command, images_command, look_command, repeat_command, run_command};
+pub use repeat::{bounds_command, estimate_command, images_command, reproduce_command, run_command};
 pub use samples::{SAMPLES, Sample};
 pub use snapshots::{Bits, FileChange, Snapshot, SnapshotNumbers, Snapshots};
 pub use stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};

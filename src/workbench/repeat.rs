@@ -1,7 +1,7 @@
-//! Command lines that compute again what the window shows.
+//! Command lines that reproduce what the window shows.
 //!
-//! They hold the whole design: by flags where it is one of the published layouts, and otherwise as JSON on standard input,
-//! so that they come out the same in any folder and on any day.
+//! A command holds the whole design: as flags for a published layout, as JSON on standard input otherwise. It gives the same
+//! result in any folder.
 
 use std::path::Path;
 
@@ -14,27 +14,27 @@ use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
 
-/// Longest text of a design that is put into a command line, bytes.
+/// Longest JSON of a design in a command line, bytes.
 const LONGEST: usize = 40_000;
 
-/// The command for the numbers that stand beside every edit: Gaussian bound, ceiling, Tamura coefficients.
+/// Command that prints the bounds and Tamura coefficients of a design.
 ///
 /// # Errors
 /// One sentence where the design is too large for a command line.
-pub fn look_command(design: &Design) -> Result<String, String> {
-    with_design("look", "--lenslets", design, "--json")
+pub fn bounds_command(design: &Design) -> Result<String, String> {
+    with_design("bounds", "--mask", design, "--json")
 }
 
-/// The command for an estimate of a design. It gives the same bits on the same machine where the fit was one of so many
-/// steps, and where nothing is fitted for a time.
+/// Command for an estimate of a design. The result is bit-identical on the same machine if the fit has a number of steps, or
+/// if nothing is fitted.
 ///
 /// # Errors
-/// As [`look_command`].
+/// As [`bounds_command`].
 pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<String, String> {
-    with_design("estimate", "--lenslets", design, &estimate_flags(request))
+    with_design("estimate", "--mask", design, &estimate_flags(request))
 }
 
-/// The command for an estimate of images of a camera, with the noise and the seed of a design.
+/// Command for an estimate of images of a camera, with the noise and the seed of a design.
 pub fn images_command(measured: &MeasuredOrder, request: &EstimateRequest, design: &Design) -> String {
     let MeasuredOrder { source, calibration: Calibration { gain, offset, bin } } = measured;
     let path = source.to_string();
@@ -63,7 +63,7 @@ fn estimate_flags(request: &EstimateRequest) -> String {
     }
     flags.push(format!("--patches-train {} --patches-test {}", request.patches_train, request.patches_test));
     if request.fresh {
-        flags.push("--fresh".into());
+        flags.push("--init random".into());
     }
     flags.push(format!("--trials {} --json", request.trials));
     flags.join(" ")
@@ -73,7 +73,7 @@ fn estimate_flags(request: &EstimateRequest) -> String {
 /// takes as many commands, each of which goes on where the one before has ended.
 ///
 /// # Errors
-/// As [`look_command`]; where the run was told on its way to take another number of steps or to go back, which no command does.
+/// As [`bounds_command`]; where the run was told on its way to take another number of steps or to go back, which no command does.
 pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
     let ends = ends_of(settings, events)
         .map_err(|told| format!("{told}, which no command repeats; its record tells what it did"))?;
@@ -124,7 +124,7 @@ fn patch_name(patch: Option<(usize, usize)>) -> String {
     patch.map_or_else(|| "sensor".into(), |(rows, cols)| format!("{rows}x{cols}"))
 }
 
-/// A command about a design; `mask` is its flag for masks by name.
+/// Command for a design; `mask` is its flag for named masks.
 fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Result<String, String> {
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
     let published = (1..=9).find(|&count| design.encoder == Encoder::Lenslets(heuristic_layout(count)));
@@ -146,12 +146,12 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
     Ok(format!("lenslet-studio {command} - {flags} <<'END'\n{text}\nEND"))
 }
 
-/// The command that computes a live estimate again from its record.
-pub fn repeat_command(record: &Path) -> String {
-    format!("lenslet-studio repeat {}", quoted(&record.display().to_string()))
+/// Command that recomputes a live estimate from its record.
+pub fn reproduce_command(record: &Path) -> String {
+    format!("lenslet-studio reproduce {}", quoted(&record.display().to_string()))
 }
 
-/// A word for a POSIX shell.
+/// `word` quoted for a POSIX shell.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:+,@=".contains(c);
     if word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
@@ -183,21 +183,21 @@ mod tests {
     }
 
     #[test]
-    fn published_layouts_are_named_and_paths_are_quoted() {
+    fn commands_name_published_layouts_and_quote_paths() {
         let mut design = Design { objects: ObjectSource::Idx("/data/it's here".into()), ..Design::default() };
         let model = DensityModel::new(Estimator::Bracket, Some(Duration::from_secs(90)), EngineChoice::Cpu);
         let text = estimate_command(&design, &request(model)).unwrap();
-        assert!(text.starts_with("lenslet-studio estimate --lenslets heuristic:9 --objects 'idx:/data/it'\\''s here'"));
+        assert!(text.starts_with("lenslet-studio estimate --mask heuristic:9 --objects 'idx:/data/it'\\''s here'"));
         assert!(text.contains("--estimator bracket --patch 32x32 --budget 90s"), "{text}");
         let text = estimate_command(&design, &request(model.of_steps(700))).unwrap();
         assert!(text.contains("--steps 700") && !text.contains("--budget"), "{text}");
         design.objects = ObjectSource::Stack("here.npy".into());
-        let text = look_command(&design).unwrap();
+        let text = bounds_command(&design).unwrap();
         assert!(text.contains("--objects stack:/"), "a path that means the same in every folder: {text}");
     }
 
     #[test]
-    fn images_of_a_camera_are_named() {
+    fn commands_name_images_of_a_camera() {
         let calibration = Calibration { gain: 0.5, offset: -3.0, bin: 2 };
         let order = MeasuredOrder { source: std::path::PathBuf::from("/data/a b.npy").into(), calibration };
         let model = DensityModel::new(Estimator::Live, Some(Duration::from_secs(90)), EngineChoice::Cpu);
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn other_designs_come_along_whole() {
+    fn commands_hold_other_designs_as_json() {
         let encoder = Encoder::Lenslets(random_layout(25, 3));
         let design = Design { encoder, seed: 9, ..Design::default() };
         let mut settings = IdealSettings::new(Preset::Default, Objective::Posterior, 11);

@@ -262,7 +262,7 @@ fn a_run_is_repeated_from_its_record() {
     // It came to its end once before.
     let told = bench.json(&format!("{TINY} --steps 9 --out a"));
     let before = bench.files();
-    let again = bench.json("repeat a/run.json");
+    let again = bench.json("reproduce a/run.json");
     assert_eq!(
         (&again["same"], &again["differs_from_step"], &again["notes"]),
         (&json!(true), &Value::Null, &json!([]))
@@ -279,23 +279,23 @@ fn a_run_is_repeated_from_its_record() {
     stopped["frames"].as_array_mut().unwrap().truncate(2);
     (stopped["finished"], stopped["events"], stopped["settings"]["steps"]) = (json!(false), json!([]), json!(6));
     bench.write("stopped.json", stopped.to_string());
-    let told = bench.done("repeat stopped.json");
-    assert!(told.contains("step 5: ") && told.contains("The same to the last bit"), "{told}");
-    assert!(told.contains("had not come to its end") && !told.contains("step 6"), "{told}");
+    let told = bench.done("reproduce stopped.json");
+    assert!(told.contains("step 5: ") && told.contains("bit-identical"), "{told}");
+    assert!(told.contains("is unfinished") && !told.contains("step 6"), "{told}");
 
     // A record that tells other numbers is found out.
     let mut changed = read(&bench, "a/run.json");
     let bits = changed["frames"][1]["bits_per_pixel"].as_f64().unwrap();
     changed["frames"][1]["bits_per_pixel"] = json!(bits + 1e-12);
     bench.write("changed.json", changed.to_string());
-    let output = bench.run("repeat changed.json".split_whitespace());
+    let output = bench.run("reproduce changed.json".split_whitespace());
     let (printed, told) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{told}");
-    assert!(printed.contains("Not the same from step 5 on"), "{printed}");
+    assert!(printed.contains("Different from step 5"), "{printed}");
     assert!(told.contains("the record, which may have been changed"), "{told}");
     changed["program_version"] = json!("0.0.1");
     bench.write("changed.json", changed.to_string());
-    let told = text(&bench.run("repeat changed.json".split_whitespace()).stderr);
+    let told = text(&bench.run("reproduce changed.json".split_whitespace()).stderr);
     assert!(told.starts_with("changed.json: the record was written by version 0.0.1\n"), "{told}");
     assert!(told.contains("those of the record: the record was written by version 0.0.1"), "{told}");
 
@@ -303,16 +303,16 @@ fn a_run_is_repeated_from_its_record() {
     let mut rewound = read(&bench, "a/run.json");
     rewound["events"] = json!([{"kind": "rewound", "step": 6, "to": 5}]);
     bench.write("rewound.json", rewound.to_string());
-    let sentence = bench.refused("repeat rewound.json");
+    let sentence = bench.refused("reproduce rewound.json");
     assert!(sentence.contains("rewound.json: at step 6 this run was told to go back to step 5"), "{sentence}");
     rewound["settings"]["steps"] = json!(0);
     bench.write("none.json", rewound.to_string());
-    let sentence = bench.refused("repeat none.json");
+    let sentence = bench.refused("reproduce none.json");
     assert!(sentence.contains("none.json: expected a record") && sentence.contains("(steps is 0"), "{sentence}");
     rewound["frames"] = json!([]);
     rewound["settings"]["steps"] = json!(9);
     bench.write("none.json", rewound.to_string());
-    assert!(bench.refused("repeat none.json").contains("a run without any mask"));
+    assert!(bench.refused("reproduce none.json").contains("a run without any mask"));
 }
 
 #[test]

@@ -18,13 +18,13 @@ fn missing_files_are_named() {
     let bench = Bench::new();
     for line in [
         "export none.x --out out",
-        "export --lenslets psf:none.x --out out",
-        "export --lenslets design:none.x --out out",
-        "measure none.x --out out",
-        "measure --objects idx:none.x --out out",
-        "measure --objects cifar:none.x --out out",
-        "measure --objects images:none.x --out out",
-        "measure --objects stack:none.x --out out",
+        "export --mask psf:none.x --out out",
+        "export --mask design:none.x --out out",
+        "simulate none.x --out out",
+        "simulate --objects idx:none.x --out out",
+        "simulate --objects cifar:none.x --out out",
+        "simulate --objects images:none.x --out out",
+        "simulate --objects stack:none.x --out out",
         "estimate --objects stack:none.x",
         "tamura none.x",
         "none.x",
@@ -74,7 +74,7 @@ fn broken_object_files_are_named() {
     ];
     for (kind, content, part) in cases {
         bench.write("bad.file", content);
-        for command in ["measure --out out", "estimate"] {
+        for command in ["simulate --out out", "estimate"] {
             assert_told(&bench.refused(&format!("{command} --objects {kind}:bad.file")), &["bad.file", part]);
         }
     }
@@ -94,7 +94,7 @@ fn broken_object_files_are_named() {
 fn objects_smaller_than_the_psf_are_named() {
     let bench = Bench::new();
     bench.write("small.npy", npy("(2, 31, 40)", &[1.0; 2 * 31 * 40]));
-    for line in ["measure --out out", "estimate"] {
+    for line in ["simulate --out out", "estimate"] {
         let told = bench.refused(&format!("{line} --objects stack:small.npy"));
         assert_told(&told, &["small.npy", "31 x 40", "32 x 32", "smaller PSF"]);
     }
@@ -107,22 +107,22 @@ fn objects_smaller_than_the_psf_are_named() {
 fn folders_without_pictures_are_named() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
-    assert_told(&bench.refused("measure --objects images:empty --out out"), &["empty", "found none"]);
+    assert_told(&bench.refused("simulate --objects images:empty --out out"), &["empty", "found none"]);
     std::fs::create_dir(bench.path("bad")).unwrap();
     bench.write("bad/a.png", "no picture");
     bench.write("bad/b.tif", "II*\0 none");
-    let told = bench.refused("measure --objects images:bad --out out");
+    let told = bench.refused("simulate --objects images:bad --out out");
     assert_told(&told, &["bad", "2 unreadable ones", "a.png"]);
     for kind in ["idx", "cifar", "stack"] {
         assert_told(&bench.refused(&format!("estimate --objects {kind}:bad")), &["bad", "a folder"]);
     }
-    for line in ["tamura bad", "export bad --out out", "export --lenslets psf:bad --out out"] {
+    for line in ["tamura bad", "export bad --out out", "export --mask psf:bad --out out"] {
         assert_told(&bench.refused(line), &["bad", "a folder"]);
     }
     // One good picture among bad ones is used, and the others are named.
     bench.write("good.npy", npy("(60, 60)", &[2.0; 3600]));
     std::fs::rename(bench.path("good.npy"), bench.path("bad/good.npy")).unwrap();
-    let result = bench.json("measure --objects images:bad --count 1 --out out");
+    let result = bench.json("simulate --objects images:bad --count 1 --out out");
     assert_told(result["notices"][0].as_str().unwrap(), &["2 unreadable files", "a.png", "b.tif"]);
 }
 
@@ -145,14 +145,14 @@ fn what_is_no_psf_is_named() {
         (b"\x89PNG and no more".to_vec(), "expected"),
     ] {
         bench.write("psf.file", content);
-        assert_told(&bench.refused("export --lenslets psf:psf.file --out out"), &["psf.file", part]);
+        assert_told(&bench.refused("export --mask psf:psf.file --out out"), &["psf.file", part]);
     }
 }
 
 /// A valid design file, changed.
 fn design_file(bench: &Bench, change: impl Fn(&mut Value)) {
     if !bench.path("base/design.json").is_file() {
-        bench.done("export --lenslets heuristic:3 --out base");
+        bench.done("export --mask heuristic:3 --out base");
     }
     let mut design: Value = serde_json::from_slice(&std::fs::read(bench.path("base/design.json")).unwrap()).unwrap();
     change(&mut design);
@@ -229,34 +229,34 @@ fn designs_that_cannot_be_are_named() {
 fn folders_that_cannot_be_written_are_named() {
     let bench = Bench::new();
     bench.write("taken", "a file");
-    for line in ["export --out taken", "measure --count 1 --out taken", "export --out taken/below"] {
+    for line in ["export --out taken", "simulate --count 1 --out taken", "export --out taken/below"] {
         assert_told(&bench.refused(line), &["taken"]);
     }
     // A folder stands where a file is to be written.
     std::fs::create_dir_all(bench.path("out/psf.npy")).unwrap();
     std::fs::create_dir_all(bench.path("out/measurements.npy")).unwrap();
     assert_told(&bench.refused("export --out out"), &["out/psf.npy", "a folder or device"]);
-    assert_told(&bench.refused("measure --count 1 --out out"), &["out/measurements.npy", "a folder or device"]);
+    assert_told(&bench.refused("simulate --count 1 --out out"), &["out/measurements.npy", "a folder or device"]);
 }
 
 #[test]
 fn nothing_is_written_in_place_of_what_it_is_made_from() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:3 --out cam");
+    bench.done("export --mask heuristic:3 --out cam");
     let objects: Vec<f32> = (0..6 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
     bench.write("data/objects.npy", npy("(6, 40, 40)", &objects));
     bench.done("export --objects stack:data/objects.npy --out scene");
     let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
     let before = read();
     for (line, file) in [
-        ("export --lenslets psf:cam/psf.tiff@16 --out cam", "cam/psf.tiff"),
-        ("export --lenslets fit:cam/psf.npy --out scene/../cam", "cam/psf.npy"),
-        ("export --lenslets design:cam/design.json --bias 3 --out cam", "cam/design.json"),
+        ("export --mask psf:cam/psf.tiff@16 --out cam", "cam/psf.tiff"),
+        ("export --mask fit:cam/psf.npy --out scene/../cam", "cam/psf.npy"),
+        ("export --mask design:cam/design.json --bias 3 --out cam", "cam/design.json"),
         ("export --objects idx:cam/lenslets.csv --out cam", "cam/lenslets.csv"),
-        ("measure cam/design.json --bias 3 --out cam", "cam/design.json"),
-        ("measure --objects stack:data/objects.npy --out data", "data/objects.npy"),
-        ("measure --objects images:data --out data", "data/objects.npy"),
-        ("measure scene/design.json --out data", "data/objects.npy"),
+        ("simulate cam/design.json --bias 3 --out cam", "cam/design.json"),
+        ("simulate --objects stack:data/objects.npy --out data", "data/objects.npy"),
+        ("simulate --objects images:data --out data", "data/objects.npy"),
+        ("simulate scene/design.json --out data", "data/objects.npy"),
         ("design --start fit:cam/psf.png --out cam", "cam/psf.png"),
         ("design --start design:cam/design.json --out cam", "cam/design.json"),
         ("design --objects cifar:cam/psf.npy --out cam", "cam/psf.npy"),
@@ -265,21 +265,21 @@ fn nothing_is_written_in_place_of_what_it_is_made_from() {
         let told = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{line}: {told}");
         assert!(
-            told.contains(&format!("lenslet-studio: {file}: ")) && told.contains("take the place of this one"),
+            told.contains(&format!("lenslet-studio: {file}: ")) && told.contains("overwrite this input"),
             "{line}: {told}"
         );
         assert!(read() == before, "{line}");
     }
     // The same design, and other names.
     bench.done("export cam/design.json --out cam");
-    bench.done("measure --objects stack:data/objects.npy --count 1 --tiff --out data");
+    bench.done("simulate --objects stack:data/objects.npy --count 1 --tiff --out data");
     assert!(bench.path("data/objects.tiff").is_file());
 }
 
 #[test]
 fn weights_and_states_of_an_estimate_take_the_place_of_no_input() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:2 --out cam");
+    bench.done("export --mask heuristic:2 --out cam");
     let images: Vec<f32> = (0..6 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
     bench.write("data/images.npy", npy("(6, 40, 40)", &images));
     let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
@@ -288,15 +288,15 @@ fn weights_and_states_of_an_estimate_take_the_place_of_no_input() {
     for flag in ["--save-weights", "--resume"] {
         for (subject, file) in [
             ("cam/design.json", "cam/design.json"),
-            ("--lenslets design:cam/design.json", "cam/design.json"),
-            ("--lenslets psf:cam/psf.npy", "cam/psf.npy"),
+            ("--mask design:cam/design.json", "cam/design.json"),
+            ("--mask psf:cam/psf.npy", "cam/psf.npy"),
             ("--objects stack:data/images.npy", "data/images.npy"),
             ("--objects images:data", "data/images.npy"),
             ("--measurements data/images.npy", "data/images.npy"),
             ("--measurements data", "data/images.npy"),
         ] {
             let told = bench.refused(&format!("estimate {subject} {sizes} {flag} cam/../{file}"));
-            assert_told(&told, &[file, "take the place of this one", flag]);
+            assert_told(&told, &[file, "overwrite this input", flag]);
             assert!(read() == before, "{subject} {flag}");
         }
     }
@@ -313,7 +313,7 @@ fn a_folder_that_is_read_only_is_named() {
         println!("skipped: this user may write into read-only folders");
         return;
     }
-    for line in ["export --out out", "measure --count 1 --out out", "measure --count 1 --out out/below"] {
+    for line in ["export --out out", "simulate --count 1 --out out", "simulate --count 1 --out out/below"] {
         assert_told(&bench.refused(line), &["out", "may write"]);
     }
     std::fs::set_permissions(bench.path("out"), std::fs::Permissions::from_mode(0o755)).unwrap();
@@ -322,19 +322,19 @@ fn a_folder_that_is_read_only_is_named() {
 #[test]
 fn an_earlier_result_survives_a_failure() {
     let bench = Bench::new();
-    bench.done("measure --count 2 --out out");
+    bench.done("simulate --count 2 --out out");
     let kept = ["out/objects.npy", "out/measurements.npy", "out/design.json"];
     let read = || kept.map(|name| std::fs::read(bench.path(name)).unwrap());
     let before = read();
     std::fs::remove_file(bench.path("out/noiseless.npy")).unwrap();
     std::fs::create_dir(bench.path("out/noiseless.npy")).unwrap();
-    assert_told(&bench.refused("measure --count 2 --seed 2 --out out"), &["out/noiseless.npy", "a folder or device"]);
+    assert_told(&bench.refused("simulate --count 2 --seed 2 --out out"), &["out/noiseless.npy", "a folder or device"]);
     assert!(read() == before);
     // Nor does one that comes last.
     std::fs::remove_dir(bench.path("out/noiseless.npy")).unwrap();
     std::fs::remove_file(bench.path("out/design.json")).unwrap();
     std::fs::create_dir(bench.path("out/design.json")).unwrap();
-    let told = bench.refused("measure --count 2 --seed 2 --out out");
+    let told = bench.refused("simulate --count 2 --seed 2 --out out");
     assert_told(&told, &["out/design.json", "a folder or device"]);
     assert_eq!(told.matches("a folder or device").count(), 1, "{told}");
     assert!(!bench.path("out/noiseless.npy").exists());
@@ -344,14 +344,14 @@ fn an_earlier_result_survives_a_failure() {
 #[test]
 fn an_export_that_fails_leaves_the_files_of_one_mask() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:2 --colormap viridis --out out");
+    bench.done("export --mask heuristic:2 --colormap viridis --out out");
     let read = || bench.files().into_iter().map(|file| (std::fs::read(&file).unwrap(), file)).collect::<Vec<_>>();
     for name in ["lenslets.csv", "design.json", "psf-viridis.png"] {
         let whole = std::fs::read(bench.path("out").join(name)).unwrap();
         std::fs::remove_file(bench.path("out").join(name)).unwrap();
         std::fs::create_dir(bench.path("out").join(name)).unwrap();
         let before = read();
-        let told = bench.refused("export --lenslets heuristic:7 --colormap viridis --out out");
+        let told = bench.refused("export --mask heuristic:7 --colormap viridis --out out");
         assert_told(&told, &[name, "a folder or device"]);
         assert!(read() == before, "{name}");
         std::fs::remove_dir(bench.path("out").join(name)).unwrap();
@@ -363,27 +363,27 @@ fn an_export_that_fails_leaves_the_files_of_one_mask() {
 #[test]
 fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:2 --out out");
+    bench.done("export --mask heuristic:2 --out out");
     // What a program that was killed has left.
     bench.write("out/.writing-Ab12Cd", "half a stack");
     let folder = std::fs::File::open(bench.path("out")).unwrap();
     folder.lock().unwrap();
-    for line in ["export --lenslets heuristic:7 --out out", "measure --count 2 --lenslets heuristic:2 --out out"] {
+    for line in ["export --mask heuristic:7 --out out", "simulate --count 2 --mask heuristic:2 --out out"] {
         assert_told(&bench.refused(line), &["out", "found another run at work in it", "choose another folder"]);
     }
     drop(folder);
-    bench.done("measure --count 2 --lenslets heuristic:2 --out out");
+    bench.done("simulate --count 2 --mask heuristic:2 --out out");
     assert!(!bench.path("out/.writing-Ab12Cd").exists());
-    bench.done("export --lenslets heuristic:2 --out out");
+    bench.done("export --mask heuristic:2 --out out");
 }
 
 #[test]
 fn states_beside_an_estimate_take_the_place_of_no_file() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:2 --out a");
+    bench.done("export --mask heuristic:2 --out a");
     std::fs::rename(bench.path("a/design.json"), bench.path("k.fit-1")).unwrap();
     for line in [
-        "estimate k.fit-1 --estimator live --resume k",
+        "estimate k.fit-1 --estimator causal --resume k",
         "estimate --estimator pixelcnn --resume k --save-weights k.fit-1",
     ] {
         assert_told(&bench.refused(line), &["k.fit-1: expected another name", "--resume k", "choose another one"]);
@@ -394,15 +394,15 @@ fn states_beside_an_estimate_take_the_place_of_no_file() {
 #[test]
 fn files_of_another_mask_do_not_pass_as_those_of_this_one() {
     let bench = Bench::new();
-    let measure = |lenslets: &str| format!("measure --count 2 --lenslets heuristic:{lenslets}");
-    bench.done("export --lenslets heuristic:2 --out a");
+    let measure = |lenslets: &str| format!("simulate --count 2 --mask heuristic:{lenslets}");
+    bench.done("export --mask heuristic:2 --out a");
     let refused = |line: &str, found: &str| {
         let told = format!("a: expected a folder for this mask, found {found} of another");
         assert_told(&bench.refused(line), &[&told, "choose another --out"]);
     };
     refused(&measure("3 --out a"), "psf.npy");
     bench.done(&measure("2 --out a"));
-    refused("export --lenslets heuristic:3 --out a", "measurements.npy");
+    refused("export --mask heuristic:3 --out a", "measurements.npy");
     // Stacks in the other format stay beside those of the same design only.
     bench.done(&measure("2 --out b"));
     bench.done(&measure("2 --tiff --out b"));
@@ -415,7 +415,7 @@ fn files_of_another_mask_do_not_pass_as_those_of_this_one() {
 #[test]
 fn weights_that_cannot_be_written_take_no_estimate_along() {
     let bench = Bench::new();
-    let sizes = "--lenslets heuristic:1 --patch 8 --patches-train 60 --patches-test 20 --budget 1s";
+    let sizes = "--mask heuristic:1 --patch 8 --patches-train 60 --patches-test 20 --budget 1s";
     let line = format!("estimate --estimator pixelcnn {sizes} --save-weights network --resume kept --json");
     let mut program = bench.command();
     program.args(line.split_whitespace()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -458,8 +458,8 @@ fn a_patch_that_is_too_large_for_a_density_model_is_told() {
     let images: Vec<f32> = (0..3 * 140 * 140).map(|index| (index * 37 % 101) as f32).collect();
     bench.write("images.npy", npy("(3, 140, 140)", &images));
     for line in [
-        "estimate --measurements images.npy --estimator live --steps 2 --patches-test 2 --patch sensor",
-        "estimate --objects stack:images.npy --estimator live --steps 2 --patches-test 2 --patch sensor",
+        "estimate --measurements images.npy --estimator causal --steps 2 --patches-test 2 --patch sensor",
+        "estimate --objects stack:images.npy --estimator causal --steps 2 --patches-test 2 --patch sensor",
         "design --objects stack:images.npy --objective density --patch 100 --out out",
     ] {
         assert_told(&bench.refused(line), &["cannot be modelled; use 1 to 8192 pixels"]);

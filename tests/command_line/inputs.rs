@@ -22,15 +22,15 @@ fn what_is_understood_of_files_is_said_on_standard_error() {
     let understood = "6 images of 40 x 36 px, axis 1 counts them, 32-bit floats, range 0 to 250";
     for line in [
         "tamura a.npy",
-        "look --objects stack:a.npy",
-        "measure --objects stack:a.npy --count 1 --out out",
+        "bounds --objects stack:a.npy",
+        "simulate --objects stack:a.npy --count 1 --out out",
         "estimate --objects stack:a.npy --estimator gaussian --patch 4 --patches-train 60 --patches-test 20",
         "estimate --measurements a.npy --estimator gaussian --patch 4 --patches-train 60 --patches-test 20",
     ] {
         assert!(said(&bench, line).contains(&format!("a.npy: {understood}")), "{line}: {}", said(&bench, line));
     }
     bench.write("psf.npy", npy("(32, 32)", &[1.0; 1024]));
-    let psf = said(&bench, "export --lenslets psf:psf.npy --out psf");
+    let psf = said(&bench, "export --mask psf:psf.npy --out psf");
     assert!(psf.contains("psf.npy: 1 image of 32 x 32 px, 32-bit floats, range 1 to 1"), "{psf}");
 }
 
@@ -41,15 +41,15 @@ fn options_of_a_path_change_what_is_understood_for_every_use() {
     let twenty = "6 images of 40 x 36 px, axis 3 counts them";
     for line in [
         "tamura last.npy?axis=last",
-        "look --objects stack:last.npy?axis=last",
+        "bounds --objects stack:last.npy?axis=last",
         "estimate --measurements last.npy?axis=3 --estimator gaussian --patch 4 --patches-train 60 --patches-test 20",
     ] {
         assert!(said(&bench, line).contains(twenty), "{line}: {}", said(&bench, line));
     }
     bench.write("colour.npy", npy("(8, 8, 3)", &(0..192).map(|value| (value % 3) as f32).collect::<Vec<_>>()));
-    let psf = said(&bench, "export --lenslets psf:colour.npy?channel=blue@4 --out out");
+    let psf = said(&bench, "export --mask psf:colour.npy?channel=blue@4 --out out");
     assert!(psf.contains("range 2 to 2; channel 3 of 3"), "{psf}");
-    let frame = said(&bench, "export --lenslets psf:last.npy?axis=last&frame=2 --out out");
+    let frame = said(&bench, "export --mask psf:last.npy?axis=last&frame=2 --out out");
     assert!(frame.contains("range 1 to 1; image 2 of 6"), "{frame}");
     let told = bench.refused("tamura last.npy?axes=last");
     assert!(told.contains("axis=first, last or a number") && told.contains("found \"axes=last\""), "{told}");
@@ -96,10 +96,10 @@ fn names_that_are_no_text_open_everywhere() {
     };
     for line in [
         "tamura caf~.npy",
-        "look --objects stack:caf~.npy",
-        "export --lenslets psf:psf~.npy --out out",
+        "bounds --objects stack:caf~.npy",
+        "export --mask psf:psf~.npy --out out",
         "estimate --measurements caf~.npy --estimator gaussian --patch 4 --patches-train 60 --patches-test 20",
-        "measure --objects stack:caf~.npy --count 1 --out kept",
+        "simulate --objects stack:caf~.npy --count 1 --out kept",
     ] {
         let output = bench.run(words(line));
         assert_eq!(output.status.code(), Some(0), "{line}: {}", text(&output.stderr));
@@ -107,17 +107,17 @@ fn names_that_are_no_text_open_everywhere() {
     // A design that was saved with such a name is opened again.
     let design = std::fs::read_to_string(bench.path("kept/design.json")).unwrap();
     assert!(design.contains("stack:caf%E9.npy"), "{design}");
-    assert!(said(&bench, "look kept/design.json").contains("6 images of 40 x 36 px"));
+    assert!(said(&bench, "bounds kept/design.json").contains("6 images of 40 x 36 px"));
 }
 
 #[test]
 fn an_at_sign_in_a_name_is_no_side() {
     let bench = Bench::new();
     bench.write("psf@32", npy("(8, 8)", &[1.0; 64]));
-    assert!(said(&bench, "export --lenslets psf:psf@32 --out out").contains("psf@32: 1 image of 8 x 8 px"));
+    assert!(said(&bench, "export --mask psf:psf@32 --out out").contains("psf@32: 1 image of 8 x 8 px"));
     let shape = |line: &str| bench.json(line)["measurement_shape"].to_string();
-    assert_eq!(shape("measure --count 1 --lenslets psf:psf@32@4 --out out4"), "[1,93,93]");
-    assert_eq!(shape("measure --count 1 --lenslets psf:psf@32 --out out8"), "[1,89,89]");
+    assert_eq!(shape("simulate --count 1 --mask psf:psf@32@4 --out out4"), "[1,93,93]");
+    assert_eq!(shape("simulate --count 1 --mask psf:psf@32 --out out8"), "[1,89,89]");
 }
 
 #[test]
@@ -134,9 +134,9 @@ fn files_that_are_none_are_named_whatever_they_are_used_for() {
         bench.write("bad.npy", content);
         for line in [
             "tamura bad.npy",
-            "export --lenslets psf:bad.npy --out out",
-            "look --objects stack:bad.npy",
-            "look --objects idx:bad.npy",
+            "export --mask psf:bad.npy --out out",
+            "bounds --objects stack:bad.npy",
+            "bounds --objects idx:bad.npy",
             "estimate --measurements bad.npy",
         ] {
             let told = bench.refused(line);
@@ -144,5 +144,5 @@ fn files_that_are_none_are_named_whatever_they_are_used_for() {
         }
     }
     bench.write("design.json", "\u{feff}<html>");
-    assert!(bench.refused("look design.json").contains("found a web page"));
+    assert!(bench.refused("bounds design.json").contains("found a web page"));
 }

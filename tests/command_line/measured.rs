@@ -54,7 +54,7 @@ fn grey_levels_become_photons_and_the_result_says_how() {
     let folder = bench.json(&format!("{LINE} --measurements folder --gain 2 --offset 100"));
     assert_eq!(folder["objects_fingerprint"], expected["objects_fingerprint"]);
     let told = bench.done(&format!("{LINE} --measurements images:folder --estimator gaussian-full --noise read:3"));
-    for part in ["unknown mask before the scenes of folder (10 images of 24 x 20 px)", "gaussian-full", "read:3 noise"]
+    for part in ["unknown mask imaging the scenes of folder (10 images of 24 x 20 px)", "gaussian-full", "read:3 noise"]
     {
         assert!(told.contains(part), "{part} in {told}");
     }
@@ -78,7 +78,7 @@ fn that_grey_levels_are_whole_tells_a_density_model_nothing() {
     bench.write("dark.npy", npy("(20, 24, 20)", &counts));
     for noise in ["shot", "shot+read:0.2"] {
         let line =
-            "estimate --estimator live --steps 300 --patch 16 --patches-test 100 --seed 4 --measurements dark.npy";
+            "estimate --estimator causal --steps 300 --patch 16 --patches-test 100 --seed 4 --measurements dark.npy";
         let found = bench.json(&format!("{line} --noise {noise}"));
         assert!(found["bits_per_pixel"].as_f64().unwrap() > 0.0, "{found}");
         assert_eq!(found["noise"], noise);
@@ -192,7 +192,7 @@ fn what_cannot_be_estimated_gets_one_sentence() {
     deep.save(bench.path("depths/b.png")).unwrap();
     std::fs::create_dir(bench.path("empty")).unwrap();
     for (arguments, told) in [
-        ("a.npy --lenslets heuristic:3", "cannot be used with"),
+        ("a.npy --mask heuristic:3", "cannot be used with"),
         ("a.npy --objects beads:0.02", "cannot be used with"),
         ("a.npy --bias 3", "cannot be used with"),
         ("a.npy --mean-photons 3", "cannot be used with"),

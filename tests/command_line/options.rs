@@ -32,8 +32,8 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --estimator pixelcnn --budget 60", "budget \"60\""),
         ("estimate --estimator pixelcnn --budget 200h", "168h"),
         ("estimate --engine burn:ndarray", "--estimator pixelcnn"),
-        ("estimate --resume fit", "--estimator pixelcnn, live, full or bracket"),
-        ("estimate --estimator live --save-weights fit", "are for --estimator pixelcnn"),
+        ("estimate --resume fit", "--estimator pixelcnn, causal or bracket"),
+        ("estimate --estimator causal --save-weights fit", "are for --estimator pixelcnn"),
         ("estimate --estimator pixelcnn --resume fit --save-weights ./fit", "expected two files"),
         ("estimate --estimator pixelcnn --weights none", "none"),
         ("estimate --estimator pixelcnn --weights none --trials 2", "--trials"),
@@ -41,12 +41,12 @@ fn values_out_of_range_are_refused_by_name() {
             "estimate --estimator pixelcnn --budget 1s --save-weights none/fit",
             "none/fit: expected to write the file, found \"no such folder\"",
         ),
-        ("estimate --estimator live --engine cpu", "--estimator pixelcnn"),
-        ("estimate --fresh", "--estimator live, full or bracket"),
-        ("study grid --estimator gaussian --fresh --out study", "--estimator live, full or bracket"),
-        ("estimate --estimator live --protocol paper", "leave it out for live"),
-        ("estimate --estimator bracket --trials 2", "fitted once"),
-        ("estimate --estimator live --noise none", "unbounded without noise"),
+        ("estimate --estimator causal --engine cpu", "--estimator pixelcnn"),
+        ("estimate --init random", "--estimator causal or bracket"),
+        ("study grid --estimator gaussian --init random --out study", "--estimator causal or bracket"),
+        ("estimate --estimator causal --protocol paper", "leave it out for causal"),
+        ("estimate --estimator bracket --trials 2", "one trial"),
+        ("estimate --estimator causal --noise none", "unbounded without noise"),
         ("estimate --estimator bracket --patch 66", "do not fit measurements of 65 x 65"),
         ("estimate --estimator pixelcnn --engine gpu", "burn:ndarray"),
         ("estimate --estimator pixelcnn --engine cpu:2", "burn:wgpu"),
@@ -55,33 +55,37 @@ fn values_out_of_range_are_refused_by_name() {
             "estimate --bias 0 --protocol paper --patch 8 --patches-train 50 --patches-test 50 --objects beads:0.0005",
             "bias",
         ),
-        ("measure --count 0 --out out", "--count 0: expected 1"),
-        ("measure --count 18446744073709551615 --out out", "--count"),
-        ("measure --count 99999999999999999999 --out out", "--count"),
-        ("measure --count -1 --out out", "-1"),
-        ("measure --objects beads:0.0001 --out out", "at least 0.000108"),
-        ("measure --objects beads:1e-320 --out out", "density"),
-        ("measure --objects volume:65:0.1 --out out", "64 planes"),
-        ("measure --objects beads:nan --out out", "above 0"),
-        ("measure --objects mnist --out out", "beads:0.02"),
-        ("measure --mean-photons 0 --out out", "mean_photons"),
-        ("measure --mean-photons 1e308 --out out", "mean_photons"),
-        ("measure --mean-photons nan --out out", "mean_photons"),
-        ("measure --bias=-1 --out out", "bias_photons"),
-        ("measure --bias inf --out out", "bias_photons"),
-        ("measure --seed -1 --out out", "-1"),
-        ("measure --seed 18446744073709551616 --out out", "--seed"),
-        ("export --lenslets heuristic:10 --out out", "1 to 9"),
-        ("export --lenslets heuristic:-1 --out out", "1 to 9"),
-        ("export --lenslets random:4097 --out out", "1 to 4096"),
-        ("export --lenslets diffuser:33 --out out", "1 to 32"),
-        ("export --lenslets depth:0 --out out", "1 to 5"),
-        ("export --lenslets psf:a@0 --out out", "1 to 1024"),
-        ("export --lenslets psf:a@99999999999999999999 --out out", "1 to 1024"),
-        ("export --lenslets pinhole --out out", "heuristic:1 to 9"),
+        ("simulate --count 0 --out out", "--count 0: expected 1"),
+        ("simulate --count 18446744073709551615 --out out", "--count"),
+        ("simulate --count 99999999999999999999 --out out", "--count"),
+        ("simulate --count -1 --out out", "-1"),
+        ("simulate --objects beads:0.0001 --out out", "at least 0.000108"),
+        ("simulate --objects beads:1e-320 --out out", "density"),
+        ("simulate --objects volume:65:0.1 --out out", "64 planes"),
+        ("simulate --objects beads:nan --out out", "above 0"),
+        ("simulate --objects mnist --out out", "beads:0.02"),
+        ("simulate --mean-photons 0 --out out", "mean_photons"),
+        ("simulate --mean-photons 1e308 --out out", "mean_photons"),
+        ("simulate --mean-photons nan --out out", "mean_photons"),
+        ("simulate --bias=-1 --out out", "bias_photons"),
+        ("simulate --bias inf --out out", "bias_photons"),
+        ("simulate --seed -1 --out out", "-1"),
+        ("simulate --seed 18446744073709551616 --out out", "--seed"),
+        ("export --mask heuristic:10 --out out", "1 to 9"),
+        ("export --mask heuristic:-1 --out out", "1 to 9"),
+        ("export --mask random:4097 --out out", "1 to 4096"),
+        ("export --mask diffuser:33 --out out", "1 to 32"),
+        ("export --mask depth:0 --out out", "1 to 5"),
+        ("export --mask psf:a@0 --out out", "1 to 1024"),
+        ("export --mask psf:a@99999999999999999999 --out out", "1 to 1024"),
+        ("export --mask pinhole --out out", "heuristic:1 to 9"),
+        ("export --mask psf:a --resample 0 --out out", "--resample 0: expected 1 to 1024"),
+        ("export --mask psf:a@8 --resample 8 --out out", "expected a --mask without @"),
+        ("export --mask heuristic:2 --resample 8 --out out", "psf:FILE or fit:FILE"),
+        ("export --resample 8 --out out", "--mask"),
         ("export --colormap jet --out out", "viridis"),
         ("export", "--out"),
-        ("measure", "--out"),
+        ("simulate", "--out"),
         ("tamura", "FILES"),
         ("export --out out --count 3", "--count"),
     ] {
@@ -98,21 +102,21 @@ fn values_at_the_ends_of_their_ranges_are_computed() {
     bench.write("one.npy", npy("(1, 1)", &[7.0]));
     bench.write("one.idx", idx(2, 1, |_| 255));
     for line in [
-        "measure --count 1 --seed 18446744073709551615 --out a",
-        "measure --count 1 --objects beads:0.00011 --out a",
-        "measure --count 1 --objects beads:1 --out a",
-        "measure --count 1 --objects beads-max:0.15 --out a",
-        "measure --count 1 --objects volume:64:0.001 --out a",
-        "measure --count 3 --objects stack:flat.npy --out a",
-        "measure --count 1 --objects idx:one.idx --out a",
-        "measure --count 1 --bias 0 --mean-photons 1e-300 --out a",
-        "measure --count 1 --bias 1e7 --mean-photons 1e7 --noise shot+read:1e6 --out a",
-        "measure --count 1 --noise read:1e-6 --out a",
-        "measure --count 1 --lenslets psf:one.npy --out a",
-        "measure --count 1 --lenslets psf:one.npy@96 --out a",
-        "export --lenslets random:4096 --seed 0 --out b",
-        "export --lenslets diffuser:1 --seed 18446744073709551615 --out b",
-        "export --lenslets psf:one.npy@1024 --out b",
+        "simulate --count 1 --seed 18446744073709551615 --out a",
+        "simulate --count 1 --objects beads:0.00011 --out a",
+        "simulate --count 1 --objects beads:1 --out a",
+        "simulate --count 1 --objects beads-max:0.15 --out a",
+        "simulate --count 1 --objects volume:64:0.001 --out a",
+        "simulate --count 3 --objects stack:flat.npy --out a",
+        "simulate --count 1 --objects idx:one.idx --out a",
+        "simulate --count 1 --bias 0 --mean-photons 1e-300 --out a",
+        "simulate --count 1 --bias 1e7 --mean-photons 1e7 --noise shot+read:1e6 --out a",
+        "simulate --count 1 --noise read:1e-6 --out a",
+        "simulate --count 1 --mask psf:one.npy --out a",
+        "simulate --count 1 --mask psf:one.npy@96 --out a",
+        "export --mask random:4096 --seed 0 --out b",
+        "export --mask diffuser:1 --seed 18446744073709551615 --out b",
+        "export --mask psf:one.npy@1024 --out b",
         "estimate --patch 1 --patches-train 50 --patches-test 2 --seed 18446744073709551615 --trials 3",
         "estimate --patch 65x1 --patches-train 300 --patches-test 20",
         "estimate --patches-train 0 --patches-test 5 --estimator gaussian-analytic",
@@ -126,10 +130,40 @@ fn values_at_the_ends_of_their_ranges_are_computed() {
 }
 
 #[test]
-fn lenslets_are_fitted_to_a_picture() {
+fn former_names_of_commands_and_flags_are_read() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:4 --out a");
-    let told = text(&bench.run("export --lenslets fit:a/psf.tiff --out b".split_whitespace()).stderr);
+    bench.write("one.npy", npy("(2, 2)", &[1.0, 2.0, 3.0, 4.0]));
+    let sizes = "--patch 6 --patches-test 20 --steps 2 --seed 3";
+    for (former, now) in [
+        ("look --lenslets heuristic:2", "bounds --mask heuristic:2"),
+        ("look --lenslets psf:one.npy@8", "bounds --mask psf:one.npy --resample 8"),
+        (
+            &*format!("estimate --estimator live --fresh {sizes}"),
+            &*format!("estimate --estimator causal --init random {sizes}"),
+        ),
+    ] {
+        let number = |line: &str| {
+            let result = bench.json(line);
+            let bits = if line.contains("estimate") {
+                &result["bits_per_pixel"]
+            } else {
+                &result["information"]["gaussian_bound"]
+            };
+            bits.as_f64().unwrap()
+        };
+        assert_eq!(number(former), number(now), "{former}");
+    }
+    bench.done("measure --count 1 --out a");
+    for command in ["repeat", "reproduce"] {
+        assert!(bench.refused(&format!("{command} none.json")).contains("none.json"));
+    }
+}
+
+#[test]
+fn lenslets_are_fitted_to_a_psf_image() {
+    let bench = Bench::new();
+    bench.done("export --mask heuristic:4 --out a");
+    let told = text(&bench.run("export --mask fit:a/psf.tiff --out b".split_whitespace()).stderr);
     assert!(told.contains("4 lenslets stand for the PSF, 0.0 % of whose light is elsewhere"), "{told}");
     let rows = |folder: &str| std::fs::read_to_string(bench.path(format!("{folder}/lenslets.csv"))).unwrap();
     assert_eq!(rows("b").lines().count(), rows("a").lines().count());
@@ -150,12 +184,12 @@ fn paths_may_have_spaces_and_any_letters() {
         text(&output.stdout)
     };
     let objects = format!("stack:{}", name("a: b.npy"));
-    done(&["measure", "--objects", &objects, "--count", "2", "--out", &name("out put")]);
-    done(&["measure", &name("out put/design.json"), "--count", "2", "--out", &name("again")]);
+    done(&["simulate", "--objects", &objects, "--count", "2", "--out", &name("out put")]);
+    done(&["simulate", &name("out put/design.json"), "--count", "2", "--out", &name("again")]);
     assert_eq!(std::fs::read(name("out put/objects.npy")).unwrap(), std::fs::read(name("again/objects.npy")).unwrap());
     done(&["tamura", &name("out put/objects.npy")]);
-    done(&["export", "--lenslets", &format!("design:{}", name("again/design.json")), "--out", &name("export")]);
-    done(&["export", "--lenslets", &format!("psf:{}@16", name("export/psf.npy")), "--out", &name("small")]);
+    done(&["export", "--mask", &format!("design:{}", name("again/design.json")), "--out", &name("export")]);
+    done(&["export", "--mask", &format!("psf:{}@16", name("export/psf.npy")), "--out", &name("small")]);
     done(&["export", "--objects", &objects, "--bias", "3", "--noise", "read:2", "--out", &name("scene")]);
     let scene: Value = serde_json::from_slice(&std::fs::read(name("scene/design.json")).unwrap()).unwrap();
     assert_eq!((&scene["objects"], &scene["noise"]), (&Value::from(objects.as_str()), &Value::from("read:2")));
@@ -174,7 +208,7 @@ fn paths_need_not_be_text() {
     let odd = OsStr::from_bytes(b"odd-\xff\xfe");
     for json in [false, true] {
         let mut arguments =
-            vec![OsStr::new("measure"), OsStr::new("--count"), OsStr::new("1"), OsStr::new("--out"), odd];
+            vec![OsStr::new("simulate"), OsStr::new("--count"), OsStr::new("1"), OsStr::new("--out"), odd];
         arguments.extend(json.then_some(OsStr::new("--json")));
         let output = bench.run(&arguments);
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -189,7 +223,7 @@ fn paths_need_not_be_text() {
     let design = bench.path(odd).join("design.json");
     assert_eq!(bench.run([design.as_os_str()]).status.code(), Some(0));
     let objects = bench.run([
-        OsStr::new("measure"),
+        OsStr::new("simulate"),
         OsStr::new("--objects"),
         OsStr::from_bytes(b"stack:\xff"),
         OsStr::new("--out"),
@@ -210,7 +244,7 @@ proptest! {
     #[test]
     fn no_value_makes_it_panic(
         option in prop::sample::select(vec![
-            "--objects", "--noise", "--bias", "--mean-photons", "--seed", "--lenslets", "--tiff", "--unknown",
+            "--objects", "--noise", "--bias", "--mean-photons", "--seed", "--mask", "--tiff", "--unknown",
         ]),
         kind in prop::sample::select(vec!["", "beads:", "volume:2:", "volume:", "read:", "shot+read:", "heuristic:",
             "random:", "diffuser:", "depth:", "psf:", "design:", "stack:", "idx:", "images:", "cifar:"]),
@@ -221,7 +255,7 @@ proptest! {
     ) {
         let bench = Bench::new();
         let value = format!("{kind}{value}");
-        let output = bench.run(["measure", "--count=1", "--out=out", &format!("{option}={value}")]);
+        let output = bench.run(["simulate", "--count=1", "--out=out", &format!("{option}={value}")]);
         let told = text(&output.stderr);
         prop_assert!(matches!(output.status.code(), Some(0 | 2)), "{option}={value}: {:?} {told}", output.status);
         prop_assert!(!told.contains("panicked"), "{option}={value}: {told}");

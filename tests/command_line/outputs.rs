@@ -21,7 +21,7 @@ fn bytes(bench: &Bench, name: &str) -> Vec<u8> {
 #[test]
 fn export_writes_one_psf_in_every_format() {
     let bench = Bench::new();
-    let result = bench.json("export --lenslets heuristic:6 --out a");
+    let result = bench.json("export --mask heuristic:6 --out a");
     assert_eq!((&result["encoder"], &result["psf_rows"]), (&Value::from("6 lenslets"), &Value::from(32)));
     let files: Vec<&str> = result["files"].as_array().unwrap().iter().map(|file| file.as_str().unwrap()).collect();
     assert_eq!(files.len(), 6);
@@ -45,7 +45,7 @@ fn export_writes_one_psf_in_every_format() {
     assert!(lines[0].starts_with("x_px,y_px,sigma_px,weight") && lines.len() == 7, "{table}");
     assert!(lines[2].starts_with("9.0,7.0,0.8,"), "{table}");
     // A mask without lenslets leaves none of an earlier one beside its own PSF.
-    bench.done("export --lenslets diffuser:16 --out a");
+    bench.done("export --mask diffuser:16 --out a");
     assert!(!bench.path("a/lenslets.csv").exists() && bench.path("a/psf.npy").is_file());
 }
 
@@ -54,7 +54,7 @@ fn an_exported_design_exports_the_same_bytes() {
     let bench = Bench::new();
     for (name, mask) in [("lenslets", "random:7"), ("volume", "depth:4"), ("diffuser", "diffuser:16")] {
         let (first, second) = (format!("{name}1"), format!("{name}2"));
-        bench.done(&format!("export --lenslets {mask} --seed 5 --out {first}"));
+        bench.done(&format!("export --mask {mask} --seed 5 --out {first}"));
         let result = bench.json(&format!("export {first}/design.json --out {second}"));
         for file in result["files"].as_array().unwrap() {
             let again = file.as_str().unwrap();
@@ -62,12 +62,12 @@ fn an_exported_design_exports_the_same_bytes() {
             assert!(bytes(&bench, &once) == bytes(&bench, again), "{once} and {again}");
         }
     }
-    bench.done("export --lenslets psf:lenslets1/psf.tiff --out picture1");
+    bench.done("export --mask psf:lenslets1/psf.tiff --out picture1");
     bench.done("export picture1/design.json --out picture2");
     assert_eq!(bytes(&bench, "picture1/psf.npy"), bytes(&bench, "lenslets1/psf.npy"));
     assert_eq!(bytes(&bench, "picture1/design.json"), bytes(&bench, "picture2/design.json"));
     assert_eq!(read_array(&bench.path("volume1/psf.npy")).unwrap().shape(), [5, 32, 32]);
-    bench.done("export --lenslets psf:lenslets1/psf16.png@20 --out small");
+    bench.done("export --mask psf:lenslets1/psf16.png@20 --out small");
     assert_eq!(array2(&bench, "small/psf.npy").dim(), (20, 20));
 }
 
@@ -85,17 +85,17 @@ fn colours_are_extra_and_change_no_data() {
     // Those of one mask stay beside each other, and go where another one comes.
     let coloured = |name: &str| bench.path(format!("coloured/psf-{name}.png")).exists();
     assert!(["gray", "viridis", "inferno", "cividis", "diverging"].into_iter().all(coloured));
-    bench.done("export --out coloured --lenslets heuristic:2 --colormap gray");
+    bench.done("export --out coloured --mask heuristic:2 --colormap gray");
     assert!(coloured("gray") && !["viridis", "inferno", "cividis", "diverging"].into_iter().any(coloured));
     // Nor is one of them removed that is read.
-    let refusal = bench.refused("export --lenslets psf:coloured/psf-gray.png --out coloured");
+    let refusal = bench.refused("export --mask psf:coloured/psf-gray.png --out coloured");
     assert!(refusal.contains("psf-gray.png"), "{refusal}");
 }
 
 #[test]
 fn measurements_have_their_shapes_and_poisson_statistics() {
     let bench = Bench::new();
-    let result = bench.json("measure --lenslets heuristic:3 --count 40 --seed 9 --out a");
+    let result = bench.json("simulate --mask heuristic:3 --count 40 --seed 9 --out a");
     assert_eq!(result["object_shape"], serde_json::json!([40, 96, 96]));
     assert_eq!(result["measurement_shape"], serde_json::json!([40, 65, 65]));
     let noiseless = array3(&bench, "a/noiseless.npy");
@@ -122,11 +122,11 @@ fn measurements_have_their_shapes_and_poisson_statistics() {
 #[test]
 fn seeds_reproduce_and_the_design_that_is_kept_repeats_the_run() {
     let bench = Bench::new();
-    let line = "measure --objects volume:3:0.01 --lenslets depth:3 --noise shot+read:2 --bias 4 --count 3";
+    let line = "simulate --objects volume:3:0.01 --mask depth:3 --noise shot+read:2 --bias 4 --count 3";
     bench.done(&format!("{line} --seed 18446744073709551615 --out a"));
-    bench.done("measure a/design.json --count 3 --out b");
+    bench.done("simulate a/design.json --count 3 --out b");
     bench.done(&format!("{line} --seed 1 --out c"));
-    bench.done("measure a/design.json --count 2 --out d");
+    bench.done("simulate a/design.json --count 2 --out d");
     for name in ["objects.npy", "noiseless.npy", "measurements.npy", "design.json"] {
         assert!(bytes(&bench, &format!("a/{name}")) == bytes(&bench, &format!("b/{name}")), "{name}");
     }
@@ -142,8 +142,8 @@ fn seeds_reproduce_and_the_design_that_is_kept_repeats_the_run() {
 fn tiff_stacks_hold_what_npy_stacks_hold() {
     let bench = Bench::new();
     bench.write("a.idx", idx(20, 28, |index| (index * 7 % 251) as u8));
-    bench.done("measure --objects idx:a.idx --count 3 --out npy");
-    bench.done("measure --objects idx:a.idx --count 3 --out tiff --tiff");
+    bench.done("simulate --objects idx:a.idx --count 3 --out npy");
+    bench.done("simulate --objects idx:a.idx --count 3 --out tiff --tiff");
     for name in ["objects", "noiseless", "measurements"] {
         let stack = array3(&bench, &format!("npy/{name}.npy"));
         let pages = read_pages(&bench.path(format!("tiff/{name}.tiff"))).unwrap();
@@ -200,7 +200,7 @@ fn an_estimate_is_never_bare() {
 #[test]
 fn bounds_that_cross_are_told_alike_in_text_and_json() {
     let bench = Bench::new();
-    let line = "estimate --lenslets heuristic:1 --mean-photons 1 --bias 10000 --patches-train 2000 --patches-test 200";
+    let line = "estimate --mask heuristic:1 --mean-photons 1 --bias 10000 --patches-train 2000 --patches-test 200";
     let found = bench.json(line);
     let number = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name} in {found}"));
     let notes = found["notes"].to_string();
@@ -226,7 +226,7 @@ fn weak_read_noise_tells_no_more_than_none() {
     let lines = [
         "estimate --estimator gaussian-analytic --patch 8 --patches-test 60",
         "estimate --patch 8 --patches-train 300 --patches-test 60",
-        "estimate --estimator live --steps 4 --patch 8 --patches-test 20 --lenslets heuristic:2",
+        "estimate --estimator causal --steps 4 --patch 8 --patches-test 20 --mask heuristic:2",
     ];
     for line in lines {
         let (shot, _) = bits(line, "shot");
@@ -239,15 +239,16 @@ fn weak_read_noise_tells_no_more_than_none() {
         assert!(more != shot && more < shot + 0.05, "{line}: {more} {shot}");
         assert!(!found["notes"].to_string().contains("counts are whole"), "{}", found["notes"]);
     }
-    let gaussian = |noise: &str| bench.json(&format!("look --noise {noise}"))["information"]["gaussian_bound"].clone();
-    assert!(gaussian("shot").is_number(), "{}", bench.json("look"));
+    let gaussian =
+        |noise: &str| bench.json(&format!("bounds --noise {noise}"))["information"]["gaussian_bound"].clone();
+    assert!(gaussian("shot").is_number(), "{}", bench.json("bounds"));
     assert_eq!(gaussian("shot+read:0.05"), gaussian("shot"));
 }
 
 #[test]
 fn trials_of_fits_for_a_time_are_compared() {
     let bench = Bench::new();
-    let found = bench.json("estimate --estimator live --budget 1s --trials 2 --patch 6 --patches-test 20 --seed 4");
+    let found = bench.json("estimate --estimator causal --budget 1s --trials 2 --patch 6 --patches-test 20 --seed 4");
     assert_eq!(found["trials"], 2);
     assert!(found["trial_spread"].as_f64().unwrap() >= 0.0);
 }
@@ -256,10 +257,10 @@ fn trials_of_fits_for_a_time_are_compared() {
 fn beads_that_no_light_comes_from_are_told_before_a_fit() {
     let bench = Bench::new();
     // The one lenslet looks at a plane that the beads are not in.
-    let line = "estimate --lenslets depth:1 --patch 6 --patches-test 20 --steps 2";
+    let line = "estimate --mask depth:1 --patch 6 --patches-test 20 --steps 2";
     let refusal = bench.refused(&format!("{line} --estimator bracket"));
     assert!(refusal.contains("no photons"), "{refusal}");
-    let found = bench.json(&format!("{line} --estimator live"));
+    let found = bench.json(&format!("{line} --estimator causal"));
     assert!(found["notes"].to_string().contains("no bound by posterior sampling"), "{}", found["notes"]);
 }
 
@@ -267,14 +268,14 @@ fn beads_that_no_light_comes_from_are_told_before_a_fit() {
 fn light_from_planes_that_the_objects_do_not_have_is_told() {
     let bench = Bench::new();
     let part = "33.3 % of the PSF lies on planes that these objects do not have: they have 3, the mask has 5";
-    let scene = "--lenslets depth:3 --objects volume:3:0.02";
+    let scene = "--mask depth:3 --objects volume:3:0.02";
     let sizes = "--patch 6 --patches-train 60 --patches-test 20";
     for (line, entry) in [
-        (format!("look {scene}"), "notices"),
-        (format!("measure {scene} --count 1 --out a"), "notices"),
+        (format!("bounds {scene}"), "notices"),
+        (format!("simulate {scene} --count 1 --out a"), "notices"),
         (format!("estimate {scene} {sizes}"), "notes"),
         (format!("estimate {scene} {sizes} --estimator gaussian-analytic"), "notes"),
-        (format!("estimate {scene} {sizes} --estimator live --steps 2"), "notes"),
+        (format!("estimate {scene} {sizes} --estimator causal --steps 2"), "notes"),
     ] {
         let found = bench.json(&line)[entry].to_string();
         assert!(found.contains(part), "{line}: {found}");
@@ -286,25 +287,25 @@ fn light_from_planes_that_the_objects_do_not_have_is_told() {
 #[test]
 fn a_design_is_not_replaced_by_another_one() {
     let bench = Bench::new();
-    bench.done("export --lenslets heuristic:2 --out own");
+    bench.done("export --mask heuristic:2 --out own");
     for line in [
         "export own/design.json --bias 3 --out own",
-        "measure own/design.json --seed 9 --count 1 --out own",
+        "simulate own/design.json --seed 9 --count 1 --out own",
         "design own/design.json --steps 1 --out own",
-        "export --lenslets design:own/design.json --seed 5 --out own",
+        "export --mask design:own/design.json --seed 5 --out own",
         "design --start design:own/design.json --steps 1 --out own",
     ] {
         let refusal = bench.refused(line);
         assert!(refusal.contains("design.json") && refusal.contains("--out"), "{line}: {refusal}");
     }
     bench.done("export own/design.json --out own");
-    bench.done("measure own/design.json --count 1 --out own");
+    bench.done("simulate own/design.json --count 1 --out own");
 }
 
 #[test]
 fn a_bracket_names_both_bounds_and_where_they_come_from() {
     let bench = Bench::new();
-    let line = "estimate --estimator bracket --lenslets heuristic:2 --patch 12 --patches-test 60 --budget 4s --seed 3";
+    let line = "estimate --estimator bracket --mask heuristic:2 --patch 12 --patches-test 60 --budget 4s --seed 3";
     let found = bench.json(&format!("{line} --objects beads:0.02"));
     let bits = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name} in {found}"));
     assert!(bits("lower") < bits("upper") && bits("upper") == bits("bits_per_pixel"), "{found}");
@@ -318,7 +319,7 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
     assert_eq!((&found["seed"], &found["estimator"]), (&Value::from(3), &Value::from("bracket")));
 
     // Who asks for an upper bound alone gets the smallest one, too.
-    let live = line.replace("bracket", "live");
+    let live = line.replace("bracket", "causal");
     let found = bench.json(&format!("{live} --objects beads:0.02"));
     let names: Vec<&str> =
         found["upper_bounds"].as_array().unwrap().iter().map(|bound| bound["from"].as_str().unwrap()).collect();
@@ -339,7 +340,7 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
 #[test]
 fn the_state_of_a_fit_is_removed_in_the_end_and_foreign_files_are_refused() {
     let bench = Bench::new();
-    let line = "estimate --estimator live --lenslets heuristic:1 --patch 8 --patches-test 20 --budget 1s --resume fit";
+    let line = "estimate --estimator causal --mask heuristic:1 --patch 8 --patches-test 20 --budget 1s --resume fit";
     bench.json(line);
     assert!(!bench.path("fit").exists());
     bench.write("fit", "not a state");
@@ -351,10 +352,11 @@ fn the_state_of_a_fit_is_removed_in_the_end_and_foreign_files_are_refused() {
 #[test]
 fn what_could_not_be_printed_is_not_computed_again() {
     let bench = Bench::new();
-    bench.done("measure --lenslets heuristic:2 --count 12 --out seen");
-    for subject in ["--lenslets heuristic:1", "--measurements seen/measurements.npy"] {
-        let line =
-            format!("estimate {subject} --estimator live --patch 8 --patches-test 20 --budget 1s --resume kept --json");
+    bench.done("simulate --mask heuristic:2 --count 12 --out seen");
+    for subject in ["--mask heuristic:1", "--measurements seen/measurements.npy"] {
+        let line = format!(
+            "estimate {subject} --estimator causal --patch 8 --patches-test 20 --budget 1s --resume kept --json"
+        );
         let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         let output = bench.command().args(line.split_whitespace()).stdout(full).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
@@ -374,7 +376,7 @@ fn what_could_not_be_printed_is_not_computed_again() {
 fn trials_that_were_done_before_a_power_cut_are_not_done_again() {
     let bench = Bench::new();
     let line =
-        "estimate --estimator live --lenslets heuristic:1 --patch 8 --patches-test 20 --steps 300 --trials 3 --json";
+        "estimate --estimator causal --mask heuristic:1 --patch 8 --patches-test 20 --steps 300 --trials 3 --json";
     let whole: Value = serde_json::from_str(&bench.done(line)).unwrap();
     let resumable = format!("{line} --resume kept");
     let mut program = bench.command().args(resumable.split_whitespace()).spawn().unwrap();
@@ -400,7 +402,7 @@ fn trials_that_were_done_before_a_power_cut_are_not_done_again() {
 #[test]
 fn the_weights_of_a_pixelcnn_are_written_and_scored_again() {
     let bench = Bench::new();
-    let line = "estimate --estimator pixelcnn --lenslets heuristic:2 --patch 8 --patches-train 60 --patches-test 30";
+    let line = "estimate --estimator pixelcnn --mask heuristic:2 --patch 8 --patches-train 60 --patches-test 30";
     let fitted = bench.json(&format!("{line} --budget 1s --save-weights network"));
     let scored = bench.json(&format!("{line} --weights network"));
     for field in ["bits_per_pixel", "interval_95", "entropy_y"] {
@@ -423,10 +425,11 @@ fn the_weights_of_a_pixelcnn_are_written_and_scored_again() {
 fn fits_begin_with_the_weights_of_the_program_unless_fresh_ones_are_wished() {
     let bench = Bench::new();
     // Of measured images nothing but a density model tells.
-    bench.done("measure --lenslets heuristic:2 --count 12 --out seen");
-    let line = "estimate --measurements seen/measurements.npy --estimator live --patch 16 --patches-test 40 --steps 20";
+    bench.done("simulate --mask heuristic:2 --count 12 --out seen");
+    let line =
+        "estimate --measurements seen/measurements.npy --estimator causal --patch 16 --patches-test 40 --steps 20";
     let bits = |estimate: &Value| estimate["bits_per_pixel"].as_f64().unwrap();
-    let (shipped, fresh) = (bench.json(line), bench.json(&format!("{line} --fresh")));
+    let (shipped, fresh) = (bench.json(line), bench.json(&format!("{line} --init random")));
     assert!(bits(&shipped) < bits(&fresh) - 0.05, "{} {}", bits(&shipped), bits(&fresh));
     let notes = |estimate: &Value| estimate["notes"].to_string();
     assert!(notes(&shipped).contains("from the weights that come with the program"), "{}", notes(&shipped));
@@ -454,14 +457,14 @@ fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     assert_eq!(super::text(&output.stderr).trim_end().lines().count(), 1, "{}", super::text(&output.stderr));
     let told = super::text(&output.stdout);
     for part in
-        ["9 lenslets before beads:0.02", "Gaussian bound", "object-entropy ceiling", "Tamura coefficient", "psf.npy"]
+        ["9 lenslets imaging beads:0.02", "Gaussian bound", "object-entropy bound", "Tamura coefficient", "psf.npy"]
     {
         assert!(told.contains(part), "{part} in {told}");
     }
     for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
         assert!(bench.path("lenslet-studio-export").join(name).is_file(), "{name}");
     }
-    bench.done("measure --noise none --count 1 --out dark");
+    bench.done("simulate --noise none --count 1 --out dark");
     let told = bench.done("dark/design.json");
     assert!(
         told.contains("No information: information is unbounded without noise") && told.contains("psf.npy"),

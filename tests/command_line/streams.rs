@@ -44,8 +44,8 @@ fn a_closed_pipe_is_no_error() {
         "--help",
         "completions zsh",
         "export --out a",
-        "measure --count 2 --out b",
-        "measure --count 2 --out c --json",
+        "simulate --count 2 --out b",
+        "simulate --count 2 --out c --json",
         "estimate --patch 4 --patches-train 50 --patches-test 20 --json",
         "",
     ] {
@@ -76,7 +76,7 @@ fn a_closed_pipe_is_no_error() {
 #[test]
 fn a_full_disk_behind_standard_output_is_told() {
     let bench = Bench::new();
-    bench.done("measure --count 1 --out b");
+    bench.done("simulate --count 1 --out b");
     for line in ["--help", "completions bash", "tamura b/objects.npy", "export --out a --json", "--version"] {
         let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
         let output = bench.command().args(line.split_whitespace()).stdout(full).output().unwrap();
@@ -108,9 +108,9 @@ fn files_that_outgrow_the_disk_leave_nothing_behind() {
     };
     // 1000 measurements of 65 x 65 px take 17 MB, their objects 37 MB.
     for line in [
-        "measure --count 1000 --out out",
-        "measure --count 1000 --out out --tiff",
-        "export --out out --lenslets heuristic:9",
+        "simulate --count 1000 --out out",
+        "simulate --count 1000 --out out --tiff",
+        "export --out out --mask heuristic:9",
     ] {
         let output = limited(16, line);
         let told = text(&output.stderr);
@@ -118,7 +118,7 @@ fn files_that_outgrow_the_disk_leave_nothing_behind() {
         assert!(told.starts_with("lenslet-studio: out/") && told.contains("free some space"), "{told}");
         let kept = bench.files();
         assert!(kept.iter().all(|file| !file.to_string_lossy().contains(".writing")), "{line}: {kept:?}");
-        if line.starts_with("measure") {
+        if line.starts_with("simulate") {
             assert!(kept.is_empty(), "{line}: {kept:?}");
         } else {
             // Each file that is there is complete; the design, which is longer, is not there.

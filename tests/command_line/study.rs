@@ -43,7 +43,7 @@ fn a_grid_is_computed_into_one_file_and_tables() {
     assert_eq!((&study["summary"]["estimated"], &study["summary"]["failed"]), (&json!(4), &json!(0)));
     // A cell is the estimate that the estimate command gives.
     let line = "estimate --estimator gaussian --patch 6 --patches-train 200 --patches-test 40 --seed 1";
-    let mut alone = bench.json(&format!("{line} --objects beads:0.05 --lenslets heuristic:4"));
+    let mut alone = bench.json(&format!("{line} --objects beads:0.05 --mask heuristic:4"));
     alone["seconds"] = cells(&study)[3]["estimate"]["seconds"].clone();
     for (name, value) in cells(&study)[3]["estimate"].as_object().unwrap() {
         assert_eq!(&alone[name], value, "{name}");
@@ -210,7 +210,7 @@ fn a_cell_that_fails_has_its_sentence_and_the_others_go_on() {
 #[test]
 fn patches_are_compared_with_the_sensor() {
     let bench = Bench::new();
-    bench.done("export --lenslets random:3 --seed 5 --out design");
+    bench.done("export --mask random:3 --seed 5 --out design");
     let line = "study patches design/design.json --objects beads:0.05 --estimator gaussian --patches-train 60";
     let study = bench.json(&format!("{line} --patches-test 20 --sides 6,12x5,sensor --out a"));
     assert_eq!(study["settings"]["patches"], json!([[6, 6], [12, 5], null]));
@@ -284,7 +284,7 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("grid --objects beads:0.02 --published-as mnist --published-as none --out out", "found 2"),
         ("grid --published-as mnist --out out", "--objects"),
         ("grid --estimator gaussian --budget 60s --out out", "leave it out"),
-        ("grid --estimator magic --out out", "live"),
+        ("grid --estimator magic --out out", "causal"),
         ("grid --noise none --out out", "without noise"),
         ("grid --patches-test 0 --out out", "--patches-test 0: expected 2"),
         ("grid --patch 0 --out out", "patch \"0\""),
@@ -293,7 +293,7 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("patches --mean-photons 0 --out out", "mean_photons"),
         ("bracket --densities 0 --out out", "above 0"),
         ("bracket --densities 0.02,2 --out out", "at most 1"),
-        ("bracket --estimator live --out out", "--estimator"),
+        ("bracket --estimator causal --out out", "--estimator"),
         ("bracket --budget 0s --out out", "budget"),
     ] {
         let told = bench.refused(&format!("study {line}"));

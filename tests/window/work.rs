@@ -162,19 +162,19 @@ fn the_live_estimate_is_repeated_bit_for_bit() {
     window.run_steps(4);
     let shown = studio(&window).bench().estimates().live.unwrap().value;
     let line = copied(&mut window, "Copy command line");
-    assert!(shown.start.is_some() && line.starts_with("lenslet-studio repeat "), "{line}");
+    assert!(shown.start.is_some() && line.starts_with("lenslet-studio reproduce "), "{line}");
     settle(&mut window);
     let repeated = run_line(&format!("{line} --json"));
     assert_eq!(repeated["numbers"]["bits_per_pixel"].as_f64(), Some(shown.bits_per_pixel), "{repeated:#}");
     assert_eq!(repeated["numbers"]["lower"]["bits_per_pixel"].as_f64(), shown.lower.as_ref().map(|b| b.bits_per_pixel));
     let bound = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
-    assert_eq!(repeated["look"]["information"]["gaussian_bound"].as_f64(), Some(bound));
+    assert_eq!(repeated["bounds"]["information"]["gaussian_bound"].as_f64(), Some(bound));
     assert_eq!(repeated["same"], true);
     // The same record, where a person wants it.
     menu(&mut window, &["More of the numbers", "Export record of the live estimate..."]);
     let file = folder.path().join("mine.json");
     answer(&mut window, &file, "Export");
-    let kept = line.trim_start_matches("lenslet-studio repeat ").trim_matches('\'');
+    let kept = line.trim_start_matches("lenslet-studio reproduce ").trim_matches('\'');
     assert_eq!(std::fs::read(file).unwrap(), std::fs::read(kept).unwrap());
 }
 

@@ -8,7 +8,7 @@ use crate::studio::state::copied_numbers;
 use crate::studio::state::open_dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
-use crate::workbench::{Command, Job, Workbench, look_command, repeat_command};
+use crate::workbench::{Command, Job, Workbench, bounds_command, reproduce_command};
 
 /// Does an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
@@ -73,11 +73,11 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
             let command = match (state.live_record(), &state.folder) {
                 (Some(record), Some(folder)) => {
                     let path = folder.join("records").join(record.file_name());
-                    let command = repeat_command(&path);
+                    let command = reproduce_command(&path);
                     state.bench.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
                     Ok(command)
                 }
-                _ => look_command(state.bench.design()),
+                _ => bounds_command(state.bench.design()),
             };
             state.copy_command(ctx, command);
         }

@@ -1,4 +1,4 @@
-//! `look`: the numbers that the window shows beside every edit.
+//! `bounds`: bounds and Tamura coefficients, as the window shows them with every edit.
 
 use std::ops::ControlFlow;
 
@@ -13,7 +13,7 @@ use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};
 use crate::objects::Progress;
 use crate::workbench::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once};
 
-/// Arguments of `look`.
+/// Arguments of `bounds`.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
@@ -28,29 +28,29 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
-        let look = Look::bounded(&self.design.design(&self.scene)?)?;
+        let bounds = DesignBounds::with_lower_bound(&self.design.design(&self.scene)?)?;
         if self.json {
-            return output::print_json(&look);
+            return output::print_json(&bounds);
         }
-        output::print(&look.lines().join("\n"))
+        output::print(&bounds.lines().join("\n"))
     }
 }
 
-/// Bounds and Tamura coefficients of a design, as the window computes them for every edit.
+/// Bounds and Tamura coefficients of a design.
 #[derive(Debug, Serialize)]
-pub struct Look {
+pub struct DesignBounds {
     encoder: String,
     objects: String,
     objects_fingerprint: String,
-    /// The objects, for people.
+    /// Description of the objects.
     scene: String,
     noise: String,
     seed: u64,
     /// None without noise.
-    information: Option<Bounds>,
-    /// Why there are none.
+    information: Option<Information>,
+    /// Reason why there are no bounds.
     no_information: Option<String>,
     sensor_tamura: f64,
     object_tamura: f64,
@@ -59,14 +59,13 @@ pub struct Look {
 
 /// Bounds, bits per pixel.
 #[derive(Debug, Serialize)]
-struct Bounds {
+struct Information {
     /// Rows and columns, pixels.
     patch: [usize; 2],
-    /// None where it was not asked for, the prior of the objects is not known or nothing can be told; of other draws than in the
-    /// window.
+    /// Lower bound of the pretrained decoder; none without a known prior. The window uses other random draws.
     lower: Option<NamedBound>,
     gaussian_bound: f64,
-    /// Whether the Gaussian's number is a bound.
+    /// Whether the Gaussian number is an upper bound (in place of an approximation).
     gaussian_is_bound: bool,
     gaussian_interval_95: [f64; 2],
     entropy_y: f64,
@@ -74,7 +73,7 @@ struct Bounds {
     ceiling: Option<f64>,
 }
 
-impl Bounds {
+impl Information {
     fn of(information: &LiveInformation) -> Self {
         let gaussian = &information.gaussian;
         Self {
@@ -98,8 +97,8 @@ impl Bounds {
             format!(" at least {}  {}", with_interval(lower.bits_per_pixel, lower.interval_95), lower.from)
         }));
         let ceiling = match self.ceiling {
-            Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy ceiling"),
-            None => "  ceiling unknown: the entropy of these objects is not known".into(),
+            Some(ceiling) => format!("  at most {ceiling:.3}                 object-entropy bound"),
+            None => "  no object-entropy bound: the entropy of these objects is unknown".into(),
         };
         let gaussian = if self.gaussian_is_bound {
             format!("  at most {}  Gaussian bound", gaussian(bound))
@@ -107,33 +106,35 @@ impl Bounds {
             format!("    about {}  Gaussian approximation", gaussian(bound))
         };
         lines.extend(if loose { [ceiling, gaussian] } else { [gaussian, ceiling] });
-        lines.extend(loose.then(|| "  the Gaussian lies above the ceiling: do not rank designs by it".into()));
+        lines.extend(
+            loose.then(|| "  The Gaussian bound exceeds the object-entropy bound: do not rank designs by it".into()),
+        );
         lines
     }
 }
 
-/// Says what was understood of the files of the objects.
+/// Reports how the files of the objects were interpreted.
 fn reading(progress: Progress) -> ControlFlow<()> {
-    progress.understood.iter().for_each(output::tell);
+    progress.understood.iter().for_each(output::report);
     ControlFlow::Continue(())
 }
 
-impl Look {
-    /// Opens the objects of a design and computes its numbers.
-    pub fn at(design: &Design) -> anyhow::Result<Self> {
+impl DesignBounds {
+    /// Opens the objects of a design and computes its upper bounds and Tamura coefficients.
+    pub fn open(design: &Design) -> anyhow::Result<Self> {
         let scene = Scene::open(design, &reading)?;
         Self::of(design, &scene).map_err(|error| about_objects(design, error))
     }
 
-    /// The same with the lower bound that can be had in a moment.
-    pub fn bounded(design: &Design) -> anyhow::Result<Self> {
+    /// The same with the lower bound of the pretrained decoder.
+    pub fn with_lower_bound(design: &Design) -> anyhow::Result<Self> {
         let scene = Scene::open(design, &reading)?;
-        let mut look = Self::of(design, &scene).map_err(|error| about_objects(design, error))?;
-        if let Some(bounds) = &mut look.information {
-            // The others are told where this one cannot be had.
-            bounds.lower = lower_bound_at_once(design, &scene.set, bounds.patch.into()).unwrap_or_default();
+        let mut bounds = Self::of(design, &scene).map_err(|error| about_objects(design, error))?;
+        if let Some(information) = &mut bounds.information {
+            // Without a lower bound the other numbers are printed.
+            information.lower = lower_bound_at_once(design, &scene.set, information.patch.into()).unwrap_or_default();
         }
-        Ok(look)
+        Ok(bounds)
     }
 
     fn of(design: &Design, scene: &Scene) -> Result<Self, EvaluationError> {
@@ -144,8 +145,8 @@ impl Look {
             .map_err(EvaluationError::from)
             .and_then(|entropy| prepared.information(design, &optics, scene, &measurements, &entropy));
         let (information, no_information) = match information {
-            Ok(information) => (Some(Bounds::of(&information)), None),
-            // Without noise, say: the mask can be looked at all the same.
+            Ok(information) => (Some(Information::of(&information)), None),
+            // Without noise, for example: the Tamura coefficients exist all the same.
             Err(EvaluationError::Information(error)) => (None, Some(error.to_string())),
             Err(error) => return Err(error),
         };
@@ -164,14 +165,14 @@ impl Look {
         })
     }
 
-    /// The numbers for people, line by line.
+    /// Text of the numbers, line by line.
     pub fn lines(&self) -> Vec<String> {
         let mut lines = vec![
-            format!("{} before {}, {} noise", self.encoder, self.objects, self.noise),
+            format!("{} imaging {}, {} noise", self.encoder, self.objects, self.noise),
             format!("  {}", self.scene),
         ];
         lines.extend(self.notices.iter().map(|notice| format!("  {notice}")));
-        lines.extend(self.information.iter().flat_map(Bounds::lines));
+        lines.extend(self.information.iter().flat_map(Information::lines));
         lines.extend(self.no_information.iter().map(|reason| format!("No information: {reason}")));
         lines.push(format!("Tamura coefficient: sensor {:.3}, objects {:.3}", self.sensor_tamura, self.object_tamura));
         lines

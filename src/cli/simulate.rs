@@ -1,4 +1,4 @@
-//! `measure`: objects and their measurements as stacks.
+//! `simulate`: stacks of objects and of their simulated measurements.
 
 use std::path::PathBuf;
 
@@ -8,16 +8,16 @@ use serde::Serialize;
 use super::choices::{about_objects, check_count, check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs, check_no_other};
 use super::design_runs::RECORD;
-use super::output::Meter;
+use super::output::ProgressLine;
 use super::tamura::Summary;
 use super::{Failure, output};
 use crate::forward::{Simulator, notices_of};
 use crate::workbench::{DESIGN_FILE, DESIGN_FILES, MEASUREMENT_STACKS, MeasurementFormat, measure_into};
 
-/// Most objects of one run; as 96 x 96 px floats they fill 370 GB.
+/// Largest number of objects: 370 GB at 96 x 96 px, 32-bit floats.
 const MOST_OBJECTS: usize = 10_000_000;
 
-/// Arguments of `measure`.
+/// Arguments of `simulate`.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
@@ -30,7 +30,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 64)]
     count: usize,
 
-    /// Folder to write into; it is made if need be.
+    /// Folder to write into; created if missing.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
 
@@ -58,7 +58,7 @@ struct Measured {
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         check_count("--count", self.count, 1..=MOST_OBJECTS)?;
         let design = self.design.design(&self.scene)?;
@@ -70,13 +70,13 @@ impl Arguments {
         check_no_other(&self.out, &design, &[RECORD, DESIGN_FILES[0]])?;
         let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error.into()))?;
         if let Some(understood) = simulator.set().understood() {
-            output::tell(format_args!("{}: {understood}", design.objects));
+            output::report(format_args!("{}: {understood}", design.objects));
         }
-        let meter = Meter::new();
+        let progress_line = ProgressLine::new();
         let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {
-            meter.show(done, self.count, "Measuring");
+            progress_line.show(done, self.count, "Simulating");
         })?;
-        meter.finish();
+        progress_line.finish();
         let set = simulator.set();
         let result = Measured {
             objects: design.objects.to_string(),
@@ -94,11 +94,11 @@ impl Arguments {
             return output::print_json(&result);
         }
         for notice in &result.notices {
-            output::tell(notice);
+            output::report(notice);
         }
         let shape: Vec<String> = result.measurement_shape.iter().map(ToString::to_string).collect();
         let mut lines = vec![
-            format!("{} before {}: {} measurements", result.encoder, result.objects, shape.join(" x ")),
+            format!("{} imaging {}: {} measurements", result.encoder, result.objects, shape.join(" x ")),
             format!("Tamura coefficient {:.4} (sd {:.4})", result.tamura.mean, result.tamura.sd),
         ];
         lines.extend(result.files);
