@@ -11,7 +11,7 @@ use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{Encoder, Lenslet, LensletArray, Limits, Spot, render_psf};
-use lenslet_studio::seeds::derived_seed;
+use lenslet_studio::seeds::SeedStream;
 use lenslet_studio::sensor::{Noise, Patches};
 use lenslet_studio::workbench::run_ideal;
 use ndarray::{Array3, ArrayView3};
@@ -262,10 +262,10 @@ fn information_is_told_of_held_out_objects_only() {
     let psf = render_psf(&frame.array, 1).unwrap();
     let convolver = imaging.convolver(psf.view()).unwrap();
     let value = |split| {
-        let objects = set.objects(split, 128, derived_seed(3, 1)).unwrap();
+        let objects = set.objects(split, 128, SeedStream::HeldOutObjects.derive(3)).unwrap();
         let encoded = convolver.measure(objects.view(), 10.0).unwrap();
-        let clean = Patches::one_each(encoded.dim(), (8, 8), derived_seed(3, 3)).unwrap().cut(encoded.view());
-        let noisy = Noise::Shot.draw(clean.view(), derived_seed(3, 4));
+        let clean = Patches::one_each(encoded.dim(), (8, 8), SeedStream::HeldOutPlaces.derive(3)).unwrap().cut(encoded.view());
+        let noisy = Noise::Shot.draw(clean.view(), SeedStream::HeldOutNoise.derive(3));
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
         let (bits, _) =
             score(ideal.density_model().unwrap(), &entropy, &PatchBatch { noisy, clean: Some(clean) }).unwrap();

@@ -10,7 +10,7 @@ use crate::forward::ForwardModel;
 use crate::information::HeldDensity;
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::{Convolution, Patches};
 
 /// The objects, and what chance does to their measurements.
@@ -62,9 +62,6 @@ pub fn information_gradient(
     Ok(DesignGradient { bits_per_pixel, lenslets: psf_gradient(array, by_psf.view())? })
 }
 
-/// Stream of the seed that noise is drawn from; places of patches have the seed itself.
-const NOISE: u64 = 1;
-
 /// Which measurements a gradient is taken of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GradientDraw {
@@ -95,7 +92,7 @@ impl ForwardModel<'_> {
         let objects = self.set.objects(split, objects, seed)?;
         let (rows, cols) = self.plan().measurement_shape();
         let patches = Patches::draw((objects.len_of(Axis(0)), rows, cols), patch, count, seed)?;
-        let mut random = ChaCha8Rng::seed_from_u64(derived_seed(seed, NOISE));
+        let mut random = ChaCha8Rng::seed_from_u64(SeedStream::GradientNoise.derive(seed));
         let normals = Array3::from_shape_simple_fn((count, patch.0, patch.1), || StandardNormal.sample(&mut random));
         let scene = GradientScene {
             plan: self.plan(),

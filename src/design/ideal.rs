@@ -24,7 +24,7 @@ use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLo
 use crate::nn::read_detail;
 use crate::objects::Split;
 use crate::optics::{LensletArray, Limits, Spot, render_psf};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sparsity::tamura_of_stack;
 
 /// Held-out measurements that the Tamura coefficient is taken from.
@@ -81,7 +81,7 @@ impl<'a> Ideal<'a> {
             Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
         };
         let (start, state) = (array.clone(), IdealState::new(array, settings.steps));
-        let held_out = imaging.set.objects(Split::Test, TAMURA_IMAGES, derived_seed(settings.seed, 1))?;
+        let held_out = imaging.set.objects(Split::Test, TAMURA_IMAGES, SeedStream::HeldOutObjects.derive(settings.seed))?;
         Ok(Self { imaging, start, limits, settings, patch, held_out, guide, state })
     }
 
@@ -280,8 +280,8 @@ impl<'a> Ideal<'a> {
 
     /// Fits the guide to the mask as it is: so many steps, each part of a round with draws of its own.
     fn fit(&mut self, (steps, part): (usize, u64), watch: &Watched<'_>) -> Result<(), IdealError> {
-        let round = self.state.frames.len() as u64;
-        let seed = derived_seed(self.settings.seed, FIT_SEEDS | part << 28 | round);
+        let round = self.state.frames.len();
+        let seed = SeedStream::RoundFit { part, round }.derive(self.settings.seed);
         let fit = GuideFit { steps, seed, warm: part == 0 && self.settings.warm && round > 0 };
         let state = &self.state;
         self.guide.fit(&fit, &mut |share| watch.tell(state, Some((Doing::Fitting, share))))
@@ -303,7 +303,7 @@ impl<'a> Ideal<'a> {
     ) -> Result<Frame, IdealError> {
         let psf = render_psf(&array, self.imaging.set.planes())?;
         let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
-        let measured = self.imaging.noise.draw(encoded.view(), derived_seed(self.settings.seed, 5));
+        let measured = self.imaging.noise.draw(encoded.view(), SeedStream::TamuraNoise.derive(self.settings.seed));
         let distinct = merged(&array);
         Ok(Frame {
             step,
@@ -323,7 +323,7 @@ impl<'a> Ideal<'a> {
     fn lower(&self, array: &LensletArray, watch: &Watched<'_>) -> Result<Option<QuickLowerBound>, IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let Some(channel) = self.imaging.bead_channel(psf.view(), self.patch) else { return Ok(None) };
-        let seed = derived_seed(self.settings.seed, 6);
+        let seed = SeedStream::RunLowerBound.derive(self.settings.seed);
         let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
         Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
     }
@@ -332,12 +332,6 @@ impl<'a> Ideal<'a> {
 /// Frames from one bound from below to the next, and the samples that it rests on.
 const LOWER_EVERY: usize = 5;
 const LOWER_SAMPLES: usize = 512;
-
-/// Streams of seeds, so that no fit and no step repeats the draws of another.
-const FIT_SEEDS: u64 = 1 << 32;
-const STEP_SEEDS: u64 = 1 << 33;
-const SEARCH_SEEDS: u64 = 1 << 34;
-const BESIDE_SEEDS: u64 = 1 << 35;
 
 #[cfg(test)]
 mod tests {

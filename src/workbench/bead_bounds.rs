@@ -6,7 +6,6 @@ use std::ops::ControlFlow;
 use super::estimate_request::{DensityModel, EstimateRequest};
 use super::evaluation::EvaluationError;
 use super::kept_estimate::KeptEstimate;
-use super::live_bounds::{ABOVE, BELOW};
 use super::patch_source::seen_psf;
 use super::progress::{Watch, tell};
 use crate::forward::Design;
@@ -18,7 +17,7 @@ use crate::information::{
     posterior_upper_bound,
 };
 use crate::objects::ObjectSet;
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
 /// above, which is soon as good as it gets; the rest is that of the density model.
@@ -33,9 +32,6 @@ pub(super) const DENSITY_BETWEEN: f64 = 1.0 - (DECODING + FOLLOWING_BELOW + FOLL
 /// most of them.
 const STEPS_PER_LEVEL: usize = 4;
 const LEVELS: (usize, usize) = (64, 400);
-
-/// Stream of random numbers for the decoder, beside those of the posterior.
-const DECODER: u64 = 4;
 
 /// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
 pub(super) fn bead_channel(
@@ -82,7 +78,7 @@ fn told_at_once(
 ) -> Result<Option<NamedBound>, EvaluationError> {
     let watch = RefCell::new(watch);
     let go_on = || tell(*watch.borrow_mut(), "Bounding from below", 0, 1).is_ok();
-    let bound = QuickLowerBound::new(channel, (scenes, NARROW), derived_seed(seed, DECODER), &go_on)?;
+    let bound = QuickLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), &go_on)?;
     Ok(bound.map(|QuickLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
         from: "decoder that comes with the program".into(),
         bits_per_pixel,
@@ -131,7 +127,7 @@ pub(super) fn bead_bounds(
     watch: Watch<'_>,
 ) -> Result<BeadBounds, EvaluationError> {
     let start = if fresh { None } else { Decoder::shipped_deep() };
-    let (kind, decoder_seed) = (DecoderKind::Autoregressive, derived_seed(seed, DECODER));
+    let (kind, decoder_seed) = (DecoderKind::Autoregressive, SeedStream::Decoder.derive(seed));
     let fit = match share_of(length, DECODING) {
         FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
@@ -142,8 +138,8 @@ pub(super) fn bead_bounds(
     };
     let (bound, decoder) =
         kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut |fit| watch(&fit.into())))?;
-    let follow = |share: f64, stream: u64| posterior_fit(seed, share_of(length, share), stream);
-    let (below, above) = (follow(FOLLOWING_BELOW, BELOW), follow(FOLLOWING_ABOVE, ABOVE));
+    let follow = |share: f64, stream: SeedStream| posterior_fit(seed, share_of(length, share), stream);
+    let (below, above) = (follow(FOLLOWING_BELOW, SeedStream::AisLower), follow(FOLLOWING_ABOVE, SeedStream::AisUpper));
     let below =
         kept.below(|keeper| posterior_lower_bound(channel, &below, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
     let above =
@@ -159,13 +155,13 @@ pub(super) fn bound_above(
     watch: Watch<'_>,
 ) -> Result<Option<PosteriorBound>, InformationError> {
     let Some(decoder) = Decoder::shipped() else { return Ok(None) };
-    let fit = posterior_fit(seed, share_of(length, FOLLOWING_ABOVE), ABOVE);
+    let fit = posterior_fit(seed, share_of(length, FOLLOWING_ABOVE), SeedStream::AisUpper);
     kept.above(|keeper| posterior_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
 }
 
 /// How the posterior is followed on one side for this length.
-fn posterior_fit(seed: u64, length: FitLength, stream: u64) -> PosteriorFit {
-    let seed = derived_seed(seed, stream);
+fn posterior_fit(seed: u64, length: FitLength, stream: SeedStream) -> PosteriorFit {
+    let seed = stream.derive(seed);
     match length {
         FitLength::Time(budget) => PosteriorFit::within(budget, seed),
         FitLength::Steps(steps) => PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),

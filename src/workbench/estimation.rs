@@ -24,7 +24,7 @@ use crate::information::{
     Trial, TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
 use crate::objects::{ObjectSet, Progress, Split};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::Patches;
 
 /// What decides an estimate of a design.
@@ -234,7 +234,7 @@ fn fitted(
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
-    let (_, train) = source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", watch)?;
+    let (_, train) = source.draw(train, request.patches_train, SeedStream::TrainingPatches.derive(seed), "Training patches", watch)?;
     let (clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     tell(watch, "Fitting", 0, 1)?;
     Ok(gaussian_estimate(&GaussianRequest {
@@ -259,7 +259,7 @@ fn network(
     // Where nothing is fitted nothing is drawn to be.
     let training = match request.weights.from {
         Some(_) => None,
-        None => Some(source.draw(train, request.patches_train, derived_seed(seed, 1), "Training patches", watch)?),
+        None => Some(source.draw(train, request.patches_train, SeedStream::TrainingPatches.derive(seed), "Training patches", watch)?),
     };
     let (test_clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     let network = PixelCnnRequest {
@@ -315,7 +315,7 @@ fn causal(
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, (_, test)) = (source.imaging.set.fitting_parts().0, source.splits());
-    let (stream, validation) = source.imaging.fitting(source.convolver, source.patch, derived_seed(seed, 4))?;
+    let (stream, validation) = source.imaging.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
     let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {

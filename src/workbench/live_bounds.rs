@@ -13,15 +13,11 @@ use crate::information::{
     PosteriorBound, PosteriorFit, QuickLowerBound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
     savings_gain,
 };
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Half width of the interval of the decoder's bound that is enough, bits per pixel.
 const LOWER_HALF_WIDTH: f64 = 0.002;
-/// Streams of random numbers for the posterior from below and from above.
-pub(super) const BELOW: u64 = 8;
-pub(super) const ABOVE: u64 = 9;
-/// The same for the comparison with the mask before an edit, and how many of its samples belong together.
-const EDIT: u64 = 10;
+/// Samples of the comparison with the mask before an edit that belong together.
 const EDIT_BLOCK: usize = 64;
 
 /// Samples behind a bound that knows the prior.
@@ -101,7 +97,7 @@ impl<'a> Beads<'a> {
         let (Some(channel), Some((_, before)), Some(decoder)) = (self.channel, &self.before, Decoder::shipped()) else {
             return false;
         };
-        let seed = derived_seed(self.seed, EDIT);
+        let seed = SeedStream::EditComparison.derive(self.seed);
         let savings =
             |channel: &BeadChannel| decoder_savings(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &|| !stop()).ok();
         let Some((before, after)) = savings(before).zip(savings(channel)) else { return false };
@@ -118,7 +114,7 @@ impl<'a> Beads<'a> {
     /// What the decoder tells of fresh samples.
     pub fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
         let Some(channel) = self.channel else { return };
-        let seed = derived_seed(self.seed, 7);
+        let seed = SeedStream::LiveDecoder.derive(self.seed);
         let Ok(Some(bound)) = QuickLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
             return;
         };
@@ -128,24 +124,24 @@ impl<'a> Beads<'a> {
 
     /// The posterior from both sides, for so long each.
     pub fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        self.below(&PosteriorFit::within(time, derived_seed(self.seed, BELOW)), stop);
+        self.below(&PosteriorFit::within(time, SeedStream::AisLower.derive(self.seed)), stop);
         self.follow_from_above(time, stop);
     }
 
     /// The posterior from above alone, for so long.
     pub fn follow_from_above(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        self.above(&PosteriorFit::within(time, derived_seed(self.seed, ABOVE)), stop);
+        self.above(&PosteriorFit::within(time, SeedStream::AisUpper.derive(self.seed)), stop);
     }
 
     /// The bounds once more from just these samples; those that cannot be had are left out.
     pub fn repeat(&mut self, (lower, upper): (Option<Draws>, Option<Draws>), stop: &(dyn Fn() -> bool + Sync)) {
         match lower {
             Some(Draws::AtOnce { samples }) => self.decode(samples, stop),
-            Some(Draws::Followed { levels, samples }) => self.below(&self.again(levels, samples, BELOW), stop),
+            Some(Draws::Followed { levels, samples }) => self.below(&self.again(levels, samples, SeedStream::AisLower), stop),
             None => {}
         }
         if let Some(Draws::Followed { levels, samples }) = upper {
-            self.above(&self.again(levels, samples, ABOVE), stop);
+            self.above(&self.again(levels, samples, SeedStream::AisUpper), stop);
         }
     }
 
@@ -159,8 +155,8 @@ impl<'a> Beads<'a> {
     }
 
     /// The fit that follows the posterior of just these samples.
-    pub fn again(&self, levels: usize, samples: usize, stream: u64) -> PosteriorFit {
-        let seed = derived_seed(self.seed, stream);
+    pub fn again(&self, levels: usize, samples: usize, stream: SeedStream) -> PosteriorFit {
+        let seed = stream.derive(self.seed);
         PosteriorFit { samples, half_width: 0.0, ..PosteriorFit::of_levels(levels, seed) }
     }
 

@@ -18,7 +18,7 @@ use crate::information::{
 };
 use crate::nn::Averaging;
 use crate::objects::Split;
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
@@ -132,7 +132,7 @@ impl<'a> Subject<'a> {
     /// Numbers and seeds of the two parts of so many held-out patches.
     fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
         let first = count.min(SCORED);
-        ((first, derived_seed(self.design.seed, 2)), (count - first, derived_seed(self.design.seed, 5)))
+        ((first, SeedStream::TestPatches.derive(self.design.seed)), (count - first, SeedStream::MoreTestPatches.derive(self.design.seed)))
     }
 
     /// The base images that so many held-out patches show.
@@ -146,7 +146,7 @@ impl<'a> Subject<'a> {
 
     /// Fresh patches to fit to, and those that validate a fit to few images.
     pub fn fitting(&self) -> Result<(MeasurementStream<'_>, Option<PatchBatch>), InformationError> {
-        self.imaging.fitting(&self.convolver, self.patch, derived_seed(self.design.seed, 6))
+        self.imaging.fitting(&self.convolver, self.patch, SeedStream::LivePatches.derive(self.design.seed))
     }
 
     /// The model before its fit.
@@ -171,7 +171,7 @@ impl<'a> Subject<'a> {
     }
 
     fn seed(&self) -> u64 {
-        derived_seed(self.design.seed, 3)
+        SeedStream::LiveFit.derive(self.design.seed)
     }
 
     pub fn fit(&self, planned: usize, warm: bool) -> CausalFit {

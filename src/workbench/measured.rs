@@ -26,7 +26,7 @@ use crate::information::{
 };
 use crate::objects::ObjectSource;
 use crate::plural::counted;
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::{Noise, Patches, SensorError};
 
 /// One image in this many is held out for the test patches.
@@ -265,9 +265,9 @@ impl MeasuredImages {
         request.model.check_patch(patch)?;
         let test_images = images.div_ceil(TEST_SHARE);
         // All trials are tested on the same patches: the smallest of estimates on other scenes would be that of the dullest.
-        let test_seed = derived_seed(seed, 2);
+        let test_seed = SeedStream::TestPatches.derive(seed);
         let mut order: Vec<usize> = (0..images).collect();
-        order.shuffle(&mut ChaCha8Rng::seed_from_u64(derived_seed(seed, 0)));
+        order.shuffle(&mut ChaCha8Rng::seed_from_u64(SeedStream::MeasuredOrder.derive(seed)));
         let parts = order.split_at(test_images);
         let fingerprint = self.fingerprint();
         let mut kept = KeptEstimate::open(request.keep.as_deref(), || {
@@ -338,7 +338,7 @@ impl MeasuredImages {
             let validation = match validation {
                 [] => None,
                 images => {
-                    let (noisy, _) = self.cut(images, patch, VALIDATION_PATCHES, derived_seed(seed, 4), "the fit")?;
+                    let (noisy, _) = self.cut(images, patch, VALIDATION_PATCHES, SeedStream::CausalFit.derive(seed), "the fit")?;
                     Some(PatchBatch { noisy, clean: None })
                 }
             };
@@ -359,7 +359,7 @@ impl MeasuredImages {
         }
         let train = match request.weights.from {
             Some(_) => None,
-            None => Some(self.cut(train, patch, request.patches_train, derived_seed(seed, 1), "the fit")?.0),
+            None => Some(self.cut(train, patch, request.patches_train, SeedStream::TrainingPatches.derive(seed), "the fit")?.0),
         };
         tell(watch, "Fitting", 0, 1)?;
         let (test, protocol) = (test.view(), request.protocol);

@@ -11,7 +11,7 @@ use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::information::{InformationError, Protocol, SharedPictures, Trial};
 use crate::objects::{ObjectSet, Split};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches};
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
@@ -60,15 +60,15 @@ impl<'a> PatchSource<'a> {
     /// be that of the dullest ones; published trials have their own.
     pub fn test_seed(&self, trial: u64) -> u64 {
         match self.protocol {
-            Protocol::Default => derived_seed(self.design.seed, 2),
-            Protocol::Paper => derived_seed(trial, 2),
+            Protocol::Default => SeedStream::TestPatches.derive(self.design.seed),
+            Protocol::Paper => SeedStream::TestPatches.derive(trial),
         }
     }
 
     /// How the objects of a batch are drawn.
     fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
         let first = index * self.imaging.set.batch();
-        let place_seed = derived_seed(seed, first as u64);
+        let place_seed = SeedStream::Batch { first }.derive(seed);
         // Whole pictures come in one order, so that none comes again before all have come.
         match self.imaging.set.whole_pictures(split) {
             Some(_) => Batch { first, object_seed: seed, place_seed },
@@ -147,7 +147,7 @@ impl<'a> PatchSource<'a> {
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
             part.assign(&Patches::one_each(encoded.dim(), self.patch, batch.place_seed)?.cut(encoded.view()));
         }
-        let mut noisy = self.design.noise.draw(clean.view(), derived_seed(seed, u64::MAX));
+        let mut noisy = self.design.noise.draw(clean.view(), SeedStream::BatchNoise.derive(seed));
         if self.protocol == Protocol::Paper && matches!(self.design.noise, Noise::Read { .. }) {
             // As published: read noise does not take a pixel below 0.
             noisy.mapv_inplace(|value| value.max(0.0));

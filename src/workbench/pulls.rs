@@ -7,7 +7,7 @@ use crate::forward::ForwardModel;
 use crate::information::{CausalModel, Decoder};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Fresh scenes of a block, and fewer of measurements with more pixels than these; blocks tell by how much they differ what is chance.
 const SCENES: f64 = 8.0;
@@ -15,8 +15,6 @@ const PIXELS: f64 = 65.0 * 65.0;
 /// Fewest blocks that tell that, and most; more would only wait for each other.
 const BLOCKS: usize = 8;
 const MOST_BLOCKS: usize = 2048;
-/// Stream of random numbers.
-const PULLS: u64 = 6;
 /// Share of the pulls that are chance alone and are taken for more.
 const TAKEN_FOR_MORE: f64 = 0.05;
 
@@ -50,7 +48,7 @@ impl<'a> Pulls<'a> {
     /// Before any scene.
     pub fn new(imaging: &'a ForwardModel<'a>, array: Option<&'a LensletArray>, seed: u64) -> Self {
         let decoder = Decoder::shipped().filter(|_| imaging.set.bead_prior().is_some());
-        let seed = derived_seed(seed, PULLS);
+        let seed = SeedStream::PositionGradients.derive(seed);
         Self { imaging, array, seed, decoder, blocks: Vec::new(), are_decoded: false, told: None }
     }
 
@@ -75,7 +73,7 @@ impl<'a> Pulls<'a> {
         self.are_decoded = decoder.is_some();
         let began = Instant::now();
         while !stop() && self.blocks.len() < MOST_BLOCKS && (self.blocks.len() < BLOCKS || began.elapsed() < time) {
-            let seed = derived_seed(self.seed, self.blocks.len() as u64);
+            let seed = SeedStream::Block { index: self.blocks.len() }.derive(self.seed);
             let slopes = match decoder {
                 Some(decoder) => self.by_decoder(decoder, (array, model), seed),
                 None => self.by_density(model, array, seed),

@@ -15,7 +15,7 @@ use crate::information::{
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// The causal density model of live estimates.
 pub(in crate::design) struct DensityGuide<'a> {
@@ -56,7 +56,7 @@ impl<'a> DensityGuide<'a> {
         let drawn = |array: &LensletArray| -> Result<_, IdealError> {
             let psf = render_psf(array, planes)?;
             let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch);
-            Ok((stream.draw(SAMPLE, derived_seed(seed, 2))?, psf, stream))
+            Ok((stream.draw(SAMPLE, SeedStream::ScalePatches.derive(seed))?, psf, stream))
         };
         let (sample, psf, stream) = drawn(start)?;
         let (x, y) = ((start.cols / 2) as f64, (start.rows / 2) as f64);
@@ -121,7 +121,7 @@ impl Guide for DensityGuide<'_> {
     fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         self.stream = self.seen_through(psf.view())?;
-        let sample = self.stream.draw(SAMPLE, derived_seed(self.seed, 2))?;
+        let sample = self.stream.draw(SAMPLE, SeedStream::ScalePatches.derive(self.seed))?;
         let moments = self.moments.of(psf.view())?;
         self.model =
             if warm { self.model.following(&sample, &moments)? } else { self.first.anew(&sample, &moments)? };

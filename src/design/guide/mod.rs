@@ -18,7 +18,7 @@ use crate::forward::ForwardModel;
 use crate::information::{CausalModel, DecoderRefit, SharedPictures, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::Patches;
 
 /// Factor of the learning rate of fits that go on from weights of a similar mask.
@@ -95,9 +95,6 @@ pub(super) trait Guide {
     }
 }
 
-/// Purpose of the seed of the places of held-out patches.
-const PLACES: u64 = 3;
-
 /// Objects that neither a density model nor its mask has seen.
 struct HeldOut {
     /// Shape (n, planes, rows, cols).
@@ -112,12 +109,12 @@ impl HeldOut {
     fn new(imaging: &ForwardModel<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
         // A picture that comes again tells nothing new; an interval takes two.
         let count = imaging.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
-        let object_seed = derived_seed(seed, 1);
+        let object_seed = SeedStream::HeldOutObjects.derive(seed);
         let objects = imaging.set.objects(Split::Test, count, object_seed)?;
         // The mask will change; on the whole every part of its grid is as bright.
         let ((field_rows, field_cols), (rows, cols)) = (imaging.set.field(), imaging.plan().measurement_shape());
         let flat = Array3::ones((1, field_rows + 1 - rows, field_cols + 1 - cols));
-        let places = Patches::one_each((count, rows, cols), patch, derived_seed(seed, PLACES))?;
+        let places = Patches::one_each((count, rows, cols), patch, SeedStream::HeldOutPlaces.derive(seed))?;
         let shared = imaging.shared_pictures(flat.view(), patch, (Split::Test, 0, object_seed), &places);
         Ok(Self { objects, shared: shared.unwrap_or_default(), patch, seed })
     }
@@ -130,8 +127,8 @@ impl HeldOut {
     ) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
         let psf = render_psf(array, imaging.set.planes())?;
         let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
-        let clean = Patches::one_each(encoded.dim(), self.patch, derived_seed(self.seed, PLACES))?.cut(encoded.view());
-        let noisy = imaging.noise.draw(clean.view(), derived_seed(self.seed, 4));
+        let clean = Patches::one_each(encoded.dim(), self.patch, SeedStream::HeldOutPlaces.derive(self.seed))?.cut(encoded.view());
+        let noisy = imaging.noise.draw(clean.view(), SeedStream::HeldOutNoise.derive(self.seed));
         Ok((clean, noisy))
     }
 

@@ -11,7 +11,7 @@ use crate::information::{
 };
 use crate::objects::Split;
 use crate::optics::{LensletArray, render_psf};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Fresh patches of a fit, of which a tenth validate.
 const TRAINING: usize = 4096;
@@ -50,7 +50,7 @@ impl<'a> PixelCnnGuide<'a> {
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
         let held_out = HeldOut::new(&imaging, patch, seed)?;
         let stream = stream(&imaging, start, patch)?;
-        let sample = stream.draw(SAMPLE, derived_seed(seed, 2))?;
+        let sample = stream.draw(SAMPLE, SeedStream::ScalePatches.derive(seed))?;
         let scale = DataScale::of(sample.noisy.view(), MIN_WIDTH)?;
         let network = PixelCnn::new(PixelCnnShape::default(), scale, seed);
         Ok(Self { imaging, patch, seed, entropy, held_out, network, stream })
@@ -80,7 +80,7 @@ impl Guide for PixelCnnGuide<'_> {
 
     fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
         let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
-        let noisy = dequantised(noisy.view(), derived_seed(self.seed, 7), 0);
+        let noisy = dequantised(noisy.view(), SeedStream::Dequantisation.derive(self.seed), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
         let of_noise = self.entropy.patch_bits(clean.view())?;
         let information: Vec<f64> = cross_entropy.iter().zip(of_noise).map(|(all, noise)| all - noise).collect();

@@ -12,7 +12,7 @@ use crate::information::{
     BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, QuickLowerBound, decoder_savings, spot_slope,
 };
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Pixels of a patch of 32 x 32 px. Larger ones tell as much of a mask by fewer scenes.
 const SMALL: f64 = 32.0 * 32.0;
@@ -100,7 +100,7 @@ impl PosteriorGuide<'_> {
         scenes: Range<usize>,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<f64>, IdealError> {
-        self.savings(array, (scenes, derived_seed(self.seed, 6), BLOCK), go_on)
+        self.savings(array, (scenes, SeedStream::RunLowerBound.derive(self.seed), BLOCK), go_on)
     }
 
     /// What the decoder tells of some of the scenes of a seed through any mask, each `block` of which belong together.

@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::{BESIDE_SEEDS, Ideal, STEP_SEEDS};
+use super::Ideal;
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::guide::{GuideFit, bound};
@@ -13,7 +13,7 @@ use crate::design::watched::Watched;
 use crate::information::InformationError;
 use crate::objects::Split;
 use crate::optics::LensletArray;
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Refused steps after which a run is given up.
 const MAX_REFUSED: usize = 30;
@@ -43,7 +43,7 @@ impl Ideal<'_> {
         };
         let moves = self.settings.moves.min(self.patches());
         let turns = steps * moves;
-        let seed = derived_seed(self.settings.seed, BESIDE_SEEDS | self.state.step as u64);
+        let seed = SeedStream::OnlineFit { step: self.state.step }.derive(self.settings.seed);
         let fit = GuideFit { steps: self.settings.refit_from(self.state.step), seed, warm: true };
         let (mut refit, mut savings) = (None, Vec::new());
         if let Some(posterior) = self.guide.posterior().filter(|_| self.settings.warm && steps > 0) {
@@ -120,7 +120,7 @@ impl Ideal<'_> {
             split: Split::Train,
             objects: (self.settings.objects * share / patches).max(1),
             patches: share,
-            seed: derived_seed(self.settings.seed, STEP_SEEDS | (part as u64) << 40 | self.state.step as u64),
+            seed: SeedStream::Step { substep: part, step: self.state.step }.derive(self.settings.seed),
         };
         let go_on = || watch.tell(&self.state, None).is_continue();
         let mut slopes = by_parameters(array, &self.guide.slopes(array, &draw, &go_on)?);

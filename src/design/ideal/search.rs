@@ -9,7 +9,7 @@ use std::ops::{Range, RangeInclusive};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Ideal, SEARCH_SEEDS};
+use super::Ideal;
 use crate::design::error::IdealError;
 use crate::design::guide::BLOCK;
 use crate::design::merge::{close_pair, joined, merged};
@@ -19,7 +19,7 @@ use crate::design::state::{Doing, IdealEvent};
 use crate::design::watched::Watched;
 use crate::information::savings_gain;
 use crate::optics::{Lenslet, LensletArray, Limits};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// A lenslet is faint that has less than this share of the mean light of the others.
 const FAINT: f64 = 0.25;
@@ -48,7 +48,7 @@ impl Ideal<'_> {
         }
         let (state, settings) = (&self.state, &self.settings);
         let Some(posterior) = self.guide.posterior() else { return Ok(()) };
-        let seed = |part: u64| derived_seed(settings.seed, SEARCH_SEEDS | part << 28 | state.step as u64);
+        let seed = |part: u64| SeedStream::Relocation { part, step: state.step }.derive(settings.seed);
         let mut tried = tried(&state.array, (settings, &self.limits), &state.pruned, seed(0));
         if tried.is_empty() {
             return Ok(());

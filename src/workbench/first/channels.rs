@@ -9,7 +9,7 @@ use crate::forward::ForwardModel;
 use crate::information::{BeadChannel, InformationError};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::optics::render_psf;
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 
 /// Densities of beads, and mean light of objects (photons per pixel).
 const DENSITIES: (f64, f64) = (0.006, 0.15);
@@ -27,7 +27,7 @@ const SENSOR_SHARE: f64 = 0.1;
 /// # Errors
 /// Where it cannot be computed.
 pub fn first_channel(seed: u64, number: u64) -> Result<BeadChannel, InformationError> {
-    channel(derived_seed(seed, number)).map_err(|error| InformationError::Stream { reason: error.to_string() })
+    channel(SeedStream::TrainingProblem { number }.derive(seed)).map_err(|error| InformationError::Stream { reason: error.to_string() })
 }
 
 fn channel(seed: u64) -> Result<BeadChannel, IdealError> {

@@ -11,7 +11,7 @@ use crate::forward::ForwardModel;
 use crate::information::{FirstScene, InformationError, Moments, PatchBatch, PatchStream};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use crate::optics::render_psf;
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::{Convolution, Patches};
 
 /// Rows and columns of objects and of patches, px.
@@ -34,7 +34,7 @@ const BEADS_SHARE: f64 = 0.35;
 /// # Errors
 /// Where it cannot be computed.
 pub fn first_scene(seed: u64, number: u64) -> Result<FirstScene, InformationError> {
-    scene(derived_seed(seed, number)).map_err(|error| InformationError::Stream { reason: error.to_string() })
+    scene(SeedStream::TrainingProblem { number }.derive(seed)).map_err(|error| InformationError::Stream { reason: error.to_string() })
 }
 
 fn scene(seed: u64) -> Result<FirstScene, IdealError> {
@@ -57,7 +57,7 @@ fn scene(seed: u64) -> Result<FirstScene, IdealError> {
     let objects = mosaics(&mut random, mean_photons);
     let encoded = Convolution::new((FIELD, FIELD), grid)?.with_psf(psf.view())?.measure(objects.view(), bias)?;
     let clean = Patches::draw(encoded.dim(), PATCH, PATCHES_PER_OBJECT * OBJECTS, seed)?.cut(encoded.view());
-    let noisy = noise.draw(clean.view(), derived_seed(seed, 1));
+    let noisy = noise.draw(clean.view(), SeedStream::PatchNoise.derive(seed));
     let moments = Moments::of_patches(noisy.view())?;
     Ok(FirstScene { noise, patches: PatchBatch { noisy, clean: Some(clean) }.first(FITTED), moments })
 }

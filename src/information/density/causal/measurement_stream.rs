@@ -9,7 +9,7 @@ use crate::forward::{ForwardError, ForwardModel};
 use crate::information::error::InformationError;
 use crate::information::statistics::shared_images::SharedPictures;
 use crate::objects::{ObjectSet, PlacedPicture, Split};
-use crate::seeds::derived_seed;
+use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches, SensorError};
 
 /// Patches that are cut from one measurement while a model is fitted: drawing objects costs more than cutting.
@@ -175,7 +175,7 @@ impl MeasurementStream<'_> {
             Ok(clean)
         };
         let clean = cut().map_err(|error| InformationError::Stream { reason: error.to_string() })?;
-        let noisy = self.noise.draw(clean.view(), derived_seed(seed, 1));
+        let noisy = self.noise.draw(clean.view(), SeedStream::PatchNoise.derive(seed));
         Ok(PatchBatch { noisy, clean: Some(clean) })
     }
 }
