@@ -1,5 +1,4 @@
-//! What the window remembers from one day to the next: preferences, the arrangement of its rooms, and designs that were put
-//! aside, each in a file of its own.
+//! Files that outlive a session: preferences, layout and snapshots, each in a file of its own.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,31 +14,28 @@ use crate::studio::app::layout;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::preferences::{Preferences, RECENT, RendererChoice, THREADS, ZOOM};
 use crate::workbench::FileChange;
-
-/// The files.
+/// Names of the files.
 const PREFERENCES: &str = "preferences.json";
 const LAYOUT: &str = "layout.json";
 /// Their kinds.
 const PREFERENCES_KIND: DocumentKind =
     DocumentKind::unmarked_before("lenslet-studio/preferences", "the preferences of the window");
 const LAYOUT_KIND: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/layout", "a layout of the window");
-/// Where eframe keeps size and place of the window.
+/// File in which eframe stores size and position of the window.
 const GEOMETRY: &str = "app.ron";
-/// The folder of designs that were put aside.
+/// Folder of the snapshots.
 pub const KEPT: &str = "kept";
-
-/// Why a folder keeps nothing.
+/// Why a folder cannot store application data.
 #[derive(Debug, Error)]
 #[error("{} cannot be written ({reason})", folder.display())]
 pub struct AppDataError {
     folder: PathBuf,
     reason: std::io::Error,
 }
-
-/// The folder of those files, and the thread that writes them.
+/// The folder of the application data, and the thread that writes its files.
 pub struct AppData {
     folder: PathBuf,
-    /// What the files hold.
+    /// Preferences that were written last.
     preferences: Preferences,
     layout: String,
     /// What the file of preferences was last given by this window.
@@ -48,7 +44,7 @@ pub struct AppData {
 }
 
 impl AppData {
-    /// What is remembered in a folder; files that cannot be read are as good as none.
+    /// Preferences and layout of a folder; unreadable files count as missing.
     pub fn read(folder: &Path) -> (Preferences, Option<Tree<Pane>>) {
         let mut preferences: Preferences = PREFERENCES_KIND.read(&folder.join(PREFERENCES)).unwrap_or_default();
         if !ZOOM.contains(&preferences.zoom) {
@@ -57,11 +53,10 @@ impl AppData {
         preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
         (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(layout::restored))
     }
-
-    /// A folder whose files hold these preferences and this layout.
+    /// Application data in a folder whose files hold these preferences and this layout.
     ///
     /// # Errors
-    /// Where nothing can be written there, or the operating system gives no thread.
+    /// If the folder is not writable, or no thread can be started.
     pub fn in_folder(
         folder: &Path,
         preferences: &Preferences,
@@ -78,28 +73,25 @@ impl AppData {
             writer,
         })
     }
-
-    /// A sentence for each file of a folder that a newer program has written. Such files are neither used nor overwritten.
+    /// One sentence per file of a newer program version. Such files are neither used nor overwritten.
     pub fn newer_files(folder: &Path) -> Vec<String> {
         let is_newer = |(kind, name): &(DocumentKind, &str)| kind.is_newer(&folder.join(name));
         let files = [(PREFERENCES_KIND, PREFERENCES), (LAYOUT_KIND, LAYOUT)];
         let refused = |(kind, name): (DocumentKind, &str)| kind.read::<Value>(&folder.join(name)).err();
         files.into_iter().filter(is_newer).filter_map(refused).map(|error| error.to_string()).collect()
     }
-
-    /// What is to draw the window, by the preferences of a folder.
+    /// The renderer that the preferences of a folder name.
     pub fn renderer(folder: &Path) -> Option<RendererChoice> {
         PREFERENCES_KIND.read::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
     }
-
-    /// Forgets layout and preferences of a folder, but neither recent files nor where unsaved changes are kept: what a crash
-    /// left there is still to be offered.
+    /// Resets layout and preferences of a folder. Recent files and the folder of unsaved changes stay, so that designs left
+    /// by a crash are still offered.
     ///
     /// # Errors
-    /// Where they cannot be written.
+    /// If the files cannot be written.
     pub fn reset(folder: &Path) -> Result<(), FormatError> {
         for name in [LAYOUT, GEOMETRY] {
-            // It may never have been there.
+            // The file may not exist.
             let _ = std::fs::remove_file(folder.join(name));
         }
         let path = folder.join(PREFERENCES);
@@ -107,9 +99,7 @@ impl AppData {
         PREFERENCES_KIND
             .write(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })
     }
-
-    /// Writes what has changed, on another thread; the layout where it is given. Returns why an earlier attempt failed,
-    /// once.
+    /// Writes changed preferences, and the layout if given, on another thread. Returns the failure of an earlier write once.
     pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
         if self.preferences != *preferences {
             self.preferences = preferences.clone();
@@ -153,27 +143,24 @@ impl AppData {
         }
     }
 }
-
-/// What a file of preferences is to hold where they have changed from `before` to `now`: another window may have changed others.
+/// Content of the preferences file after a change from `before` to `now`; changes of another window are kept.
 fn changed(path: &Path, before: &Value, now: Value) -> Value {
     let (Ok(Value::Object(mut file)), Value::Object(now)) = (read_json(path), &now) else { return now };
     for (name, value) in now.iter().filter(|&(name, value)| before.get(name) != Some(value)) {
         let value = if name == "recent" { with_others(value, file.get(name)) } else { value.clone() };
         file.insert(name.clone(), value);
     }
-    // They are written anew in front of the content.
+    // The writer puts them in front of the content.
     for mark in ["format", "format_version"] {
         file.remove(mark);
     }
     Value::Object(file)
 }
-
-/// The text of the file of a layout.
+/// Text of a layout file.
 fn layout_text(layout: &Tree<Pane>) -> serde_json::Result<String> {
     text_of(&LAYOUT_KIND.marked(layout))
 }
-
-/// The recent files of this window, and those that another has opened besides; none where they were to be forgotten.
+/// Recent files of this window and of others; empty if the list was cleared.
 fn with_others(own: &Value, known: Option<&Value>) -> Value {
     match (own.as_array(), known.and_then(Value::as_array)) {
         (Some(own), Some(known)) if !own.is_empty() => {
@@ -183,8 +170,7 @@ fn with_others(own: &Value, known: Option<&Value>) -> Value {
         _ => own.clone(),
     }
 }
-
-/// The content of a file; none where the value has no JSON form.
+/// Content of a file; none if the value cannot be written as JSON.
 fn bytes_of(value: &impl Serialize) -> Option<Vec<u8>> {
     text_of(value).ok().map(String::into_bytes)
 }
@@ -199,8 +185,7 @@ fn text_of(value: &impl Serialize) -> serde_json::Result<String> {
 mod tests {
     use super::*;
     use crate::studio::app::layout::default_layout;
-
-    /// A folder, with what is remembered there.
+    /// Application data in a folder, with its preferences and layout.
     fn home_in(folder: &Path) -> (AppData, Preferences, Option<Tree<Pane>>) {
         let (preferences, layout) = AppData::read(folder);
         (AppData::in_folder(folder, &preferences, layout.as_ref()).unwrap(), preferences, layout)

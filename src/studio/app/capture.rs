@@ -1,4 +1,4 @@
-//! Images of rooms as they are on the screen, for reports.
+//! Images of panels as shown on the screen.
 
 use std::sync::mpsc::{TryRecvError, channel};
 
@@ -8,8 +8,7 @@ use ndarray::Array3;
 use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
-
-/// Goes on with the picture that was asked for. To be called for every frame.
+/// Advances a requested capture. Call once per frame.
 pub fn advance(ctx: &egui::Context, state: &mut State) {
     let Some(wanted) = &mut state.capture.wanted else { return };
     if wanted.wait > 0 {
@@ -22,7 +21,7 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
         let (rect, scale, repaint) = (wanted.rect, ctx.pixels_per_point(), ctx.clone());
         wanted.picture = Some(receiver);
         ctx.request_screenshot(move |screen| {
-            // Whoever closed the window in between wants no picture.
+            // The window may be closed.
             let _ = sender.send(cut(&screen, rect, scale));
             repaint.request_repaint();
         });
@@ -38,8 +37,7 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
         Err(TryRecvError::Disconnected) => state.capture.wanted = None,
     }
 }
-
-/// A part of the screen, shape (rows, cols, 3); `scale` is in pixels per point.
+/// A rectangle of the screen, shape (rows, cols, 3); `scale` in pixels per point.
 fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
     let [width, height] = screen.size;
     let place = |at: f32, most: usize| ((at * scale).round().max(0.0) as usize).min(most);
@@ -50,8 +48,7 @@ fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
         screen.pixels[(top + row) * width + left + col].to_array()[channel]
     })
 }
-
-/// One entry for each room that is seen.
+/// One menu entry per visible panel.
 pub fn menu(ui: &mut Ui, state: &mut State) {
     let mut wanted = None;
     for &(pane, _) in &state.panel_rects {

@@ -1,4 +1,4 @@
-//! Does actions.
+//! Runs the actions of menus, shortcuts, palette, panels and dialogs.
 
 use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
 use crate::plural::counted;
@@ -10,7 +10,7 @@ use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
 use crate::workbench::{Command, Job, Workbench, bounds_command, reproduce_command};
 
-/// Does an action.
+/// Runs an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
     let beside = state.bench.path().map(ToOwned::to_owned);
     let mut ask = |purpose| state.path_dialog.ask(purpose, beside.as_deref());
@@ -38,7 +38,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         }
         Action::StopRun => state.bench.stop_run(),
         Action::Accept => {
-            // What is shown is what was meant, however the run goes on.
+            // The shown mask is accepted, even if the run has advanced.
             state.bench.follow_run(false);
             if !state.bench.accept() {
                 state.request_transition(ctx, Transition::Accept);
@@ -108,8 +108,7 @@ fn put(preset: Preset, state: &mut State) {
     };
     state.send(&Command::ReplaceEncoder { name, encoder });
 }
-
-/// Lets the room under the pointer fill the window; the mask where there is none; all rooms where one fills it.
+/// Maximizes the panel under the pointer, or else the mask; restores all panels if one is maximized.
 fn maximise(ctx: &egui::Context, state: &mut State) {
     let pointer = ctx.pointer_latest_pos();
     let under = state.panel_rects.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));

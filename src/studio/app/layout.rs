@@ -1,4 +1,4 @@
-//! The rooms of the window and how they are arranged.
+//! The layout of the panels.
 
 use std::collections::BTreeSet;
 
@@ -19,8 +19,7 @@ use crate::studio::panels::samples;
 use crate::studio::panels::scene;
 use crate::studio::state::app_state::State;
 use crate::studio::state::pane::Pane;
-
-/// The arrangement that a new window has: mask and lenslets, object and measurement, numbers.
+/// The default layout: mask and lenslets, object and measurement, numbers.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
     let column = |tiles: &mut Tiles<Pane>, panes: [(Pane, f32); 2]| {
@@ -60,9 +59,8 @@ pub fn default_layout() -> Tree<Pane> {
     let root = tiles.insert_container(Container::Linear(row));
     Tree::new(egui::Id::unique("rooms"), root, tiles)
 }
-
-/// An arrangement from a file: without rooms that this version does not have; rooms that the file does not have stand
-/// beside the scene. None where the file is no arrangement of rooms.
+/// A valid layout from a file. Unknown panels are dropped, missing ones are added beside the scene. None if the file holds
+/// no layout.
 pub fn restored(mut tree: Tree<Pane>) -> Option<Tree<Pane>> {
     if !is_sound(&tree) {
         return None;
@@ -108,14 +106,13 @@ fn is_sound(tree: &Tree<Pane>) -> bool {
     }
     seen.len() == tree.tiles.len()
 }
-
-/// One room that fills the window, and the way back.
+/// Shows one maximized panel, and a button that restores all.
 pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
     ui.horizontal(|ui| {
         ui.add_space(8.0);
         ui.strong(pane.title());
         let back = ui.small_button("Show all panels").on_hover_text("Or press Escape");
-        // A question in front, or an open menu, is closed first.
+        // Escape closes an open dialog or menu first.
         let is_in_front = ui.memory(|memory| memory.focused().is_none() && memory.allows_interaction(ui.layer_id()));
         let escape = is_in_front
             && !egui::Popup::is_any_open(ui.ctx())
@@ -124,11 +121,10 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
             state.maximised = None;
         }
     });
-    // A room that fills the window is not dragged.
+    // A maximized panel is not dragged.
     let _ = PanelBehavior(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
 }
-
-/// Draws the rooms.
+/// Draws the panels.
 pub struct PanelBehavior<'a>(pub &'a mut State);
 
 impl Behavior<Pane> for PanelBehavior<'_> {

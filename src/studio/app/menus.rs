@@ -1,4 +1,4 @@
-//! The menus: entries for actions, and what only stands in menus.
+//! The menu bar.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -33,8 +33,7 @@ pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
     ui.separator();
     action_entry::entry(ui, state, Action::Quit);
 }
-
-/// Designs that were opened or saved before, the newest first.
+/// Recent design files, newest first.
 fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
     let mut chosen = None;
     for path in &state.preferences.recent {
@@ -53,8 +52,7 @@ fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
         state.request_transition(&ctx, Transition::OpenFile(path));
     }
 }
-
-/// The name of a file; with its folder, where others have the same name.
+/// Name of a file, with its folder if others have the same name.
 fn short_name(path: &Path, all: &[PathBuf]) -> String {
     let text = |part: Option<&OsStr>| part.map_or_else(String::new, |part| part.to_string_lossy().into_owned());
     let folder = || path.parent().map_or_else(String::new, |folder| folder.display().to_string());

@@ -1,17 +1,15 @@
-//! How often the window is drawn for what is computed beside it.
+//! Limits how often background results repaint the window.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-
-/// Least and most time from one frame to the next that is asked for by what is computed.
+/// Shortest and longest time between two frames that background results request.
 const EVERY: (Duration, Duration) = (Duration::from_millis(16), Duration::from_millis(80));
-/// Time from frame to frame by that of drawing one, which leaves the rest to what is computed: a processor that draws by itself
-/// needs several times as long as the thread of the window.
+/// Frame interval over drawing time; the rest of the time is left to computations. Software rendering needs several times as
+/// long as the thread of the window.
 const SPARE: f32 = 7.0;
 /// Weight of the last frame in the mean time of a frame.
 const NEWEST: f32 = 0.2;
-
-/// When frames were drawn, and how long that took. Clones are the same.
+/// Times of the drawn frames. Clones share them.
 #[derive(Clone, Default)]
 pub struct RepaintThrottle(Arc<Mutex<Frames>>);
 
@@ -23,23 +21,20 @@ struct Frames {
 }
 
 impl RepaintThrottle {
-    /// Notes that a frame is drawn now, and how long the one before it took, in seconds.
+    /// Notes that a frame is drawn now, and the drawing time of the previous one, seconds.
     pub fn drawn(&self, seconds: f32) {
         let mut frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         frames.last = Some(Instant::now());
         frames.mean += NEWEST * (seconds - frames.mean);
     }
-
-    /// Time until the next frame may be drawn. It is never none: without any delay two would be drawn, one for what moves as it
-    /// is laid out.
+    /// Time until the next frame may be drawn, at least 1 ms: egui draws two frames for a repaint without delay.
     pub fn wait(&self) -> Duration {
         let frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let wait = frames.last.map_or(Duration::ZERO, |last| every(frames.mean).saturating_sub(last.elapsed()));
         wait.max(Duration::from_millis(1))
     }
 }
-
-/// Time from one frame to the next where one takes so many seconds.
+/// Frame interval for a mean drawing time, seconds.
 fn every(seconds: f32) -> Duration {
     Duration::try_from_secs_f32(SPARE * seconds).unwrap_or(EVERY.1).clamp(EVERY.0, EVERY.1)
 }

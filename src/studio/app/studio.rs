@@ -1,4 +1,4 @@
-//! The studio: menus, rooms, status bar, dropped files, and what happens between frames.
+//! The studio: menus, panels, status bar, and the work between frames.
 
 use std::path::{Path, PathBuf};
 
@@ -44,29 +44,29 @@ pub struct Studio {
     layout: Tree<Pane>,
     dropped: Dropped,
     title: String,
-    /// The names of files that the window shows.
+    /// File names that the window shows.
     named: String,
-    /// The close that is going on was agreed to.
+    /// Closing was confirmed.
     closing: bool,
-    /// Whether the status bar shows how long frames take.
+    /// Drawing times for the status bar.
     frame_times: FrameTimes,
     pace: RepaintThrottle,
-    /// What is remembered from one day to the next.
+    /// Data that outlives the session.
     app_data: Option<AppData>,
-    /// Designs that were left behind, until it is decided what becomes of them.
+    /// Unsaved designs of earlier sessions that are still to be offered.
     left_behind: Vec<Recovered>,
 }
 
 impl Studio {
-    /// A studio on a design; the worker starts at once.
+    /// A studio with an open design; its worker starts at once.
     ///
     /// # Errors
-    /// Where the operating system gives no thread.
+    /// If no thread can be started.
     pub fn new(ctx: &egui::Context, design: Design, path: Option<PathBuf>) -> std::io::Result<Self> {
         ctx.all_styles_mut(|style| {
             style.spacing.item_spacing = egui::vec2(6.0, 4.0);
             style.interaction.tooltip_delay = 0.4;
-            // Secondary text is read too: the default is too faint on white.
+            // The default of secondary text is too faint on white.
             style.visuals.weak_text_alpha = 0.75;
         });
         ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
@@ -87,13 +87,11 @@ impl Studio {
             left_behind: Vec::new(),
         })
     }
-
-    /// Notes what draws the window.
+    /// Notes which renderer draws the window.
     pub fn drawn_by(&mut self, renderer: RendererChoice) {
         self.state.renderer = Some(renderer.name());
     }
-
-    /// Copies texts to this clipboard from now on.
+    /// Sets the clipboard of copied texts.
     pub fn copy_to(&mut self, clipboard: Clipboard) {
         self.state.clipboard = clipboard;
     }
@@ -102,9 +100,8 @@ impl Studio {
     pub fn tell(&mut self, notice: String) {
         self.state.messages.push(Severity::Notice, notice);
     }
-
-    /// Keeps everything that outlives the window in a folder: preferences, layout, unsaved changes, states of runs; and
-    /// takes up what is there. Where that fails, a message says so.
+    /// Stores preferences, layout, unsaved changes, snapshots and runs in a folder, and loads those that are there. A message
+    /// reports failures.
     pub fn keep_data_in(&mut self, ctx: &egui::Context, folder: &Path) {
         let (preferences, layout) = AppData::read(folder);
         for sentence in AppData::newer_files(folder) {
@@ -128,7 +125,7 @@ impl Studio {
         if self.app_data.is_none() {
             return;
         }
-        // What was opened by its name is remembered as what is opened here.
+        // A design of the command line is a recent file, too.
         if let Some(path) = self.state.bench.path().map(Path::to_path_buf) {
             self.state.preferences.remember(&path);
         }
@@ -138,8 +135,7 @@ impl Studio {
         }
         self.keep_runs(folder);
     }
-
-    /// Keeps nothing that outlives the window but unsaved changes, where a folder was chosen for them.
+    /// Stores nothing but unsaved changes, if a folder was chosen for them.
     pub fn keep_no_data(&mut self, reason: &str) {
         let text = format!("Nothing is saved when the window closes: {reason}");
         self.state.messages.push(Severity::Failure, text);
@@ -159,7 +155,7 @@ impl Studio {
                     self.tell(format!("{designs} {are} not listed; the files stay unchanged"));
                 }
             }
-            // Of a folder where nothing can be kept it is known already.
+            // The user knows that this folder is not writable.
             Err(_) if self.app_data.is_none() => {}
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
@@ -185,8 +181,7 @@ impl Studio {
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
     }
-
-    /// Writes what is to be remembered, and arranges the rooms as was wished.
+    /// Applies layout requests and writes changed application data.
     fn store_app_data(&mut self, ctx: &egui::Context) {
         match self.state.layout_request.take() {
             Some(LayoutRequest::Show(pane)) => {
@@ -218,11 +213,11 @@ impl Studio {
         let Some(app_data) = &mut self.app_data else { return };
         app_data.keep_designs(state.snapshots.changes(self.closing));
         state.preferences.theme = ctx.options(|options| options.theme_preference);
-        // The keys reach further than what is remembered.
+        // Shortcuts zoom beyond the stored range.
         state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());
         ctx.set_zoom_factor(state.preferences.zoom);
         state.preferences.live = state.bench.is_live();
-        // PanelBehavior are moved by the pointer, and come to rest when that is released.
+        // A panel comes to rest when the pointer is released.
         let moved = ctx.input(|input| input.pointer.any_released() || input.viewport().close_requested());
         if let Some(failure) = app_data.keep(&state.preferences, moved.then_some(&self.layout)) {
             state.messages.push(Severity::Failure, failure);
@@ -233,13 +228,11 @@ impl Studio {
     pub fn set_live(&self, live: bool) {
         self.state.bench.set_live(live);
     }
-
-    /// The workbench behind the window.
+    /// The session behind the window.
     pub fn bench(&self) -> &Workbench {
         &self.state.bench
     }
-
-    /// Whether nothing is asked that has the keyboard.
+    /// Whether no dialog has the keyboard.
     fn takes_shortcuts(&self) -> bool {
         !self.state.path_dialog.is_open()
             && self.state.pending_transition.is_none()
@@ -249,8 +242,7 @@ impl Studio {
             && !self.dropped.is_open()
             && !self.state.onboarding.welcome
     }
-
-    /// Takes up results, answers and shortcuts.
+    /// Loads results, answers and shortcuts.
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
         let waits_for_save = confirm_discard::waits_for_save(state);
@@ -268,7 +260,7 @@ impl Studio {
         run_results::take_up(state);
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
-        // Masks of a run are no edits: they would push those out.
+        // Masks of a run are no edits and would fill the history.
         let current = |revision| revision == state.bench.revision() && !state.bench.is_looking();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
@@ -280,7 +272,7 @@ impl Studio {
         state.snapshots.take_up(&state.live, &state.estimates);
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
-        // Those of the open design, whatever is shown.
+        // Locks belong to the open design, even during a preview.
         state.locks.check(state.bench.lenslets());
         if !waits_for_save && confirm_discard::after_save(ctx, state) {
             self.close();
@@ -295,7 +287,7 @@ impl Studio {
         }
         if self.takes_shortcuts() {
             for action in Action::pressed(ctx) {
-                // The one before may have asked something.
+                // The previous action may have opened a dialog.
                 if self.takes_shortcuts() {
                     dispatch::run(action, ctx, &mut self.state);
                 }
@@ -316,8 +308,7 @@ impl Studio {
             self.title = title;
         }
     }
-
-    /// Notes that the window is being closed by somebody, and not lost.
+    /// Notes that the window closes in an orderly way.
     fn close(&mut self) {
         self.closing = true;
         self.state.bench.close();
@@ -330,8 +321,8 @@ impl Studio {
         Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
         self.state.messages.banner(ui);
         preview_banner::show(ui, &mut self.state);
-        // The status bar shows what this frame's pointer is on, so the rooms are drawn before its text is known: its
-        // room is taken first, its text drawn last.
+        // The status bar shows the value under the pointer, which the panels find: its space is allocated first, its text drawn
+        // last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
         self.state.panel_rects.clear();
         egui::CentralPanel::no_frame().show(ui, |ui| match self.state.maximised {
@@ -350,7 +341,7 @@ impl Studio {
         settings_dialogs::show(&ctx, &mut self.state);
         welcome::show_tour(&ctx, &mut self.state);
         recovery::ask(&ctx, &mut self.state, &mut self.left_behind);
-        // One question at a time.
+        // One dialog at a time.
         if self.left_behind.is_empty() {
             welcome::show_welcome(&ctx, &mut self.state);
         }
@@ -361,12 +352,11 @@ impl Studio {
         dropped_files::show_hint(&ctx);
         self.do_actions(&ctx);
     }
-
-    /// Does the actions that panels, menus and dialogs have asked for.
+    /// Runs the actions that panels, menus and dialogs have requested.
     fn do_actions(&mut self, ctx: &egui::Context) {
         while let Some(action) = self.state.actions.pop_front() {
             dispatch::run(action, ctx, &mut self.state);
-            // What was drawn before shows it in the next frame.
+            // Panels that are drawn already show the effect in the next frame.
             ctx.request_repaint();
         }
     }
@@ -428,7 +418,7 @@ impl eframe::App for Studio {
     }
 
     fn persist_egui_memory(&self) -> bool {
-        // What is remembered between sessions is remembered by name.
+        // Stored data have files of their own.
         false
     }
 
@@ -439,8 +429,7 @@ impl eframe::App for Studio {
         Self::ui(self, ui);
     }
 }
-
-/// Takes up what a job has brought, and tells the person.
+/// Loads the outcome of a job and reports it.
 fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
     match outcome {
         Ok(Outcome::Opened { path, .. }) => {
@@ -464,7 +453,7 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
         Ok(Outcome::RecordKept { .. }) | Err(_) => {}
     }
     if matches!(outcome, Ok(outcome) if outcome.is_asked_for()) {
-        // Whoever was told of a failure has gone on to something else.
+        // A later success makes the failure message obsolete.
         state.messages.dismiss();
     }
     match outcome {
@@ -472,8 +461,7 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
         Err(error) => state.messages.push(Severity::Failure, error),
     }
 }
-
-/// Tells the person what came of an estimate or a run.
+/// Reports the end of an estimate or a run.
 fn report_end(state: &mut State, activity: &Activity) {
     match &activity.state {
         ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),

@@ -1,4 +1,4 @@
-//! Opens the real window.
+//! Opens the window.
 
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -17,13 +17,13 @@ use crate::studio::widgets::clipboard::Clipboard;
 /// Why there is no window.
 #[derive(Debug, Error)]
 pub enum WindowError {
-    /// There is nothing to open a window on, whatever draws it.
+    /// No display answers.
     #[error(
         "no window could be opened: nothing answers at the display that DISPLAY or WAYLAND_DISPLAY names; start it or \
          correct the name"
     )]
     NoDisplay,
-    /// It was there, and its renderer or its display was lost.
+    /// The renderer or the display of the open window was lost.
     #[error("the window was lost ({reason}); unsaved changes are offered when the program is started again")]
     Lost {
         /// The error.
@@ -45,13 +45,11 @@ pub enum WindowError {
         second: String,
     },
 }
-
-/// Opens the window on a design and returns when it is closed, drawn by `renderer` or, without one, by that of the
-/// preferences. Where it does not start, the other is tried and a message in the window says so. `reset` forgets layout
-/// and preferences first.
+/// Opens the window with a design and returns when it is closed. It is drawn by `renderer`, or else by that of the
+/// preferences; if that does not start, by the other, with a message. `reset` resets layout and preferences first.
 ///
 /// # Errors
-/// [`WindowError`] where neither starts, or the window that did was lost.
+/// [`WindowError`] if neither renderer starts or the open window is lost.
 pub fn open_window(
     design: Design,
     path: Option<PathBuf>,
@@ -104,16 +102,15 @@ pub fn open_window(
         }
     })
 }
-
-/// A window that is to be opened.
+/// Parameters of a window to open.
 struct Opening {
     design: Design,
     path: Option<PathBuf>,
-    /// Where everything is kept that outlives the window.
+    /// Folder of the application data.
     folder: Option<PathBuf>,
-    /// What it says at once.
+    /// Messages at the start.
     notices: Vec<String>,
-    /// Becomes true when it is there.
+    /// Set when the window is open.
     opened: Rc<Cell<bool>>,
     #[cfg(target_os = "linux")]
     system: WindowSystem,

@@ -1,14 +1,13 @@
-//! Which window system the window is opened on.
+//! The window system: Wayland or X11.
 //!
-//! A Wayland session sets `WAYLAND_DISPLAY`, and leaves it behind in shells that outlive it. winit believes the variable,
-//! and makes one attempt in the life of a process: whether the compositor answers is found out before.
+//! `WAYLAND_DISPLAY` may outlive its session. winit trusts the variable and makes one attempt per process, so the
+//! compositor is asked before.
 
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-
-/// How long a compositor has for its answer.
+/// Time limit for the answer of a compositor.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The window system.
@@ -18,7 +17,7 @@ pub enum WindowSystem {
     Wayland,
     /// X11.
     X11,
-    /// X11, for nothing answers at the Wayland display of this name.
+    /// X11, because the Wayland display of this name does not answer.
     X11InPlaceOf(String),
 }
 
@@ -27,7 +26,7 @@ impl WindowSystem {
     pub fn of_environment() -> Self {
         let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
         let Some(wayland) = named("WAYLAND_DISPLAY").filter(|_| named("WAYLAND_SOCKET").is_none()) else {
-            // An open socket is handed over by the compositor itself.
+            // The compositor itself hands over an open socket.
             return if named("WAYLAND_SOCKET").is_some() { Self::Wayland } else { Self::X11 };
         };
         let socket = socket_of(Path::new(&wayland), named("XDG_RUNTIME_DIR").map(PathBuf::from).as_deref());
@@ -37,8 +36,7 @@ impl WindowSystem {
             _ => Self::Wayland,
         }
     }
-
-    /// Has winit use it.
+    /// Makes winit use it.
     pub fn choose<T: 'static>(&self, builder: &mut winit::event_loop::EventLoopBuilder<T>) {
         use winit::platform::wayland::EventLoopBuilderExtWayland;
         use winit::platform::x11::EventLoopBuilderExtX11;
@@ -47,8 +45,7 @@ impl WindowSystem {
             Self::X11 | Self::X11InPlaceOf(_) => builder.with_x11(),
         };
     }
-
-    /// What a person must know of the choice.
+    /// A message about the choice, if it is unexpected.
     pub fn notice(&self) -> Option<String> {
         match self {
             Self::X11InPlaceOf(name) => {
@@ -58,13 +55,11 @@ impl WindowSystem {
         }
     }
 }
-
-/// The socket of a Wayland display; none where the folder of such sockets is not known.
+/// Socket of a Wayland display; none if the folder of the sockets is unknown.
 fn socket_of(display: &Path, runtime: Option<&Path>) -> Option<PathBuf> {
     if display.is_absolute() { Some(display.to_owned()) } else { Some(runtime?.join(display)) }
 }
-
-/// Asks a compositor to confirm that it has come so far (`wl_display.sync`), and waits for the answer.
+/// Sends `wl_display.sync` to a compositor and waits for its answer.
 fn answers(socket: &Path, patience: Duration) -> io::Result<()> {
     const DISPLAY: u32 = 1;
     const CALLBACK: u32 = 2;

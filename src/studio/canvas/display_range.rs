@@ -1,4 +1,4 @@
-//! Which values have the first and the last colour of a picture: by a rule, or by hand over its histogram.
+//! The display range of an image: the values of its first and last colour, set by a rule or on its histogram.
 
 use std::ops::RangeInclusive;
 
@@ -8,32 +8,30 @@ use ndarray::ArrayView2;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number_field::NumberField;
-
-/// Share of the pixels that the automatic levels leave below and above.
+/// Share of the pixels that *Auto* clips at each end.
 const CLIPPED: f64 = 0.0035;
-/// Room of the histogram, points.
+/// Size of the histogram, points.
 const WIDTH: f32 = 264.0;
 const HEIGHT: f32 = 92.0;
-/// The strip of colours below it.
+/// Height of the colour strip below it, points.
 const STRIP: f32 = 8.0;
-/// Reach of the handle of a limit to either side.
+/// Half width of a limit's handle, points.
 const REACH: f32 = 5.0;
-
-/// How the values of the first and the last colour are found.
+/// Rule for the display range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum DisplayRange {
-    /// The smallest and the largest value of each picture.
+    /// Minimum and maximum of each image.
     #[default]
     Full,
-    /// Those of each picture without a few of its pixels, so that single ones do not darken it.
+    /// Minimum and maximum of each image after clipping a few pixels at each end.
     Auto,
-    /// These values, for this and all other pictures.
+    /// Fixed values for all images.
     Fixed(f32, f32),
 }
 
 impl DisplayRange {
-    /// Values in the first and the last colour of a picture, shape (rows, cols); `common` are those that it shares with
-    /// other pictures, unless a person has set others.
+    /// Display range (low, high) of an image of shape (rows, cols). A range that is `common` to several images precedes a
+    /// rule, and fixed values precede both.
     pub fn limits(self, image: ArrayView2<'_, f32>, common: Option<(f32, f32)>) -> (f32, f32) {
         match (self, common) {
             (Self::Fixed(low, high), _) => (low, high),
@@ -48,12 +46,11 @@ fn full_range(image: ArrayView2<'_, f32>) -> (f32, f32) {
     let finite = image.iter().copied().filter(|value| value.is_finite());
     let (low, high) =
         finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-    // A minimum that is as good as 0 reads better as 0.
+    // A minimum close to 0 is displayed as 0.
     let low = if low > 0.0 && low < 1e-3 * high { 0.0 } else { low };
     if low < high { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) }
 }
-
-/// Values with a share [`CLIPPED`] of the pixels below and above; none where those are one value.
+/// Quantiles with a share [`CLIPPED`] of the pixels below and above; none if they are equal.
 fn most_of(image: ArrayView2<'_, f32>) -> Option<(f32, f32)> {
     let mut values: Vec<f32> = image.iter().copied().filter(|value| value.is_finite()).collect();
     let left_out = (CLIPPED * values.len() as f64) as usize;
@@ -62,16 +59,15 @@ fn most_of(image: ArrayView2<'_, f32>) -> Option<(f32, f32)> {
     let low = *values.select_nth_unstable_by(left_out, f32::total_cmp).1;
     (low < high).then_some((low, high))
 }
-
-/// How many pixels of a picture have which values.
+/// Histogram of the values of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// Where the first bin begins.
+    /// Lower edge of the first bin.
     start: f64,
-    /// Values per bin.
+    /// Width of a bin.
     width: f64,
     counts: Vec<u32>,
-    /// Pixels whose value is a number, their mean and standard deviation.
+    /// Number, mean and standard deviation of the finite values.
     pixels: u32,
     mean: f64,
     sd: f64,
@@ -79,9 +75,8 @@ pub struct Histogram {
 
 impl Histogram {
     const BINS: usize = 132;
-
-    /// Counts the values of a picture, shape (rows, cols). Whole numbers, such as photons, have bins as wide as whole
-    /// numbers, so that none holds more of them than its neighbours by its place alone.
+    /// Histogram of an image, shape (rows, cols). Integers, such as photons, have bins of integer width, so that all bins
+    /// hold equally many of them.
     pub fn of(image: ArrayView2<'_, f32>) -> Self {
         let finite = || image.iter().copied().filter(|value| value.is_finite()).map(f64::from);
         let (mut low, mut high, mut pixels, mut whole) = (f64::INFINITY, f64::NEG_INFINITY, 0_u32, true);
@@ -113,33 +108,29 @@ impl Histogram {
         }
         Self { start, width, counts, pixels, mean, sd: (squares / f64::from(pixels)).sqrt() }
     }
-
-    /// Where the last bin ends.
+    /// Upper edge of the last bin.
     fn end(&self) -> f64 {
         self.start + self.width * self.counts.len() as f64
     }
-
-    /// One line about all values.
+    /// Count, mean and standard deviation as text.
     fn summary(&self, unit: &str) -> String {
         format!("{} px, mean {}, sd {} {unit}", self.pixels, format_significant(self.mean), format_significant(self.sd))
     }
 }
-
-/// What the editor needs to know of a picture.
+/// An image whose display range is edited.
 pub struct Edited<'a> {
-    /// Name of the picture, which begins the names of the controls.
+    /// Name of the image, with which the names of the controls begin.
     pub name: &'a str,
     /// Unit of its values.
     pub unit: &'a str,
     /// Its colours, lowest value first.
     pub colours: &'a [Color32],
-    /// Its values.
+    /// Its histogram.
     pub histogram: &'a Histogram,
-    /// Values in the first and the last colour now.
+    /// Its display range (low, high).
     pub limits: (f32, f32),
 }
-
-/// The histogram with its two limits, the same as numbers, and the rules.
+/// Shows the histogram with two draggable limits, number fields and rules.
 pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, logarithmic: &mut bool) {
     ui.set_width(WIDTH);
     let name = picture.name;
@@ -194,21 +185,18 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
         ui.weak("The data stay unchanged.");
     });
 }
-
-/// The next value below, by which limits stay apart.
+/// Largest allowed low limit below a high limit.
 fn below(value: f32) -> f32 {
     value - (value.abs() * 1e-4).max(1e-9)
 }
-
-/// The next value above.
+/// Smallest allowed high limit above a low limit.
 fn above(value: f32) -> f32 {
     value + (value.abs() * 1e-4).max(1e-9)
 }
-
-/// Draws the bars, the colours below them, and the two limits, which can be dragged.
+/// Draws histogram, colour strip and the two draggable limits.
 fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarithmic: bool) {
     let (all, _) = ui.allocate_exact_size(vec2(WIDTH, HEIGHT + STRIP + 8.0), Sense::hover());
-    // The handles at either end stay inside.
+    // The handles stay inside.
     let bars = Rect::from_min_size(all.min + vec2(REACH, 0.0), vec2(WIDTH - 2.0 * REACH, HEIGHT));
     let counted = picture.histogram;
     let first = counted.start.min(f64::from(limits.0));
@@ -226,7 +214,7 @@ fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarit
         };
         let left = counted.start + index as f64 * counted.width;
         let (left, right) = (x_of(left), x_of(left + counted.width));
-        // What is there at all is seen.
+        // Every occupied bin is visible.
         let top = bars.bottom() - ((HEIGHT - 4.0) * share as f32).max(1.0);
         let right = right.max(left + 1.0);
         painter.rect_filled(Rect::from_min_max(pos2(left, top), pos2(right, bars.bottom())), 0.0, colour);
@@ -265,8 +253,7 @@ fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarit
         painter.add(egui::Shape::convex_polygon(tip, accent, Stroke::NONE));
     }
 }
-
-/// Which value has which colour.
+/// Draws the colour strip.
 fn strip(painter: &egui::Painter, bars: Rect, colours: &[Color32], [low, high]: [f32; 2]) {
     let (Some(&darkest), Some(&brightest)) = (colours.first(), colours.last()) else { return };
     let part = |left: f32, right: f32| {
@@ -335,7 +322,7 @@ mod tests {
         assert_eq!(DisplayRange::Fixed(3.0, 4.0).limits(image.view(), None), (3.0, 4.0));
         assert_eq!(DisplayRange::Fixed(3.0, 4.0).limits(image.view(), Some((0.0, 9.0))), (3.0, 4.0));
         assert_eq!(DisplayRange::Auto.limits(image.view(), Some((0.0, 9.0))), (0.0, 9.0), "common to several pictures");
-        // Where nearly all pixels are alike, the few others are all there is to see.
+        // If nearly all pixels are equal, the range covers the few others.
         let mut dark = Array2::zeros((50, 40));
         dark[(4, 4)] = 8.0;
         assert_eq!(DisplayRange::Auto.limits(dark.view(), None), (0.0, 8.0));

@@ -1,4 +1,4 @@
-//! A picture of values: colours, colour bar with units, zoom and pan, value under the pointer. It never changes the values.
+//! An image view: colours, colour bar with units, zoom and pan, value under the pointer. It never changes the values.
 
 use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, pos2, vec2};
 use ndarray::{ArrayView2, s};
@@ -10,11 +10,9 @@ use crate::studio::canvas::viewport::{Placement, Viewport};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::Colormap;
-
-/// Longest side of a texture that is tried, pixels: few renderers take longer ones.
+/// Limit of a texture's side, pixels.
 const LONGEST_TEXTURE: usize = 8192;
-
-/// The colours of every map, made once.
+/// The colours of all colour maps.
 pub struct ColourPalettes {
     colours: Vec<(Colormap, Vec<Color32>)>,
 }
@@ -32,11 +30,9 @@ impl ColourPalettes {
         self.colours.iter().find(|(known, _)| *known == map).map_or(&[], |(_, colours)| colours)
     }
 }
-
-/// Tells one picture from another.
+/// Identifies an image: revision and index.
 pub type Version = (u64, usize);
-
-/// What a drawn picture was made of; it is drawn anew only when this changes.
+/// Everything a texture depends on.
 #[derive(Clone, Copy, PartialEq)]
 struct TextureKey {
     version: Version,
@@ -45,8 +41,7 @@ struct TextureKey {
     /// Longest side of the texture.
     longest: usize,
 }
-
-/// One picture with its settings.
+/// One image with its settings.
 pub struct ImageView {
     /// Unique name, also that of its controls.
     name: &'static str,
@@ -54,41 +49,40 @@ pub struct ImageView {
     unit: &'static str,
     /// The colours.
     pub colormap: Colormap,
-    /// Which part of it is seen.
+    /// Zoom and pan.
     pub viewport: Viewport,
-    /// What a pixel is wide, and the unit of that.
+    /// Width of a pixel and its unit.
     pixel: (f64, &'static str),
     texture: Option<TextureHandle>,
     drawn: Option<TextureKey>,
-    /// How limits are found, and whether the histogram's heights are logarithms.
+    /// Rule of the display range, and whether the histogram is logarithmic.
     levels: DisplayRange,
     logarithmic: bool,
-    /// Values in the first and the last colour, and what they were found from.
+    /// Display range (low, high), and what it was derived from.
     limits: (f32, f32),
     levelled: Option<(Version, DisplayRange)>,
-    /// Limits that this picture shares with others.
+    /// Display range that this image shares with others.
     common: Option<(f32, f32)>,
-    /// Counted while it is looked at.
+    /// Computed while the editor is open.
     histogram: Option<(Version, Histogram)>,
     histogram_wanted: bool,
 }
-
-/// A picture as it was drawn.
+/// An image as drawn in this frame.
 pub struct Shown {
-    /// Where it lies.
+    /// Its placement on the screen.
     pub placement: Placement,
-    /// Where it lies while all of it is seen.
+    /// Rectangle of the whole image without zoom.
     pub fit: Rect,
-    /// The part of the screen on which it is seen.
+    /// Visible part of the screen.
     pub seen: Rect,
-    /// What the pointer does on it.
+    /// Response to the pointer.
     pub response: egui::Response,
     /// Whether it was zoomed or panned in this frame.
     pub moved: bool,
 }
 
 impl ImageView {
-    /// Width of the colour bar with its numbers, in points.
+    /// Width of the colour bar with its numbers, points.
     const BAR: f32 = 58.0;
 
     /// A view called `name` of values in `unit`.
@@ -115,14 +109,11 @@ impl ImageView {
     pub fn name(&self) -> &'static str {
         self.name
     }
-
-    /// Values in the first and the last colour of a picture that it shows or would show, shape (rows, cols).
+    /// Display range (low, high) of an image, shape (rows, cols).
     pub fn limits_of(&self, image: ArrayView2<'_, f32>) -> (f32, f32) {
         self.levels.limits(image, self.common)
     }
-
-    /// Draws these values in the first and the last colour, instead of the smallest and the largest of each picture;
-    /// limits that a person has set go before.
+    /// Sets a display range (low, high) that several images share; fixed values precede it.
     pub fn fix_limits(&mut self, (low, high): (f32, f32)) {
         let common = (low < high).then_some((low, high));
         if self.common != common {
@@ -130,18 +121,15 @@ impl ImageView {
             self.levelled = None;
         }
     }
-
-    /// Forgets limits that a person has set: another quantity is to be shown.
+    /// Resets the display range for another quantity.
     pub fn forget_levels(&mut self) {
         self.levels = DisplayRange::default();
     }
-
-    /// Says what a pixel is wide, where that is not one pixel.
+    /// Sets the width of a pixel and its unit.
     pub fn set_pixel(&mut self, width: f64, unit: &'static str) {
         self.pixel = (width, unit);
     }
-
-    /// The choice of colours, and of the values that have them.
+    /// Controls of colour map and display range.
     pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &ColourPalettes) {
         let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
             .selected_text(self.colormap.to_string())
@@ -160,7 +148,7 @@ impl ImageView {
             .accessible_name(format!("Display range of {}", self.name));
         let open = popup.is_open();
         if open && !self.histogram_wanted {
-            // The picture is counted when it is drawn.
+            // The histogram is computed when the image is drawn.
             ui.ctx().request_repaint();
         }
         self.histogram_wanted = open;
@@ -176,9 +164,7 @@ impl ImageView {
             }
         });
     }
-
-    /// Shows the picture as large as the room allows, with its colour bar. `version` tells one picture from another;
-    /// a `stale` one is dimmed.
+    /// Shows the image, as large as fits, with its colour bar. `version` identifies its content; a `stale` image is dimmed.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -195,7 +181,7 @@ impl ImageView {
         let extent = vec2(cols as f32, rows as f32) * scale;
         let corner = room.min + vec2(((space.x - extent.x) / 2.0).max(0.0), ((space.y - extent.y) / 2.0).max(0.0));
         let fit = Rect::from_min_size(corner.round(), extent);
-        // A picture that is zoomed fills the room; one that is not may be larger than it by a point.
+        // A zoomed image fills the space; rounding may make an unzoomed one larger by a point.
         let stage = Rect::from_min_size(room.min, space).union(fit).intersect(room);
         let seen = self.viewport.placement(fit, image.dim()).rect.intersect(stage);
         let response = ui.allocate_rect(seen, Sense::click_and_drag());
@@ -208,7 +194,7 @@ impl ImageView {
         let painter = ui.painter_at(room);
         if let Some(texture) = &self.texture {
             let tint = if stale { Color32::from_white_alpha(215) } else { Color32::WHITE };
-            // Only what is seen: far beyond the screen, single precision would no longer tell pixels apart.
+            // Only the visible part: single precision does not resolve pixels far beyond the screen.
             let part = |position: Pos2| ((position - placement.rect.min) / placement.rect.size()).to_pos2();
             painter.image(texture.id(), seen, Rect::from_min_max(part(seen.min), part(seen.max)), tint);
         }
@@ -230,8 +216,7 @@ impl ImageView {
         self.fit_button(ui, seen);
         Shown { placement, fit, seen, response, moved: self.viewport != before }
     }
-
-    /// The way back to all of the picture, in a corner of it while a part is seen.
+    /// Button that resets the zoom, in a corner of a zoomed image.
     fn fit_button(&mut self, ui: &mut Ui, seen: Rect) {
         if self.viewport.is_fitted() {
             return;
@@ -245,8 +230,7 @@ impl ImageView {
             ui.ctx().request_repaint();
         }
     }
-
-    /// One line about the pixel under the pointer.
+    /// Name, coordinates and value of the pixel under the pointer.
     pub fn describe_pixel(&self, image: ArrayView2<'_, f32>, (x, y): (f64, f64)) -> Option<String> {
         // Adding 0 makes 0 of -0.
         let (col, row) = (x.round() + 0.0, y.round() + 0.0);
@@ -256,8 +240,7 @@ impl ImageView {
         let value = image.get((row as usize, col as usize))?;
         Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, format_significant(f64::from(*value)), self.unit))
     }
-
-    /// Finds the limits of a picture, and counts its values while the histogram is open.
+    /// Updates the display range, and the histogram while its editor is open.
     fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: Version) {
         let found_from = (version, self.levels);
         if self.levelled != Some(found_from) {
@@ -292,8 +275,7 @@ impl ImageView {
         }
         self.drawn = Some(wanted);
     }
-
-    /// The bar right of the picture: highest value at the top.
+    /// Draws the colour bar right of the image, highest value at the top.
     fn colour_bar(&self, ui: &Ui, palettes: &ColourPalettes, picture: Rect, room: Rect) {
         const WIDTH: f32 = 12.0;
         let painter = ui.painter_at(room);
@@ -313,7 +295,7 @@ impl ImageView {
             }
         }
         painter.add(mesh);
-        // Its white end is seen on a light ground, too.
+        // The frame keeps its white end visible on a light background.
         let frame = ui.visuals().widgets.noninteractive.bg_stroke;
         painter.rect_stroke(bar, 0.0, frame, egui::StrokeKind::Outside);
         let font = egui::FontId::proportional(10.0);
@@ -332,14 +314,11 @@ impl ImageView {
         }
     }
 }
-
-/// Longest side of a texture, pixels.
+/// Maximal side of a texture, pixels.
 pub fn max_texture_side(ctx: &egui::Context) -> usize {
     ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE)
 }
-
-/// Every n-th row and every m-th column of a picture, so that neither side is longer than this. It is drawn as large as
-/// all of the picture would be.
+/// Every n-th row and m-th column of an image, so that no side exceeds `longest` pixels.
 pub fn subsampled(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
     let (rows, cols) = image.dim();
     let step = |count: usize| count.div_ceil(longest.max(1)).max(1) as isize;
@@ -361,7 +340,7 @@ mod tests {
         assert_eq!(subsampled(image.view(), 10_000), image);
         let ctx = egui::Context::default();
         let mut view = ImageView::new("Measurement", "photons", Colormap::Gray);
-        // What a renderer takes, and the sides of the texture.
+        // Limit of a renderer, and the expected texture width.
         for (most, cols) in [(2048, 2000), (16_384, 5000)] {
             ctx.input_mut(|input| input.max_texture_side = most);
             view.update_texture(&ctx, &ColourPalettes::default(), image.view(), (1, 0));

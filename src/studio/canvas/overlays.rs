@@ -1,24 +1,22 @@
-//! What is drawn over a picture: values inside its pixels, a scale bar, the cross hair of a linked picture.
+//! Overlays of an image: pixel values, scale bar, cross hair of the linked cursor.
 
 use egui::{Align2, Color32, FontId, Painter, Rect, Stroke, pos2, vec2};
 use ndarray::ArrayView2;
 
 use crate::studio::canvas::viewport::{Placement, round_length};
 use crate::studio::widgets::format::format_significant;
-
-/// Pixels that are at least this large show their values, points.
+/// Smallest pixel that shows its value, points.
 const READABLE: f32 = 36.0;
-/// No more values than this are drawn.
+/// Maximal number of drawn values.
 const MOST_VALUES: usize = 600;
-/// A scale bar is at most this long, points, and takes at most this share of the picture.
+/// Maximal length of a scale bar, points, and its maximal share of the image.
 const LONGEST_BAR: f32 = 110.0;
 const LONGEST_SHARE: f32 = 0.4;
-/// Dark around what is drawn in white.
+/// Dark outline of white lines.
 const SHADE: Color32 = Color32::from_black_alpha(150);
-/// Dark behind a scale bar; values below would be mistaken for its own.
+/// Dark background of a scale bar, which hides values below it.
 const PLATE: Color32 = Color32::from_black_alpha(225);
-
-/// Writes the values of the pixels in sight into them, where they are large enough; `colour` tells what is below.
+/// Draws the values of visible pixels, if those are large enough; `colour` maps a value to its colour.
 pub fn pixel_values(
     painter: &Painter,
     placement: Placement,
@@ -37,11 +35,11 @@ pub fn pixel_values(
         for col in cols.clone() {
             let Some(&value) = image.get((row, col)) else { continue };
             let text = short(value);
-            // As large as fits: a character is about 0.56 as wide as it is high.
+            // A character is about 0.56 times as wide as high.
             let size = (0.88 * placement.scale / (0.56 * text.len() as f32)).min(13.0);
             let font = FontId::proportional(size.floor());
             let place = placement.to_screen(col as f64, row as f64);
-            // A number that is cut in two is read as another.
+            // A clipped number would be misread.
             let half = vec2(0.28 * text.len() as f32, 0.5) * font.size;
             if seen.contains_rect(Rect::from_center_size(place, 2.0 * half)) {
                 painter.text(place, Align2::CENTER_CENTER, text, font, contrasting(colour(value)));
@@ -49,32 +47,28 @@ pub fn pixel_values(
         }
     }
 }
-
-/// A value in few characters; counts of photons as the whole numbers they are.
+/// A value in few characters; integers without decimals.
 fn short(value: f32) -> String {
     if value.fract() == 0.0 && value.abs() < 1e6 { format!("{value:.0}") } else { format_significant(f64::from(value)) }
 }
-
-/// Black or white, whichever is read more easily on a colour.
+/// Black or white, by contrast to a colour.
 fn contrasting(below: Color32) -> Color32 {
-    // Relative luminance; at 0.179 black and white have the same contrast.
+    // Black and white have the same contrast at a relative luminance of 0.179.
     let linear = egui::Rgba::from(below);
     let luminance = 0.2126 * linear.r() + 0.7152 * linear.g() + 0.0722 * linear.b();
     if luminance > 0.179 { Color32::BLACK } else { Color32::WHITE }
 }
-
-/// Length of the scale bar of a picture `room` points wide, with `scale` points per pixel of `per_pixel` units, and what is
-/// written on it. Lengths in pixels are whole; none where not one fits.
+/// Length, points, and text of the scale bar of an image `room` points wide, with `scale` points per pixel of `per_pixel`
+/// units. Lengths in pixels are whole numbers; none if not even one pixel fits.
 pub fn scale_bar_length(room: f32, scale: f32, (per_pixel, unit): (f64, &str)) -> Option<(f32, String)> {
     let units_in = |points: f32| f64::from(points) * per_pixel / f64::from(scale);
     let length = round_length(units_in(LONGEST_BAR.min(LONGEST_SHARE * room)))
         .filter(|length| unit != "px" || *length >= 1.0)
-        // One pixel is as short as it gets.
+        // One pixel is the minimum.
         .or_else(|| (unit == "px" && scale <= 0.8 * room).then_some(1.0))?;
     Some(((length / per_pixel) as f32 * scale, format!("{} {unit}", tidy(length))))
 }
-
-/// A round number without zeros at its end.
+/// A number without trailing zeros.
 fn tidy(length: f64) -> String {
     let text = format!("{length:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -106,7 +100,7 @@ pub fn cross_hair(painter: &Painter, placement: Placement, seen: Rect, (x, y): (
     let centre = placement.to_screen(x, y);
     let gap = (0.5 * placement.scale).clamp(5.0, 24.0);
     let painter = painter.with_clip_rect(painter.clip_rect().intersect(seen));
-    // White on dark is seen on every colour.
+    // White on dark is visible on every colour.
     for stroke in [Stroke::new(3.0, SHADE), Stroke::new(1.0, Color32::WHITE)] {
         painter.hline(seen.left()..=centre.x - gap, centre.y, stroke);
         painter.hline(centre.x + gap..=seen.right(), centre.y, stroke);

@@ -1,33 +1,30 @@
-//! What pointer and keys do with a picture: zoom and pan.
+//! Zoom and pan by pointer and keys.
 
 use egui::{
     CursorIcon, EventFilter, InputState, Key, PointerButton, Pos2, Rect, Response, Stroke, StrokeKind, Ui, Vec2, vec2,
 };
 
 use crate::studio::canvas::viewport::Viewport;
-
-/// Zoom by the wheel: a notch of 40 points is a factor of 1.22, as with Ctrl everywhere in egui.
+/// Zoom per point of the wheel: a notch of 40 points is a factor of 1.22, as in egui.
 const WHEEL_SPEED: f64 = 1.0 / 200.0;
-/// A key is as good as this many points of the wheel.
+/// Points of the wheel that one key press equals.
 const KEY_NOTCH: f64 = 40.0;
-/// An arrow key moves by this share of the picture's room.
+/// Share of the image width by which an arrow key pans.
 const KEY_PAN: f32 = 0.1;
-
-/// A pointer that moves less than this between press and release clicks, points.
+/// Maximal pointer movement of a click, points.
 pub const CLICK_REACH: f32 = 3.0;
-
-/// What the pointer does on a picture.
+/// Meaning of pointer gestures on an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointerMode {
-    /// The wheel zooms, a drag pans, a double click shows all of it.
+    /// Wheel zooms, drag pans, double click resets.
     View,
-    /// Wheel, drag and double click edit: Ctrl and wheel zooms, a drag pans with the middle button or while Space is held.
+    /// Wheel, drag and double click edit; Ctrl+wheel zooms, a middle drag or Space+drag pans.
     Edit,
 }
 
 impl PointerMode {
-    /// The view of a picture of shape (rows, cols) after what pointer and keys do in this frame. The picture lies at `fit`
-    /// where all of it is seen; `response` is that of the part in sight.
+    /// Viewport after the gestures of this frame on an image of shape (rows, cols). `fit` is its rectangle without zoom,
+    /// `response` that of its visible part.
     pub fn apply(self, view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize, usize)) -> Viewport {
         let view = self.turned(view, ui, response, fit, dim).panned(self.pan(ui, response), fit, dim);
         if self == Self::Edit {
@@ -52,27 +49,26 @@ impl PointerMode {
             if self == Self::Edit {
                 return pinch;
             }
-            // What turns the picture scrolls nothing around it.
+            // The wheel does not scroll the surroundings as well.
             let turned = std::mem::take(&mut input.smooth_scroll_delta);
             pinch * (f64::from(turned.y) * WHEEL_SPEED).exp()
         });
         if factor == 1.0 { view } else { view.zoomed(factor, pointer, fit, dim) }
     }
-
-    /// By how many points the picture is to be moved.
+    /// Pan of this frame, points.
     fn pan(self, ui: &Ui, response: &Response) -> Vec2 {
         let pointer = |input: &InputState| (input.pointer.press_origin(), input.pointer.latest_pos());
         match self {
             Self::View => {
                 let held = response.dragged_by(PointerButton::Primary) || response.dragged_by(PointerButton::Middle);
                 match (held, ui.input(pointer)) {
-                    // The way before it was known to be a drag counts.
+                    // Includes the movement before egui recognized the drag.
                     (true, (Some(from), Some(to))) if response.drag_started() => to - from,
                     (true, _) => response.drag_delta(),
                     _ => Vec2::ZERO,
                 }
             }
-            // Also over what lies on the picture and would take the drag for itself.
+            // Also over handles, which would take the drag.
             Self::Edit => match ui.input(pointer) {
                 (Some(from), Some(_)) if is_panning(ui) && response.rect.contains(from) => {
                     let ours = ui.ctx().layer_id_at(from) == Some(ui.layer_id());
@@ -83,8 +79,7 @@ impl PointerMode {
         }
     }
 }
-
-/// Plus and minus zoom, 0 shows all of it, arrows pan.
+/// Viewport after key presses: plus and minus zoom, 0 resets, arrows pan.
 fn by_keys(view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize, usize)) -> Viewport {
     let filter = EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
     ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, filter));
@@ -99,11 +94,10 @@ fn by_keys(view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize,
     });
     zoomed_by_keys(view.panned(by * KEY_PAN * fit.width(), fit, dim), ui, fit.center(), fit, dim)
 }
-
-/// Plus and minus zoom around a point of the screen, 0 shows all of the picture.
+/// Viewport after key presses: plus and minus zoom around a screen position, 0 resets.
 pub fn zoomed_by_keys(view: Viewport, ui: &Ui, around: Pos2, fit: Rect, dim: (usize, usize)) -> Viewport {
     let (notches, all) = ui.input(|input| {
-        // With Ctrl these keys change the size of everything.
+        // With Ctrl these keys change the interface zoom.
         let pressed = |key| input.key_pressed(key) && !input.modifiers.command;
         (axis(pressed(Key::Plus) || pressed(Key::Equals), pressed(Key::Minus)), pressed(Key::Num0))
     });
@@ -117,8 +111,7 @@ pub fn zoomed_by_keys(view: Viewport, ui: &Ui, around: Pos2, fit: Rect, dim: (us
 fn axis(plus: bool, minus: bool) -> f32 {
     f32::from(u8::from(plus)) - f32::from(u8::from(minus))
 }
-
-/// Whether a drag moves a picture that is edited by drags otherwise.
+/// Whether a drag pans in [`PointerMode::Edit`].
 pub fn is_panning(ui: &Ui) -> bool {
     let typing = ui.ctx().text_edit_focused();
     ui.input(|input| {

@@ -1,16 +1,14 @@
-//! Which part of a picture is seen, and where its pixels lie on the screen.
+//! Zoom and pan of an image, and the map between its pixels and the screen.
 
 use std::ops::Range;
 
 use egui::{Pos2, Rect, Vec2, pos2, vec2};
-
-/// No pixel is zoomed beyond this, in points.
+/// Maximal size of a pixel, points.
 const LARGEST_PIXEL: f64 = 160.0;
-
-/// Where a picture lies on the screen.
+/// Placement of an image on the screen.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
-    /// The whole picture, also what of it is out of sight.
+    /// Rectangle of the whole image, including hidden parts.
     pub rect: Rect,
     /// Points per pixel.
     pub scale: f32,
@@ -27,12 +25,11 @@ impl Placement {
         let offset = (position - self.rect.min) / self.scale;
         (f64::from(offset.x) - 0.5, f64::from(offset.y) - 0.5)
     }
-
-    /// Rows and columns of a picture of shape (rows, cols) that are at least partly inside `seen`.
+    /// Rows and columns of an image of shape (rows, cols) that are at least partly inside `seen`.
     pub fn pixels_in(self, seen: Rect, (rows, cols): (usize, usize)) -> (Range<usize>, Range<usize>) {
         let (left, top) = self.to_pixels(seen.min);
         let (right, bottom) = self.to_pixels(seen.max);
-        // A pixel reaches half a pixel to either side of its centre; the casts saturate at 0.
+        // A pixel extends half a pixel around its centre; the casts saturate at 0.
         let along = |low: f64, high: f64, count: usize| {
             let end = ((high + 0.5).ceil().max(0.0) as usize).min(count);
             ((low + 0.5).floor().max(0.0) as usize).min(end)..end
@@ -40,14 +37,12 @@ impl Placement {
         (along(top, bottom, rows), along(left, right, cols))
     }
 }
-
-/// Zoom and pan. All of the picture is seen at first, and nothing but the picture later: it always covers the place that
-/// it has when all of it is seen.
+/// Zoom and pan. The image always covers the rectangle that it has without zoom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewport {
-    /// How many times larger than where all of it is seen; at least 1.
+    /// Zoom factor, at least 1.
     zoom: f64,
-    /// Pixel coordinates (x, y) that are wanted in the middle; the middle of the picture where there are none.
+    /// Pixel coordinates (x, y) of the view centre; none for the image centre.
     centre: Option<(f64, f64)>,
 }
 
@@ -58,17 +53,15 @@ impl Default for Viewport {
 }
 
 impl Viewport {
-    /// How many times larger the picture is than where all of it is seen.
+    /// Zoom factor, at least 1.
     pub fn zoom(self) -> f64 {
         self.zoom
     }
-
-    /// Whether all of the picture is seen.
+    /// Whether the whole image is visible.
     pub fn is_fitted(self) -> bool {
         self.zoom <= 1.0
     }
-
-    /// Pixel coordinates (x, y) in the middle of the view of a picture of shape (rows, cols).
+    /// Pixel coordinates (x, y) of the view centre, for an image of shape (rows, cols).
     pub fn centre(self, (rows, cols): (usize, usize)) -> (f64, f64) {
         let along = |wanted: Option<f64>, count: usize| {
             let middle = 0.5 * (count as f64 - 1.0);
@@ -77,8 +70,7 @@ impl Viewport {
         };
         (along(self.centre.map(|centre| centre.0), cols), along(self.centre.map(|centre| centre.1), rows))
     }
-
-    /// Where a picture of shape (rows, cols) lies that would lie at `fit` if all of it were seen.
+    /// Placement of an image of shape (rows, cols) whose rectangle without zoom is `fit`.
     pub fn placement(self, fit: Rect, dim: (usize, usize)) -> Placement {
         let fitted = fit.width() / dim.1.max(1) as f32;
         if self.is_fitted() {
@@ -92,19 +84,18 @@ impl Viewport {
         let scale = scale as f32;
         Placement { rect: Rect::from_min_size(corner, vec2(dim.1 as f32, dim.0 as f32) * scale), scale }
     }
-
-    /// Zooms by `factor`; the pixel under `pointer` stays there as far as the picture's border lets it.
+    /// Zooms by `factor` around `pointer`, as far as the border of the image allows.
     #[must_use]
     pub fn zoomed(self, factor: f64, pointer: Pos2, fit: Rect, dim: (usize, usize)) -> Self {
         let fitted = f64::from(fit.width()) / dim.1.max(1) as f64;
-        // A linked picture may have brought this one beyond its own limit.
+        // A linked image may have zoomed this one beyond its own limit.
         let most = (LARGEST_PIXEL / fitted).max(self.zoom).max(1.0);
         let wanted = self.zoom * factor;
         if !wanted.is_finite() {
             return self;
         }
         let zoom = wanted.min(most);
-        // The last step out ends where all of the picture is seen, not a hair's breadth before.
+        // The last step out ends at exactly 1.
         if zoom <= 1.0 || (factor < 1.0 && zoom < 1.002) {
             return Self::default();
         }
@@ -112,8 +103,7 @@ impl Viewport {
         let away = (pointer - fit.center()) / (fitted * zoom) as f32;
         Self { zoom, centre: Some((x - f64::from(away.x), y - f64::from(away.y))) }.held(dim)
     }
-
-    /// Moves the picture by `by` points.
+    /// Pans by `by` points.
     #[must_use]
     pub fn panned(self, by: Vec2, fit: Rect, dim: (usize, usize)) -> Self {
         if self.is_fitted() {
@@ -124,20 +114,17 @@ impl Viewport {
         let by = by / scale;
         Self { centre: Some((x - f64::from(by.x), y - f64::from(by.y))), ..self }.held(dim)
     }
-
-    /// The same view of a picture whose pixel coordinates are larger by (x, y).
+    /// The same view in pixel coordinates that are larger by (x, y).
     #[must_use]
     pub fn shifted(self, (x, y): (f64, f64)) -> Self {
         Self { centre: self.centre.map(|centre| (centre.0 + x, centre.1 + y)), ..self }
     }
-
-    /// What is wanted in the middle is what can be there.
+    /// Clamps the view centre.
     fn held(self, dim: (usize, usize)) -> Self {
         Self { centre: Some(self.centre(dim)), ..self }
     }
 }
-
-/// The largest round length, 1, 2 or 5 times a power of ten, that is at most `most`; none where that is not above 0.
+/// Largest length of 1, 2 or 5 times a power of ten up to `most`; none if `most` is not positive.
 pub fn round_length(most: f64) -> Option<f64> {
     if !(most > 0.0 && most.is_finite()) {
         return None;

@@ -1,4 +1,4 @@
-//! The question before something is left behind: unsaved changes, a run, or work that goes on while the window is closed.
+//! The confirmation before unsaved changes, a run or unfinished work are discarded.
 
 use egui::Key;
 
@@ -7,15 +7,13 @@ use crate::studio::state::action::Action;
 use crate::studio::state::app_state::{State, Transition};
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
-
-/// Whether the answer was to save, and that is still to come: its path is asked for, or the file is written.
+/// Whether *Save* was chosen and the file is not yet written.
 pub fn waits_for_save(state: &State) -> bool {
     let has_answered = state.pending_transition.as_ref().is_some_and(|leaving| leaving.saving);
     has_answered && (state.path_dialog.is_open() || state.bench.is_saving())
 }
-
-/// Goes on where the design is in its file by now; a save that was cancelled or has failed leaves the question open. Tells whether the
-/// window is to be closed. To be called when answers of jobs have been taken, if [`waits_for_save`] was false before.
+/// Performs the pending transition after a save; a cancelled or failed save leaves the question open. Returns whether the
+/// window closes. Call it after job outcomes were taken, if [`waits_for_save`] was false before.
 pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
     let Some(leaving) = state.pending_transition.as_mut().filter(|leaving| leaving.saving) else { return false };
     leaving.saving = false;
@@ -27,15 +25,14 @@ pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
     state.perform_transition(ctx, what);
     close
 }
-
-/// Asks, where an answer is wanted. Tells whether the window is to be closed.
+/// Shows the question of a pending transition. Returns whether the window closes.
 pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     let Some(leaving) = state.pending_transition.as_ref().filter(|leaving| !leaving.saving) else { return false };
     let what = leaving.what.clone();
-    // A run leaves the design as it is.
+    // A run leaves the design unchanged.
     let dirty = what != Transition::Run && state.bench.is_dirty();
     if !dirty && !matches!(what, Transition::Close | Transition::Run) {
-        // A save from before the question has come.
+        // An earlier save has finished.
         state.perform_transition(ctx, what);
         return false;
     }

@@ -1,7 +1,7 @@
-//! Files that are dropped on the window: which are used, and what becomes of the others.
+//! Files that are dropped on the window.
 //!
-//! One design, one set of objects or one PSF is opened by a drop. All pictures of a folder are one set of objects; files
-//! that find no use are named.
+//! A drop opens one design, one object set or one PSF. All images of a folder are one object set; a message names unused
+//! files.
 
 use std::path::{Path, PathBuf};
 
@@ -14,24 +14,21 @@ use crate::studio::widgets::file_preview::Preview;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
 use crate::workbench::FileUse;
-
-/// Most files that are named one by one.
+/// Maximal number of file names in a message.
 const NAMED: usize = 5;
-
-/// Images or arrays that wait to be told apart: PSF or objects.
+/// Images or arrays that may be a PSF or objects.
 #[derive(Debug, PartialEq)]
 struct Images {
     first: PathBuf,
     others: Vec<PathBuf>,
-    /// The folder whose pictures these are, all of them.
+    /// The folder, if these are all its images.
     folder: Option<PathBuf>,
 }
-
-/// What was dropped and waits for an answer.
+/// The question about dropped images.
 #[derive(Default)]
 pub struct Dropped {
     pictures: Option<Images>,
-    /// The path of the first picture or of the folder, with what was chosen of its meaning.
+    /// Path of the first image, with the chosen options.
     text: String,
     preview: Preview,
 }
@@ -41,8 +38,7 @@ impl Dropped {
     pub fn is_open(&self) -> bool {
         self.pictures.is_some()
     }
-
-    /// Takes up what was dropped in this frame.
+    /// Takes files that were dropped in this frame.
     pub fn take(&mut self, ctx: &egui::Context, state: &mut State) {
         let files: Vec<PathBuf> =
             ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().to_path_buf()).collect());
@@ -62,8 +58,7 @@ impl Dropped {
             None => {}
         }
     }
-
-    /// Asks what pictures are to be.
+    /// Asks whether images are objects or a PSF.
     pub fn ask(&mut self, ctx: &egui::Context, state: &mut State) {
         let Some(Images { first, others, folder }) = &self.pictures else { return };
         let mut answered = false;
@@ -90,7 +85,7 @@ impl Dropped {
                     if folder.is_none() {
                         name_unused(state, first, others);
                     }
-                    // What was chosen holds for all pictures of the folder.
+                    // The chosen options hold for all images of the folder.
                     let meaning = self.text.strip_prefix(&path_text(first)).unwrap_or_default();
                     let source = folder.as_ref().map_or(self.text.clone(), |folder| path_text(folder) + meaning);
                     state.bench.open_objects(ObjectSource::guess(Path::new(&source)));
@@ -119,9 +114,7 @@ enum Chosen {
     Objects(PathBuf),
     Images(Images),
 }
-
-/// What dropped files are used for, and those that are not: a design goes before objects, objects before pictures, for all
-/// three would be in each other's way.
+/// What a drop opens, and its unused files. A design precedes objects, objects precede images.
 fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
     let kinds: Vec<FileKind> = files.iter().map(|path| kind_of(path)).collect();
     let place = |kind| kinds.iter().position(|&found| found == kind);
@@ -142,8 +135,7 @@ fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
     let (first, others) = one(place(FileKind::Picture)?);
     Some((Chosen::Images(Images { first, others, folder }), Vec::new()))
 }
-
-/// The folder whose pictures these files are, where there are several and it has no others.
+/// The folder, if these are several files and all its images.
 fn whole_folder(files: &[PathBuf]) -> Option<PathBuf> {
     let folder = files.first().filter(|_| files.len() > 1)?.parent()?;
     let mut dropped = files.to_vec();
@@ -151,8 +143,7 @@ fn whole_folder(files: &[PathBuf]) -> Option<PathBuf> {
     (image_files(folder).ok()?.into_iter().map(|file| file.path).collect::<Vec<_>>() == dropped)
         .then(|| folder.to_owned())
 }
-
-/// Names the files of a drop that find no use.
+/// Reports the unused files of a drop.
 fn name_unused(state: &mut State, used: &Path, unused: &[PathBuf]) {
     if unused.is_empty() {
         return;
@@ -172,8 +163,7 @@ enum FileKind {
     Objects,
     Picture,
 }
-
-/// What a dropped file or folder is likely to be. Images and arrays can be both, PSF or objects.
+/// Likely kind of a dropped file or folder. Images and arrays may be a PSF or objects.
 fn kind_of(path: &Path) -> FileKind {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     match extension.as_str() {
@@ -182,8 +172,7 @@ fn kind_of(path: &Path) -> FileKind {
         _ => FileKind::Objects,
     }
 }
-
-/// Says that files may be dropped while some are held over the window.
+/// Shows a hint while files are dragged over the window.
 pub fn show_hint(ctx: &egui::Context) {
     if ctx.input(|input| input.raw.hovered_files.is_empty()) {
         return;
@@ -224,7 +213,7 @@ mod tests {
         turned.reverse();
         let Some((Chosen::Images(found), unused)) = chosen(turned) else { panic!("no pictures") };
         assert_eq!((found.folder.as_deref(), found.others.len(), unused.len()), (Some(folder.path()), 7, 0));
-        // Some of a folder are no set, and neither is a single one.
+        // Some images of a folder are no set, and neither is a single one.
         for count in [7, 1] {
             let Some((Chosen::Images(found), _)) = chosen(pictures[..count].to_vec()) else { panic!("no pictures") };
             assert_eq!((found.folder, found.others.len()), (None, count - 1));

@@ -1,4 +1,4 @@
-//! PathDialog in front of the window.
+//! Dialogs in front of the window.
 
 pub mod confirm_discard;
 pub mod dropped_files;

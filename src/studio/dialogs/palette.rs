@@ -1,4 +1,4 @@
-//! Finding actions by name.
+//! The command palette.
 
 use egui::Key;
 
@@ -6,10 +6,9 @@ use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
-
-/// Most actions that are listed at a time.
+/// Maximal number of listed actions.
 const LISTED: usize = 12;
-/// The actions that a query means: all its words are in their names. Those whose names begin with it come first.
+/// Actions whose names contain all words of the query. Names that begin with the query come first.
 fn found(query: &str, state: &State) -> Vec<Action> {
     let query = query.trim().to_lowercase();
     let words: Vec<&str> = query.split_whitespace().collect();
@@ -28,7 +27,7 @@ fn found(query: &str, state: &State) -> Vec<Action> {
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(mut palette) = state.palette.take() else { return };
     let mut chosen = None;
-    // As many as there is room for below the field.
+    // As many as fit below the field.
     let listed = ((ctx.content_rect().height() - 120.0) / 24.0).clamp(1.0, LISTED as f32) as usize;
     let response = modal::show(ctx, "palette", 420.0, |ui| {
         // Before the text field sees these keys.

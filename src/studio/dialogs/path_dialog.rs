@@ -1,7 +1,6 @@
-//! Questions that need a path: one window with a typed path, and the system's own file dialog behind a button.
+//! The dialog that asks for a path, typed or chosen in the file dialog of the system.
 //!
-//! The system's dialog runs one at a time; where the system has none, a sentence says so and the path field takes the
-//! keyboard.
+//! If the system has no file dialog, a message says so and the path field takes the keyboard.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,12 +20,10 @@ use crate::studio::widgets::controls::{name_widget, speak};
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Job, MeasurementFormat};
-
-/// What is said where *Browse* has nothing to open.
+/// Message if the system has no file dialog.
 const NO_DIALOG: &str =
     "This system has no file dialog: neither a desktop portal nor zenity answers. Type the path above.";
-
-/// Shows the open question and does what it is answered.
+/// Shows the open question and acts on its answer.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(mut question) = state.path_dialog.open.take() else { return };
     let own = state.bench.path();
@@ -36,7 +33,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
                 question.path = path_text(&path);
                 question.chosen = Some(path.clone());
                 question.system = None;
-                // It has asked about a file of this very name.
+                // The dialog of the system has asked about this file already.
                 let has_asked = question.purpose.picker() == Picker::Save && question.target() == path;
                 question.replaced = if has_asked { question.would_replace(own) } else { Vec::new() };
             }
@@ -117,7 +114,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         let there = question.would_replace(own);
         done = there.iter().all(|file| question.replaced.contains(file));
         question.replaced = there;
-        // Another name can be typed at once, and Enter confirms this one.
+        // The field takes the keyboard: Enter confirms, typing chooses another name.
         question.focus = !done;
     }
     if done {
@@ -161,8 +158,7 @@ fn answer(state: &mut State, question: PathQuestion) {
         PathPurpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }
-
-/// Objects of shape (n, planes, rows, cols) as they are exported: those of one plane have no axis for it.
+/// Exported objects; a single plane has no axis: shape (n, planes, rows, cols) or (n, rows, cols).
 fn objects_of(objects: &Array4<f32>) -> ArrayD<f32> {
     match objects.len_of(Axis(1)) {
         1 => objects.index_axis(Axis(1), 0).to_owned().into_dyn(),

@@ -1,4 +1,4 @@
-//! The question about designs that a program left behind.
+//! The dialog that offers unsaved designs of a crashed session.
 
 use std::time::SystemTime;
 
@@ -6,9 +6,7 @@ use crate::studio::state::app_state::State;
 use crate::studio::state::messages::Severity;
 use crate::studio::widgets::modal;
 use crate::workbench::{Recovered, spoken};
-
-/// Asks what is to become of the designs that were left behind, one after the other; those that are not decided on stay
-/// where they are.
+/// Offers the unsaved designs one after the other. Undecided ones are offered again at the next start.
 pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
     let Some(found) = left.first() else { return };
     let age = SystemTime::now().duration_since(found.kept_at).unwrap_or_default();
@@ -42,11 +40,11 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
         Some(Answer::Recover) => {
             state.bench.recover(left.remove(0));
             state.selection.clear();
-            // What was recovered is what there is to start from, by a person who has been here.
+            // Who recovers a design needs no welcome.
             state.onboarding.welcome = false;
             state.preferences.welcomed = true;
             state.messages.push(Severity::Done, "Design recovered; save it to keep it");
-            // A window holds one design: the others wait for the next start.
+            // A window holds one design; the others are offered at the next start.
             left.clear();
         }
         Some(Answer::Discard) => left.remove(0).discard(),
@@ -54,8 +52,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
         None => {}
     }
 }
-
-/// What a person decides.
+/// The user's decision.
 #[derive(Clone, Copy)]
 enum Answer {
     Recover,

@@ -1,4 +1,4 @@
-//! Sheets to read and to choose on: keys and gestures, settings, versions.
+//! The dialogs *Keys and gestures*, *Settings* and *About*.
 
 use std::sync::LazyLock;
 
@@ -15,8 +15,7 @@ use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::study::Machine;
-
-/// Width of the sheet of keys and gestures side by side, points.
+/// Width at which keys and gestures stand side by side, points.
 const TWO_COLUMNS: f32 = 860.0;
 /// Width of the names of keys and gestures, points.
 const KEYS: f32 = 170.0;
@@ -36,8 +35,7 @@ const ON_THE_MASK: [(&str, &str); 12] = [
     ("Right click", "Menu of a lenslet"),
     ("Tab", "Next lenslet or control; Space selects"),
 ];
-
-/// Draws the sheet that is open.
+/// Draws the open dialog.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(sheet) = state.settings_dialog else { return };
     let width = match sheet {
@@ -64,7 +62,7 @@ fn shortcuts(ui: &mut Ui) {
     ui.heading("Keys and gestures");
     ui.add_space(4.0);
     if room < TWO_COLUMNS {
-        // What they do is wrapped beside them.
+        // The descriptions wrap.
         keys(ui, room - KEYS);
         ui.add_space(12.0);
         gestures(ui, room - KEYS);
@@ -111,7 +109,7 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.horizontal(theme_choice);
         ui.end_row();
         ui.label("Interface zoom");
-        // The size changes when the slider is let go: it would run away from the pointer otherwise.
+        // The zoom changes on release: the slider would move away from the pointer otherwise.
         let id = egui::Id::unique("zoom");
         let mut zoom = ui.data(|data| data.get_temp(id)).unwrap_or_else(|| ui.ctx().zoom_factor());
         ui.horizontal(|ui| {
@@ -176,8 +174,7 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.weak(format!("Unsaved changes: {}", unsaved.display()));
     }
 }
-
-/// How many threads compute.
+/// The number of compute threads.
 fn threads(ui: &mut Ui, state: &mut State) {
     ui.horizontal(|ui| {
         let mut chosen = state.preferences.threads;
@@ -220,8 +217,7 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
     }
     chosen
 }
-
-/// Read once: the system lists its processors in a long file.
+/// Name of the processor, read once: the system lists it in a long file.
 static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
 
 fn about(ui: &mut Ui, state: &mut State) {

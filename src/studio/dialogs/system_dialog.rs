@@ -1,17 +1,16 @@
-//! The system's own file dialog, on a thread of its own.
+//! The file dialog of the system, on its own thread.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
 use crate::studio::state::path_question::{Answer, Picker};
-
-/// Opens the dialog at a path; none where the operating system gives no thread.
+/// Opens the dialog at a path; none if no thread can be started.
 pub fn open(ctx: &egui::Context, picker: Picker, start: &Path) -> Option<Receiver<Answer>> {
     let (sender, receiver) = channel();
     let (start, ctx) = (start.to_owned(), ctx.clone());
     let thread = std::thread::Builder::new().name("lenslet-file-dialog".into()).spawn(move || {
         let answer = if can_answer() { ask(picker, &start) } else { Answer::Missing };
-        // The question may have been closed in the meantime; then nobody listens.
+        // The question may be closed; the answer is dropped then.
         let _ = sender.send(answer);
         ctx.request_repaint();
     });
@@ -33,15 +32,13 @@ fn ask(picker: Picker, start: &Path) -> Answer {
     };
     path.map_or(Answer::Cancelled, Answer::Chosen)
 }
-
-/// Whether the system has a dialog. Linux may have none, and the answer of none is that of a cancelled one: a desktop
-/// portal or zenity opens it.
+/// Whether the system has a file dialog. On Linux a desktop portal or zenity opens it; without either, `rfd` reports
+/// "cancelled".
 #[cfg(target_os = "linux")]
 fn can_answer() -> bool {
     has_zenity() || has_portal()
 }
-
-/// Whether the system has a dialog; it always has.
+/// Whether the system has a file dialog, which it always has.
 #[cfg(not(target_os = "linux"))]
 fn can_answer() -> bool {
     true
@@ -55,8 +52,7 @@ fn has_zenity() -> bool {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&folders).any(|folder| is_program(folder.join("zenity")))
 }
-
-/// Whether a desktop portal has file dialogs; it is started where it is not running.
+/// Whether a desktop portal offers file dialogs; the call starts it.
 #[cfg(target_os = "linux")]
 fn has_portal() -> bool {
     let version = || -> zbus::Result<u32> {

@@ -1,4 +1,4 @@
-//! The first minute: what to start from, and a tour of the three jobs.
+//! The welcome dialog and the tour.
 
 use egui::{RichText, Ui};
 
@@ -7,14 +7,13 @@ use crate::studio::state::app_state::{LayoutRequest, State, Transition};
 use crate::studio::state::pane::Pane;
 use crate::studio::widgets::modal;
 use crate::workbench::SAMPLES;
-
-/// One stop of the tour.
+/// A step of the tour.
 struct Stop {
     title: &'static str,
     text: &'static str,
-    /// The room that it is about.
+    /// The panel that is shown.
     room: Pane,
-    /// Whether the person has done it.
+    /// Whether the user has done it.
     done: fn(&State) -> bool,
 }
 
@@ -50,8 +49,7 @@ const STOPS: [Stop; 5] = [
         done: |state| state.onboarding.exported,
     },
 ];
-
-/// Asks what to start from.
+/// Shows the welcome dialog, which offers samples to start from.
 pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
     if !state.onboarding.welcome {
         return;
@@ -96,8 +94,7 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
         state.preferences.welcomed = true;
     }
 }
-
-/// The tour: a small window that says what to do, and sees when it is done.
+/// Shows the current step of the tour and whether it is done.
 pub fn show_tour(ctx: &egui::Context, state: &mut State) {
     let Some(number) = state.onboarding.tour else { return };
     let Some(stop) = STOPS.get(number) else {

@@ -1,4 +1,4 @@
-//! Designs side by side: a table, information against Tamura coefficient, and one picture that flips between two.
+//! Snapshots side by side: a table, information against Tamura coefficient, and one image that flips between two.
 
 use egui::{ColorImage, Sense, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
@@ -14,19 +14,16 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::colours::{CEILING, DENSITY, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
-
-/// ComparedSide of the small pictures, points.
+/// Side of the thumbnails, points.
 const THUMBNAIL: f32 = 30.0;
-/// Between the cells of the table, points.
+/// Spacing of the table, points.
 const SPACING: Vec2 = Vec2::new(6.0, 3.0);
-
-/// Quantity is to be done with one of the designs.
+/// Action on a snapshot.
 enum SnapshotAction {
     Open(u64),
     Delete(u64),
 }
-
-/// Shows the room.
+/// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
         if ui.button("Take snapshot").on_hover_text("Saves the open design with its numbers for comparison").clicked() {
@@ -83,8 +80,7 @@ fn open(state: &mut State, number: u64) {
         snapshot.is_open_as(revision);
     }
 }
-
-/// One row per design.
+/// Table with one row per snapshot.
 fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
     let mut has_drawn = false;
     let State { snapshots, comparison, palettes, .. } = state;
@@ -101,7 +97,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
         for snapshot in &mut snapshots.entries {
             let top = ui.cursor().top();
             if top > seen.bottom() || top + THUMBNAIL < seen.top() {
-                // Hundreds of rows that nobody sees would take longer than all the rest.
+                // Hidden rows are skipped: there may be hundreds.
                 ui.allocate_space(Vec2::splat(THUMBNAIL));
                 ui.end_row();
                 continue;
@@ -150,14 +146,12 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
         }
     });
 }
-
-/// Quantity a scene is called: a letter while there are enough.
+/// Letter of a scene, or its number beyond the alphabet.
 fn letter_of(scenes: &[impl AsRef<str>], scene: &str) -> String {
     let place = scenes.iter().position(|known| known.as_ref() == scene).unwrap_or_default();
     ('a'..='z').nth(place).map_or_else(|| (place + 1).to_string(), String::from)
 }
-
-/// Quantity is known of a design's information, in a few characters: a line for each side.
+/// Lower and upper bound of a snapshot, one line each.
 fn information(snapshot: &Snapshot) -> String {
     let bound = |sign: char, bound: Bits| match bound.half_width() {
         0.0 => format!("{sign} {:.3}", bound.bits),
@@ -169,8 +163,7 @@ fn information(snapshot: &Snapshot) -> String {
         (_, None) => snapshot.numbers.gaussian.map_or("-".into(), |approximation| bound('\u{2248}', approximation)),
     }
 }
-
-/// Every bound of a design.
+/// All bounds of a snapshot.
 fn bounds(snapshot: &Snapshot) -> String {
     let line = |what: &str, Bits { bits, interval_95 }: Bits| format!("{what} {}", with_decimals(bits, interval_95, 4));
     let (mut lines, numbers) = (Vec::new(), &snapshot.numbers);
@@ -211,8 +204,7 @@ fn thumbnail(
     let image = egui::Image::new((texture.id(), texture.size_vec2())).fit_to_exact_size(Vec2::splat(THUMBNAIL));
     ui.add(image.alt_text(format!("PSF of {}", snapshot.name)));
 }
-
-/// One picture that flips between two designs, or their difference.
+/// One image that flips between two snapshots, or their difference.
 fn pair(ui: &mut Ui, state: &mut State) {
     if state.comparison.what == Quantity::Measurement {
         measure(state);
@@ -250,7 +242,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
             comparison.tries_again |= response.clicked();
             if response.clicked() && comparison.what != what {
                 comparison.what = what;
-                // DisplayRange of one quantity mean nothing for another.
+                // A display range belongs to one quantity.
                 comparison.picture.forget_levels();
                 comparison.difference.forget_levels();
             }
@@ -277,7 +269,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
         let finite = image.iter().copied().filter(|value| value.is_finite());
         finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
     };
-    // All three are views of one place.
+    // All three share zoom and pan.
     let viewport = comparison.viewport;
     let (view, image) = match comparison.side {
         ComparedSide::Difference => {
@@ -288,7 +280,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
             (&mut comparison.difference, CowArray::from(image))
         }
         side => {
-            // Both in the same colours, so that a flip shows differences and nothing else.
+            // A common display range makes the flip show differences only.
             let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
             comparison.picture.fix_limits((low_a.min(low_b), high_a.max(high_b)));
             (&mut comparison.picture, CowArray::from(if side == ComparedSide::A { one } else { other }))
@@ -304,8 +296,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
     });
     comparison.viewport = view.viewport;
 }
-
-/// Asks for the measurements of the pair that are not known, as those of another day are not.
+/// Requests missing measurements of the pair; snapshots are stored without them.
 fn measure(state: &mut State) {
     let tries_again = std::mem::take(&mut state.comparison.tries_again);
     for number in state.comparison.pair.into_iter().flatten() {
@@ -328,8 +319,7 @@ fn picture(snapshot: &Snapshot, what: Quantity) -> Option<&Array2<f32>> {
         Quantity::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
     }
 }
-
-/// Information against Tamura coefficient.
+/// Plot of information against Tamura coefficient.
 fn scatter(ui: &mut Ui, all: &Snapshots) {
     let (snapshots, scenes) = (&all.entries, all.scenes());
     let points = |value: &dyn Fn(&Snapshot) -> Option<f64>| -> PlotPoints<'static> {

@@ -1,4 +1,4 @@
-//! Estimates that take minutes: what to compute, how its fit goes, and what came of it.
+//! Estimates that take minutes: their form, the progress of the fit, and the results.
 
 use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
@@ -16,11 +16,9 @@ use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{
     Calibration, Curve, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command, images_command,
 };
-
-/// What a copied command is good for.
+/// Tooltip of the button that copies a command.
 const COPY_HINT: &str = "Copies the command line that reproduces this number";
-
-/// How a PixelCNN can be fitted and scored, and what its number is then.
+/// Protocols of a PixelCNN, with tooltips.
 const PROTOCOLS: [(Protocol, &str); 2] = [
     (Protocol::Default, "New noise, disjoint training and test objects, exact noise entropy: an upper bound"),
     (
@@ -32,15 +30,14 @@ const PROTOCOLS: [(Protocol, &str); 2] = [
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     order(ui, state);
-    // All of it scrolls: beside a fit that goes on there is little room in a low window.
+    // Scrolls: a low window has little space during a fit.
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         camera_form::show(ui, state);
         ui.separator();
         results(ui, state);
     });
 }
-
-/// The estimate that is computed, and those that are finished.
+/// The running and the finished estimates.
 fn results(ui: &mut Ui, state: &mut State) {
     let running = state.estimates.running.clone();
     let finished = state.estimates.finished.clone();
@@ -65,15 +62,14 @@ fn results(ui: &mut Ui, state: &mut State) {
     for (index, result) in finished.iter().enumerate().rev() {
         entry(ui, state, index, result);
     }
-    // Beside one that is computed the newest is not of interest by itself.
+    // A running estimate has a curve of its own.
     let newest = finished.last().filter(|_| running.is_none());
     let shown = state.estimate_form.chosen.and_then(|index| finished.get(index)).or(newest);
     if let Some(shown) = shown.filter(|shown| !shown.value.curve.is_empty()) {
         fit_plot(ui, &shown.value.curve, 170.0);
     }
 }
-
-/// Estimator, patch, time, and the button.
+/// Form of a new estimate.
 fn order(ui: &mut Ui, state: &mut State) {
     let running = state.estimates.running.is_some();
     ui.horizontal_wrapped(|ui| {
@@ -201,14 +197,13 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
                 state.estimate_form.chosen = None;
             }
         });
-        // Below the buttons, which so stay in reach beside an estimate of many notes.
+        // Below the buttons, so that many notes do not move them.
         for note in &estimate.notes {
             ui.weak(format!("note: {note}"));
         }
     });
 }
-
-/// The number of an estimate in one line.
+/// Value of an estimate in one line.
 fn summary(estimate: &Estimate) -> String {
     let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
     match (estimate.lower(), estimate.protocol) {
@@ -219,8 +214,7 @@ fn summary(estimate: &Estimate) -> String {
         }
     }
 }
-
-/// How the fits went: a density model's cross-entropy falls, what a decoder saves rises.
+/// Curves of a fit: cross-entropy of a density model, information gain of a decoder.
 fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
     for (model, name, colour) in [
         (FittedModel::Density, "cross-entropy", DENSITY),
@@ -231,7 +225,7 @@ fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
         if points.len() < 2 {
             continue;
         }
-        // The first steps are off the scale of all that follow.
+        // The first tenth is off the scale.
         let late = &points[points.len() / 10..];
         Plot::new(("fit", name))
             .height(height)

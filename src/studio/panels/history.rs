@@ -1,4 +1,4 @@
-//! How past edits fared.
+//! The information after each edit.
 
 use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};

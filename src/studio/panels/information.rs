@@ -1,4 +1,4 @@
-//! Information and sparsity: what the design's numbers are and what they rest on.
+//! Information and Tamura coefficient of the design, with their estimators.
 
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
@@ -12,8 +12,7 @@ use crate::studio::widgets::colours::{CEILING, DENSITY, FITTED, GAUSSIAN, LOWER,
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{RunBounds, RunStatus};
-
-/// Least room for a value in the table, points.
+/// Minimal width of a value in the table, points.
 const LEAST_VALUE: f32 = 80.0;
 
 /// Shows the panel.
@@ -40,8 +39,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         tamura_gauge::show(ui, state);
     });
 }
-
-/// What can be taken from the numbers.
+/// Menu that copies or exports the numbers.
 fn more(ui: &mut Ui, state: &mut State) {
     let more = ui.menu_button("...", |ui| {
         for action in [Action::CopyNumbers, Action::CopyCommand, Action::ExportLive] {
@@ -51,14 +49,12 @@ fn more(ui: &mut Ui, state: &mut State) {
     let hint = "Copies the numbers or the command that reproduces them, or exports the record of the live estimate";
     name_widget(&more.response.on_hover_text(hint), "More of the numbers");
 }
-
-/// Two bounds in bits per pixel as those of a whole measurement.
+/// Bounds in bits per measurement, from bits per pixel.
 fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
     let (low, high) = Bracket::in_order(lower, upper);
     format!("{:.0} \u{2013} {:.0}", low * pixels as f64, high * pixels as f64)
 }
-
-/// The bracket where there is one, the smallest upper bound otherwise, large, and what kind of number it is.
+/// Headline: the bracket, or else the smallest upper bound, with its source.
 fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     let (upper, from) = known.upper();
     let (rows, cols) = known.bounds.patch;
@@ -112,18 +108,18 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
         _ => patch,
     };
     let text = RichText::new(text).size(28.0);
-    // Masks of a run come so quickly that all numbers are some moments behind.
+    // Numbers of a followed run lag behind its masks.
     let moving = run.is_some() && state.bench.is_following();
     let fresh = known.current || moving;
     let text = if fresh { text.strong() } else { text.weak() };
-    // A number that still changes leans.
+    // A refining number is italic.
     let goes_on = !is_paused(state) && state.bench.is_live();
     let changes = goes_on && known.current_live().is_some_and(|live| live.remaining.is_some() || live.bounding);
     let refining = known.sensor_bracket().is_none() && changes;
     let text = if refining || moving { text.italics() } else { text };
     let name = if fresh { name } else { format!("{name}, of an earlier edit") };
     ui.horizontal(|ui| {
-        // What is left beside the button in the corner.
+        // The space beside the button in the corner.
         let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
         ui.allocate_ui_with_layout(room, egui::Layout::left_to_right(egui::Align::Min).with_main_wrap(true), |ui| {
             ui.set_min_width(room.x);
@@ -142,19 +138,16 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     ui.weak(patch).on_hover_text(format!("Mutual information between objects and noisy measurements{from}"));
     ui.add_space(4.0);
 }
-
-/// The bound that a run knows, and on which side of it the information is.
+/// Bound of a run with its sign: at least or at most.
 fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
     let lower = run.lower.as_ref().map(|lower| ('\u{2265}', lower));
     lower.or_else(|| Some(('\u{2264}', run.upper.as_ref()?)))
 }
-
-/// The names of the bounds on both sides.
+/// Sources of lower and upper bound.
 fn both(below: &str, above: &str) -> String {
     if below == above { below.to_owned() } else { format!("{below}, {above}") }
 }
-
-/// Says where a number overstates the design; below the numbers, so that they stay where they are.
+/// Warns about estimates above the entropy bound.
 fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
     let Some(ceiling) = known.bounds.ceiling_bits() else { return };
     let fitted = known.fitted.as_ref().map(|fitted| fitted.bits_per_pixel);
@@ -168,8 +161,7 @@ fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
     };
     ui.colored_label(ui.visuals().warn_fg_color, warning);
 }
-
-/// All bounds on one axis that starts at 0; where the truth can be is filled.
+/// All bounds on one axis from 0; the range between lower and upper bound is filled.
 fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
     let upper = known.upper_bound().map(|(bits, _)| bits);
     let lower = known.lower().map(|lower| lower.bits_per_pixel);
@@ -205,8 +197,7 @@ fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
     painter.text(pos2(rect.right(), top + 17.0), egui::Align2::RIGHT_TOP, format_significant(end), font, weak);
     response.on_hover_text(text);
 }
-
-/// The next round number above `value`.
+/// Smallest round number that is at least `value`.
 fn nice_end(value: f64) -> f64 {
     let value = value.max(1e-3);
     let decade = 10_f64.powf(value.log10().floor());
@@ -219,7 +210,7 @@ fn nice_end(value: f64) -> f64 {
 
 fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
     let bound = &known.bounds.gaussian;
-    // A value that is a sentence wraps where the panel ends, or it would push what lies below out of sight.
+    // A long value wraps at the border of the panel.
     let end = ui.max_rect().right();
     egui::Grid::new("information details").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
         let mut line = |name: &str, value: String, colour: Option<Color32>, hint: &str| {
@@ -299,13 +290,11 @@ fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
         );
     });
 }
-
-/// Whether live estimates wait for something that goes on.
+/// Whether an estimate or a run pauses the live estimate.
 fn is_paused(state: &State) -> bool {
     state.estimates.running.is_some() || state.run.as_ref().is_some_and(|run| run.status == RunStatus::Running)
 }
-
-/// The live estimate and how far it is; entropies of the best model that is at hand.
+/// Live estimate with its state, and the entropies of the best available model.
 fn live_line(state: &State, known: &BoundSummary<'_>) -> (String, (&'static str, f64, f64)) {
     let bound = &known.bounds.gaussian;
     let gaussian = ("Gaussian model", bound.entropy_y, bound.entropy_y_given_x);

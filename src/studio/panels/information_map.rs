@@ -1,4 +1,4 @@
-//! Where in a patch the information of the live estimate comes from.
+//! Information of each pixel of a patch, by the live estimate.
 
 use egui::Ui;
 use ndarray::Axis;

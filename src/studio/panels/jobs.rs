@@ -1,4 +1,4 @@
-//! What the program does beside the edits, with its progress, what it told, and a button that stops it.
+//! The window of jobs: progress, log and a stop button for each.
 
 use egui::{ProgressBar, RichText, ScrollArea, Ui};
 
@@ -6,14 +6,12 @@ use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Activity, ActivityState, spoken};
-
-/// Height of a bar that tells how far something is, points.
+/// Height of a progress bar, points.
 const BAR: f32 = 16.0;
-
-/// Draws the window where it is open.
+/// Draws the window if it is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let mut open = state.jobs_open;
-    // Beside the rooms from which jobs are started, not over them.
+    // Placed beside the panels that start jobs.
     let corner = ctx.content_rect().center_bottom() - egui::vec2(0.0, 36.0);
     let window = egui::Window::new("Jobs").open(&mut open).default_size([440.0, 320.0]);
     window.pivot(egui::Align2::CENTER_BOTTOM).default_pos(corner).show(ctx, |ui| {

@@ -1,4 +1,4 @@
-//! The lenslets as numbers.
+//! The table of lenslets.
 
 use std::collections::BTreeSet;
 
@@ -78,7 +78,7 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
         }
     }
     chooser.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
-    // Width, weight and plane of one selected lenslet are set for the whole selection; a place belongs to one alone.
+    // Width, weight and plane apply to the whole selection, a position to one lenslet.
     let together = state.selection.len() > 1 && selected;
     for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
         let name = format!("Lenslet {number} {}", column.title());
@@ -92,15 +92,14 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
         state.send_edit(edit, &Command::ChangeLenslets { what: column.change(), lenslets });
     }
     let mut locked = state.locks.indices().contains(&index) && state.bench.shows_own_lenslets();
-    // Locks are of the open design, whatever is shown.
+    // Locks belong to the open design, not to a preview.
     let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::new(&mut locked, ""));
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
         state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
     }
 }
-
-/// What of a lenslet stands in a column.
+/// A column of the table.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Column {
     X,

@@ -1,9 +1,9 @@
-//! The PSF plane: the picture of the PSF under one handle per lenslet.
+//! The PSF plane: the PSF image under one handle per lenslet.
 //!
-//! Click selects (Shift adds, or takes out), drag moves the selection, a drag on the picture draws a box, a double click adds,
+//! Click selects (Shift adds, or takes out), drag moves the selection, a drag on the image draws a box, a double click adds,
 //! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
 //! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves
-//! the zoomed picture.
+//! the zoomed image.
 
 use std::collections::BTreeSet;
 
@@ -58,7 +58,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             (_, 1) => "1 selected".into(),
             (_, more) => format!("{more} selected"),
         };
-        // What is left of the row: the picture stays as large as it is, whatever the text.
+        // The rest of the row: the text does not change the size of the image.
         let room = vec2(ui.available_size_before_wrap().x, ui.spacing().interact_size.y);
         if room.x > 60.0 {
             ui.allocate_ui(room, |ui| ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate()));
@@ -94,7 +94,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     image_menu::show(ui, state, View::Psf, &shown, add_here);
     let design = state.bench.design().clone();
     let Some(array) = design.encoder.lenslets() else { return };
-    // The picture of an older design may have another shape than the array now.
+    // The image of an older design may have another shape than the array now.
     if (array.rows, array.cols) != image.dim() {
         return;
     }
@@ -158,7 +158,7 @@ fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Lim
     }
 }
 
-/// Box selection, deselection and adding, on the picture itself.
+/// Box selection, deselection and adding, on the image itself.
 fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
     let shift = ui.input(|input| input.modifiers.shift);
     if response.double_clicked()
@@ -263,7 +263,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
     let shift = ui.input(|input| input.modifiers.shift);
 
     if response.clicked() {
-        // Space is a click, too, and is held to move the picture: it leaves the others as they are.
+        // Space is a click, too, and is held to move the image: it leaves the others as they are.
         if response.clicked_by(PointerButton::Primary) || shift || !selected {
             select(state, index, shift);
         }
@@ -325,7 +325,7 @@ fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -
 fn wheel(ui: &Ui, state: &mut State, index: usize) {
     let turns: Vec<(f64, bool)> = ui.input(|input| {
         let turn = |event: &egui::Event| match event {
-            // With Ctrl it zooms the picture.
+            // With Ctrl it zooms the image.
             egui::Event::MouseWheel { unit, delta, modifiers, .. } if !modifiers.command => {
                 // Some systems turn the wheel sideways while Alt or Shift is held.
                 let notches = match unit {

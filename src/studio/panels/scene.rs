@@ -1,4 +1,4 @@
-//! What is imaged, and the sensor that images it.
+//! The scene: objects and sensor.
 
 use egui::Ui;
 
@@ -169,8 +169,7 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
         }
     });
 }
-
-/// A setting with its name in front, names aligned.
+/// A setting behind its aligned label.
 fn labelled(ui: &mut Ui, name: &str, add: impl FnOnce(&mut Ui)) {
     ui.horizontal(|ui| {
         ui.set_min_height(22.0);

@@ -1,16 +1,15 @@
-//! The line at the lower edge of the window.
+//! The status bar.
 
 use egui::Ui;
 
 use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
-
-/// How long the processor works on each frame.
+/// Drawing times of frames.
 #[derive(Default)]
 pub struct FrameTimes {
     /// Whether they are shown.
     pub shown: bool,
-    /// Of the last frame and the longest of late, seconds.
+    /// Last frame and recent maximum, seconds.
     last: f32,
     longest: f32,
     /// Frames drawn since the window was opened.
@@ -21,13 +20,12 @@ impl FrameTimes {
     /// Notes the time of a frame, seconds.
     pub fn note(&mut self, seconds: f32) {
         self.last = seconds;
-        // The longest fades within a few hundred frames.
+        // The maximum decays within a few hundred frames.
         self.longest = (0.99 * self.longest).max(seconds);
         self.count += 1;
     }
 }
-
-/// Left: the newest message, or the value under the pointer. Right: what is going on.
+/// Shows the newest message on the left; value under the pointer and jobs on the right.
 pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
         let work = job_progress::summary(state).unwrap_or_else(|| {

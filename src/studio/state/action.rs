@@ -1,4 +1,4 @@
-//! What menus and shortcuts do: one list for both.
+//! The actions of menus, shortcuts, palette and buttons.
 
 use std::borrow::Cow;
 
@@ -7,18 +7,16 @@ use egui::{Event, Key, KeyboardShortcut, Modifiers};
 use crate::optics::DIFFUSER_APERTURES;
 use crate::plural::counted;
 use crate::studio::state::pane::Pane;
-
-/// Arrangements of rooms that can be remembered.
+/// Number of layouts that can be saved.
 const LAYOUTS: usize = 2;
-
-/// Something that a menu entry or a shortcut does.
+/// An action, with its label and its shortcut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Starts from the default design.
     New,
     /// Opens a design file.
     Open,
-    /// Saves to the design's file, or asks for one.
+    /// Saves to the file of the design, or asks for one.
     Save,
     /// Asks for a file and saves.
     SaveAs,
@@ -32,9 +30,9 @@ pub enum Action {
     ExportDesign,
     /// Exports objects and measurements.
     ExportMeasurements,
-    /// Goes one step back.
+    /// Undoes the last step.
     Undo,
-    /// Goes one step forth again.
+    /// Redoes the last undone step.
     Redo,
     /// Selects every lenslet.
     SelectAll,
@@ -42,66 +40,65 @@ pub enum Action {
     Delete,
     /// Adds a lenslet in the middle.
     AddLenslet,
-    /// Starts the run that the Optimize room asks for.
+    /// Starts the run that the form of the Optimize panel describes.
     StartRun,
-    /// Ends the run; it can go on later.
+    /// Stops the run, which can be resumed.
     StopRun,
-    /// Accepts the mask of the run that is shown: in place of the design, or as a design of its own.
+    /// Accepts the previewed mask: into the design, or as a new design.
     Accept,
-    /// Opens that mask as a design of its own.
+    /// Opens the previewed mask as a new design.
     OpenMask,
-    /// Shows the open design again, in place of a mask of the run.
+    /// Shows the open design again.
     EndPreview,
-    /// Puts the open design aside, to compare it.
+    /// Takes a snapshot of the open design for comparison.
     KeepSnapshot,
-    /// Puts another mask in place.
+    /// Replaces the mask by a preset.
     Preset(Preset),
-    /// Brings a room to the front.
+    /// Brings a panel to the front.
     Show(Pane),
-    /// Arranges the rooms as in a new window.
+    /// Restores the default layout.
     ResetLayout,
-    /// Remembers the arrangement of the rooms under a number.
+    /// Saves the layout under a number.
     RememberLayout(usize),
-    /// Arranges the rooms as was remembered.
+    /// Loads a saved layout.
     RecallLayout(usize),
-    /// Lets the room under the pointer fill the window, or all rooms come back.
+    /// Maximizes the panel under the pointer, or restores all panels.
     Maximise,
-    /// Finds actions by what they are called.
+    /// Opens the command palette.
     ActionPalette,
     /// Shows keys and gestures.
     Shortcuts,
-    /// Shows what a person can choose.
+    /// Opens the settings.
     Settings,
-    /// Asks what to start from.
+    /// Opens the welcome dialog.
     Welcome,
-    /// Shows what can be done, step by step.
+    /// Starts the tour.
     Tour,
     /// Shows versions and the machine.
     About,
-    /// Puts the numbers of the open design into the clipboard, as JSON.
+    /// Copies the numbers of the shown design as JSON.
     CopyNumbers,
-    /// Puts the command line for them into the clipboard.
+    /// Copies the command line that reproduces them.
     CopyCommand,
-    /// Writes a record from which the live estimate can be computed again.
+    /// Exports the record of the live estimate.
     ExportLive,
-    /// Shows what is done beside the edits.
+    /// Shows the jobs.
     Jobs,
     /// Shows all messages.
     Messages,
     /// Closes the window.
     Quit,
 }
-
-/// A mask to start from.
+/// A preset mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
-    /// So many heuristic lenslets, 1 to 9.
+    /// Heuristic layout of this many lenslets, 1 to 9.
     Heuristic(usize),
-    /// 25 lenslets, drawn from the design's seed; others every time.
+    /// 25 random lenslets, from the seed of the design; new ones at every use.
     Random,
     /// 5 lenslets, each focused on a plane of its own.
     Depth,
-    /// A diffuser with an aperture of so many pixels.
+    /// Diffuser with an aperture of this many pixels.
     Diffuser(usize),
 }
 
@@ -120,8 +117,7 @@ impl Preset {
             Self::Diffuser(aperture_px) => format!("Aperture {aperture_px} px"),
         }
     }
-
-    /// Its name where its menu does not stand above it.
+    /// Its name outside the Presets menu.
     fn full_label(self) -> String {
         match self {
             Self::Heuristic(_) => format!("Mask: {}, heuristic", self.label()),
@@ -132,7 +128,7 @@ impl Preset {
 }
 
 impl Action {
-    /// All actions that have a shortcut, longer ones first: a shorter one would swallow them.
+    /// Actions with a shortcut; shortcuts with more modifiers come first, because a shorter one would match too.
     const WITH_SHORTCUT: [Self; 20] = [
         Self::SaveAs,
         Self::ActionPalette,
@@ -155,8 +151,7 @@ impl Action {
         Self::SelectAll,
         Self::Delete,
     ];
-
-    /// Every action, as the palette lists them.
+    /// All actions of the palette.
     pub fn all() -> impl Iterator<Item = Self> {
         let plain = [
             Self::New,
@@ -194,8 +189,7 @@ impl Action {
         ];
         plain.into_iter().chain(Self::layouts()).chain(Preset::all().map(Self::Preset)).chain(Pane::ALL.map(Self::Show))
     }
-
-    /// What can be done with the arrangement of the rooms.
+    /// Actions on layouts.
     pub fn layouts() -> impl Iterator<Item = Self> {
         let numbers = 1..=LAYOUTS;
         let remember = numbers.clone().map(Self::RememberLayout);
@@ -274,8 +268,7 @@ impl Action {
         };
         Some(KeyboardShortcut::new(modifiers, key))
     }
-
-    /// The actions whose shortcuts were pressed since the last frame, in that order: a slow frame may bring several.
+    /// Actions whose shortcuts were pressed since the last frame, in order.
     pub fn pressed(ctx: &egui::Context) -> Vec<Self> {
         let focused = ctx.memory(egui::Memory::focused);
         let typing = focused.is_some_and(|id| egui::TextEdit::load_state(ctx, id).is_some());
@@ -290,15 +283,14 @@ impl Action {
         });
         pressed
     }
-
-    /// The action of a key, if any; `typing` where a text field has the keyboard.
+    /// The action of a key, if any; `typing` is true if a text field has the keyboard.
     fn of_key(modifiers: Modifiers, key: Key, typing: bool) -> Option<Self> {
         let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
-        // What browsers and editors have taught people to press.
+        // A second shortcut that is common in other programs.
         if is(Modifiers::COMMAND, Key::K) {
             return Some(Self::ActionPalette);
         }
-        // A keyboard without a Delete key has this one.
+        // For keyboards without a Delete key.
         if !typing && is(Modifiers::NONE, Key::Backspace) {
             return Some(Self::Delete);
         }
@@ -306,8 +298,7 @@ impl Action {
         by_shortcut
             .find(|action| action.shortcut().is_some_and(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
     }
-
-    /// Whether a text field does this to its own text.
+    /// Whether a text field has this action for its own text.
     fn is_for_text(self) -> bool {
         matches!(self, Self::Undo | Self::Redo | Self::SelectAll | Self::Delete)
     }

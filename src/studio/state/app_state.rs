@@ -1,4 +1,4 @@
-//! What the panels share: the workbench, what is selected and shown, and where the pointer is.
+//! The state that panels and dialogs share.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, VecDeque};
@@ -38,86 +38,85 @@ pub struct State {
     pub estimates: Estimates,
     /// The run that optimizes the mask, as of this frame.
     pub run: Option<DesignRun>,
-    /// What the Optimize room asks for.
+    /// Form of the Optimize panel.
     pub optimize_form: OptimizeForm,
-    /// What the Estimates room asks for.
+    /// Form of the Estimates panel.
     pub estimate_form: EstimateForm,
-    /// Whether the mask shows where the gradient would move lenslets.
+    /// Whether the mask shows gradient arrows.
     pub arrows: bool,
-    /// The patch whose information map is shown; the mean over many where there is none.
+    /// Index of the patch whose information map is shown; none for the mean.
     pub map_sample: Option<usize>,
     /// Indices of the selected lenslets.
     pub selection: BTreeSet<usize>,
-    /// The lenslets that runs leave as they are.
+    /// Locked lenslets.
     pub locks: Locks,
-    /// The pictures.
+    /// The images.
     pub views: Views,
     /// Colours of all maps.
     pub palettes: ColourPalettes,
-    /// Which of the live objects is shown.
+    /// Index of the shown sample.
     pub sample: usize,
     /// Whether the measurement is shown with noise.
     pub noisy: bool,
-    /// What the MTF room shows.
+    /// View of the MTF panel.
     pub mtf_view: MtfView,
-    /// What was last asked for of the one measurement that is looked at.
+    /// Key of the last requested inspection of the shown measurement.
     pub closer_asked: Option<CloserKey>,
-    /// Where information comes from, over the measurement.
+    /// Information overlay of the measurement.
     pub overlay: InformationOverlay,
-    /// Where the pointer is in the object or the measurement.
+    /// Position of the pointer in object or measurement.
     pub cursor: LinkedCursor,
     /// The value under the pointer, for the status bar.
     pub hover: Option<String>,
     /// Information after each edit.
     pub edit_history: EditHistory,
-    /// What was told.
+    /// Message log.
     pub messages: Messages,
-    /// What takes texts that are copied.
+    /// Clipboard of copied texts.
     pub clipboard: Clipboard,
-    /// Open dialogs.
+    /// The question for a path.
     pub path_dialog: PathDialog,
-    /// The drag on the mask canvas, if one is going on.
+    /// The current drag on the mask.
     pub drag: Option<MaskDrag>,
-    /// What waits for an answer about unsaved changes.
+    /// The transition that waits for a confirmation.
     pub pending_transition: Option<PendingTransition>,
-    /// Designs that were put aside.
+    /// Snapshots of designs.
     pub snapshots: Snapshots,
-    /// How they are compared.
+    /// State of the Compare panel.
     pub comparison: Comparison,
-    /// What a person has chosen, from one day to the next.
+    /// Preferences of the user.
     pub preferences: Preferences,
-    /// What draws the window; none in tests.
+    /// Name of the renderer; none in tests.
     pub renderer: Option<&'static str>,
-    /// Where everything is kept that outlives the window, if anywhere.
+    /// Folder of the application data, if any.
     pub folder: Option<PathBuf>,
-    /// How the rooms are to be arranged.
+    /// Requested change of the layout.
     pub layout_request: Option<LayoutRequest>,
-    /// The open palette.
+    /// The open command palette.
     pub palette: Option<ActionPalette>,
-    /// The open sheet.
+    /// The open settings dialog.
     pub settings_dialog: Option<SettingsDialog>,
     /// Whether the list of jobs is open.
     pub jobs_open: bool,
-    /// Images of rooms.
+    /// Pending capture of a panel.
     pub capture: Capture,
-    /// Where each room was drawn last, points.
+    /// Rectangle of each visible panel, points.
     pub panel_rects: Vec<(Pane, egui::Rect)>,
-    /// The room that fills the window, if one does.
+    /// The maximized panel.
     pub maximised: Option<Pane>,
-    /// What newcomers are shown.
+    /// Welcome dialog and tour.
     pub onboarding: Onboarding,
-    /// Actions of buttons and menus that are still to be done.
+    /// Requested actions, in order.
     pub actions: VecDeque<Action>,
     /// Seed of the last random start.
     random_start: Option<u64>,
 }
-
-/// What would leave the open design behind, or a run.
+/// A step that would discard the open design or a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Transition {
     /// Starting from the default design.
     New,
-    /// Starting from a design that comes with the program.
+    /// Starting from a sample design.
     Sample(Box<Design>),
     /// Asking for a design file.
     Open,
@@ -127,33 +126,31 @@ pub enum Transition {
     Close,
     /// Starting a run in place of the last one.
     Run,
-    /// Opening the mask of the run that is shown as a design of its own.
+    /// Opening the previewed mask as a new design.
     Accept,
 }
-
-/// A wish for the rooms.
+/// A requested change of the layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LayoutRequest {
-    /// One is to come to the front.
+    /// Brings a panel to the front.
     Show(Pane),
-    /// All go back to where they are in a new window.
+    /// Restores the default layout.
     Reset,
-    /// The arrangement is remembered under this number.
+    /// Saves the layout under this number.
     Remember(usize),
-    /// The arrangement of this number comes back.
+    /// Loads the layout of this number.
     Recall(usize),
 }
-
-/// A question about unsaved changes.
+/// A transition that waits for a confirmation.
 pub struct PendingTransition {
-    /// What waits.
+    /// The transition.
     pub what: Transition,
-    /// The answer was to save; when the file is written it goes on.
+    /// *Save* was chosen: the transition follows when the file is written.
     pub saving: bool,
 }
 
 impl State {
-    /// The state of a new window on a workbench.
+    /// State of a new window on a session.
     pub fn new(bench: Workbench) -> Self {
         let (live, estimates) = (bench.live(), bench.estimates());
         Self {
@@ -205,8 +202,7 @@ impl State {
             random_start: None,
         }
     }
-
-    /// Does what leaves the open design or a run behind, at once or after a question about what would be lost.
+    /// Performs a transition, after a confirmation if something would be lost.
     pub fn request_transition(&mut self, ctx: &egui::Context, what: Transition) {
         let asks = match what {
             Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
@@ -219,8 +215,7 @@ impl State {
             self.perform_transition(ctx, what);
         }
     }
-
-    /// Leaves the open design or a run behind.
+    /// Performs a transition.
     pub fn perform_transition(&mut self, ctx: &egui::Context, what: Transition) {
         self.pending_transition = None;
         if matches!(what, Transition::New | Transition::Sample(_)) {
@@ -236,20 +231,17 @@ impl State {
             Transition::Accept => self.bench.accept_as_new(),
         }
     }
-
-    /// Asks for an action; it is done when all panels are drawn.
+    /// Requests an action, which runs when all panels are drawn.
     pub fn act(&mut self, action: Action) {
         self.actions.push_back(action);
     }
-
-    /// A seed that the last random start did not have; the design's own at first.
+    /// Seed of the next random preset: that of the design first, then consecutive ones.
     pub fn next_random_start(&mut self, seed: u64) -> u64 {
         let next = self.random_start.map_or(seed, |last| last.wrapping_add(1));
         self.random_start = Some(next);
         next
     }
-
-    /// Changes the design; a refusal is told.
+    /// Applies a command to the design; a message reports a refusal.
     pub fn send(&mut self, command: &Command) {
         let are_others = !self.bench.shows_own_lenslets();
         if let Err(error) = self.bench.apply(command) {
@@ -264,16 +256,15 @@ impl State {
             _ => {}
         }
         match (are_others, command.edits_lenslets()) {
-            // Whoever edits a mask of the run has accepted it.
+            // An edit of a previewed mask accepts it.
             (true, true) => self.locks.check(self.bench.lenslets()),
-            // The open design is shown again.
+            // The preview has ended.
             (true, false) => self.selection.clear(),
             (false, _) => {}
         }
         self.locks.follow(command, self.bench.lenslets());
     }
-
-    /// Changes the design as a number field says; a typed number is a step of undo of its own.
+    /// Applies a command of a number field; a typed number is one undo step.
     pub fn send_edit(&mut self, edit: Edit, command: &Command) {
         if edit.is_typed {
             self.bench.begin_step();
@@ -283,8 +274,7 @@ impl State {
             self.bench.begin_step();
         }
     }
-
-    /// Goes to another design, back or forth. Indices of what is held, selected or locked may mean other lenslets there.
+    /// Switches to another design, as by undo. Drag, selection and locks are reset if its lenslets differ.
     pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
         let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
         let before = shown(&self.bench);
@@ -295,8 +285,7 @@ impl State {
         }
         self.locks.check(self.bench.lenslets());
     }
-
-    /// Lenslets of the open design.
+    /// Number of lenslets of the shown design.
     pub fn lenslet_count(&self) -> usize {
         self.bench.design().encoder.lenslets().map_or(0, |array| array.lenslets.len())
     }
@@ -306,8 +295,7 @@ impl State {
         let Some(array) = self.bench.design().encoder.lenslets() else { return Vec::new() };
         self.selection.iter().filter_map(|&index| Some((index, *array.lenslets.get(index)?))).collect()
     }
-
-    /// Adds a lenslet in the middle of the grid, like the last one.
+    /// Adds a copy of the last lenslet in the middle of the grid.
     pub fn add_lenslet(&mut self) {
         let Some(array) = self.bench.design().encoder.lenslets() else { return };
         let (x, y) = ((array.cols / 2) as f64, (array.rows / 2) as f64);
@@ -316,16 +304,15 @@ impl State {
         let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
         self.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
     }
-
-    /// Keeps unsaved changes in the folder of the preferences, or the usual one. Returns what was left behind in either,
-    /// newest first.
+    /// Stores unsaved changes in the folder of the preferences, or else the default one. Returns the unsaved designs of earlier
+    /// sessions in either, newest first.
     pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
         let usual = self.folder.as_ref().map(|home| home.join("unsaved"));
-        // Where the folder of the preferences is not there, changes are still worth keeping.
+        // The default folder serves if that of the preferences is missing.
         for folder in self.preferences.unsaved.iter().chain(&usual) {
             match self.bench.keep_unsaved_in(folder) {
                 Ok(mut found) => {
-                    // The folder of the preferences may not have been there the last time.
+                    // The last session may have used the default folder.
                     if let Some(usual) = usual.as_ref().filter(|&usual| usual != folder) {
                         found.extend(Workbench::left_unsaved_in(usual));
                         found.sort_by_key(|left| Reverse(left.kept_at));
@@ -337,33 +324,26 @@ impl State {
         }
         Vec::new()
     }
-
-    /// Keeps unsaved changes in another folder, or in the usual one again. What another program left there is offered by the
-    /// next window.
+    /// Sets the folder of unsaved changes; none for the default one. Designs that lie there are offered at the next start.
     pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
         self.preferences.unsaved = folder;
         drop(self.keep_unsaved());
     }
-
-    /// The live estimate, where it is that of the design as it is now.
+    /// The live estimate, if it belongs to the current revision.
     pub fn live_estimate(&self) -> Option<&LiveEstimate> {
         let live = self.estimates.live.as_ref()?;
         Some(&*live.value).filter(|_| self.is_current(live.revision))
     }
-
-    /// The measurements, where they are of the design as it is now.
+    /// The measurements, if they belong to the current revision.
     pub fn current_measurements(&self) -> Option<&Stamped<Measurements>> {
         self.live.measurements.as_ref().filter(|measurements| self.is_current(measurements.revision))
     }
-
-    /// Why the design as it is now has no numbers, where it has none.
+    /// Why the current revision has no results, if it failed.
     pub fn failure(&self) -> Option<&str> {
         let (revision, failure) = self.live.failure.as_ref()?;
         self.is_current(*revision).then_some(failure.as_str())
     }
-
-    /// Asks for what is computed of the shown measurement alone, its spectrum and where its information comes from, and
-    /// returns the newest that there is.
+    /// Requests the inspection of the shown measurement (spectrum, information map) and returns the newest one.
     pub fn look_closer(&mut self, measurements: &Stamped<Measurements>) -> Option<Arc<Closer>> {
         let live = self.live_estimate().filter(|_| self.overlay.shown && self.is_current(measurements.revision));
         let (steps, model) = live.map(|live| (live.recipe.steps, Arc::clone(&live.model))).unzip();
@@ -374,14 +354,12 @@ impl State {
         }
         self.live.closer.clone()
     }
-
-    /// What is needed to compute the live estimate again.
+    /// Record from which the live estimate is reproduced.
     pub fn live_record(&self) -> Option<LiveRecord> {
         let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.bench.design()))?;
         Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
     }
-
-    /// Puts a text into the clipboard and says whether it is there; `what` begins that sentence: "Numbers".
+    /// Copies a text and reports whether that worked; `what` names the text in the message, for example "Numbers".
     pub fn copy(&mut self, ctx: &egui::Context, text: String, what: &str) {
         match self.clipboard.put(ctx, text) {
             Ok(()) => self.messages.push(Severity::Done, format!("{what} copied to the clipboard")),
@@ -391,8 +369,7 @@ impl State {
             }
         }
     }
-
-    /// Puts a command line into the clipboard, or tells why there is none.
+    /// Copies a command line, or reports why there is none.
     pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
         match command {
             Ok(text) => self.copy(ctx, text, "Command line"),
@@ -407,21 +384,20 @@ impl State {
             self.send(&Command::DeleteLenslets(indices));
         }
     }
-
-    /// Whether a result of this revision is that of the open design.
+    /// Whether a result of this revision is current.
     pub fn is_current(&self, revision: u64) -> bool {
         revision == self.bench.revision()
     }
 }
 
 impl State {
-    /// Puts the open design aside.
+    /// Takes a snapshot of the open design.
     pub fn keep_snapshot(&mut self) {
         let open = (self.bench.design(), self.bench.revision());
         match self.snapshots.keep(open, &self.live, &self.estimates) {
             Ok(()) => {
                 let Some(last) = self.snapshots.entries.last() else { return };
-                // The first two can be compared at once.
+                // The first two snapshots are compared at once.
                 let free = self.comparison.pair.iter_mut().find(|number| number.is_none());
                 if let Some(free) = free {
                     *free = Some(last.number);

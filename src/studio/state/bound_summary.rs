@@ -1,33 +1,31 @@
-//! The numbers of the design that is shown, from all who know some.
+//! The bounds of the shown design, from live estimate, finished estimates and run.
 
 use std::sync::Arc;
 
 use crate::information::{Bracket, Estimate, NamedBound, Protocol};
 use crate::studio::state::app_state::State;
 use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, Stamped};
-
-/// All that is known of the open design.
+/// All bounds of the shown design.
 pub struct BoundSummary<'a> {
     pub bounds: &'a LiveInformation,
-    /// Whether the bounds are those of the design as it is now.
+    /// Whether the bounds belong to the current revision of the design.
     pub current: bool,
     pub live: Option<(Arc<LiveEstimate>, bool)>,
-    /// What the run knows whose mask is shown, for the patch that the live numbers refer to.
+    /// Bounds of the previewed mask by its run, for the patch of the live numbers.
     pub run: Option<RunBounds>,
-    /// The same for whole measurements.
+    /// Bounds of the previewed mask by its run, for whole measurements.
     pub run_of_sensor: Option<RunBounds>,
-    /// All bounds that finished estimates and scores of runs know of the design as it is now, for the patch that the live numbers
-    /// refer to.
+    /// Bracket of finished estimates and run scores of the current design, for the patch of the live numbers.
     pub bracket: Option<Bracket>,
-    /// The smallest upper bound by finished estimates of one density model, for that patch.
+    /// Smallest upper bound of finished estimates by one density model, for that patch.
     pub fitted: Option<NamedBound>,
-    /// The same as `bracket` for whole measurements, with their shape; estimates by one density model are bounds in it.
+    /// Bracket of whole measurements, with their shape (rows, cols); includes estimates by one density model.
     pub sensor: Option<(Bracket, [usize; 2])>,
 }
 
 impl<'a> BoundSummary<'a> {
     pub fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
-        // A design that was left and came back is the same design.
+        // Compared by value: undo may return to an estimated design.
         let design = state.bench.design();
         let is_of = |result: &&Stamped<FinishedEstimate>| result.value.is_of(design, &state.live);
         let scores = || state.run.iter().flat_map(|run| run.scores_of(design, &state.live));
@@ -61,7 +59,7 @@ impl<'a> BoundSummary<'a> {
         Self {
             bounds,
             current: state.is_current(revision),
-            // Masks of a run are no edits of the design from before.
+            // A live estimate of an earlier edit says nothing about a mask of a run.
             live: live.filter(|(_, current)| *current || (run.is_none() && run_of_sensor.is_none())),
             run,
             run_of_sensor,
@@ -70,13 +68,11 @@ impl<'a> BoundSummary<'a> {
             sensor,
         }
     }
-
-    /// What is known of whole measurements from both sides, with their shape.
+    /// Lower bound, bracket and shape (rows, cols) of whole measurements, if both sides are known.
     pub fn sensor_bracket(&self) -> Option<(f64, &Bracket, [usize; 2])> {
         self.sensor.as_ref().and_then(|(bracket, patch)| Some((bracket.lower?, bracket, *patch)))
     }
-
-    /// The largest lower bound for patches.
+    /// Largest lower bound for patches.
     pub fn lower(&self) -> Option<NamedBound> {
         let bracket = self.bracket.as_ref().and_then(|bracket| {
             let (bits_per_pixel, interval_95) = (bracket.lower?, bracket.lower_interval_95?);
@@ -90,8 +86,7 @@ impl<'a> BoundSummary<'a> {
             .chain(run)
             .max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
     }
-
-    /// The live estimate, if it is that of the design as it is now.
+    /// The live estimate, if it belongs to the current revision.
     pub fn current_live(&self) -> Option<&LiveEstimate> {
         self.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| &**live)
     }
@@ -99,18 +94,15 @@ impl<'a> BoundSummary<'a> {
     pub fn gaussian(&self) -> f64 {
         self.bounds.gaussian.bits_per_pixel
     }
-
-    /// The Gaussian's number, a bound or an approximation, and its name.
+    /// Gaussian information, bits per pixel, and its name: bound or approximation.
     pub fn named_gaussian(&self) -> (f64, String) {
         (self.gaussian(), self.bounds.gaussian_name().to_owned())
     }
-
-    /// The smallest upper bound for patches and its name, or the approximation where there is no bound.
+    /// Smallest upper bound for patches and its name; the Gaussian approximation if there is none.
     pub fn upper(&self) -> (f64, String) {
         self.upper_bound().unwrap_or_else(|| self.named_gaussian())
     }
-
-    /// The smallest upper bound for patches, where there is one, and its name.
+    /// Smallest upper bound for patches and its name, if any.
     pub fn upper_bound(&self) -> Option<(f64, String)> {
         let mut bounds = Vec::from_iter(self.bounds.gaussian_is_bound.then(|| self.named_gaussian()));
         bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "ceiling".to_owned())));
@@ -130,8 +122,7 @@ impl<'a> BoundSummary<'a> {
         bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
     }
 }
-
-/// The upper bound that an estimate by one density model alone is.
+/// Upper bound of an estimate by one density model.
 fn bound_of(estimate: &Estimate) -> Option<NamedBound> {
     let is_bound = estimate.is_of_one_model() && estimate.protocol == Protocol::Default;
     is_bound.then(|| NamedBound {

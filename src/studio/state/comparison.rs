@@ -7,18 +7,17 @@ use egui::TextureHandle;
 use crate::studio::canvas::image_view::ImageView;
 use crate::studio::canvas::viewport::Viewport;
 use crate::workbench::Colormap;
-
-/// Quantity the room shows.
+/// State of the Compare panel.
 pub struct Comparison {
     /// Numbers of the two designs.
     pub pair: [Option<u64>; 2],
     pub side: ComparedSide,
     pub what: Quantity,
-    /// A person has just chosen a design or the measurement: what failed is tried again.
+    /// The user has just chosen a design or the measurement: failed simulations are repeated.
     pub tries_again: bool,
     pub picture: ImageView,
     pub difference: ImageView,
-    /// Which part of them is seen.
+    /// Their common zoom and pan.
     pub viewport: Viewport,
     pub thumbnails: HashMap<u64, TextureHandle>,
 }

@@ -1,9 +1,8 @@
-//! What the information was after each edit.
+//! The information after each edit.
 
 use crate::forward::Design;
 use crate::workbench::{Curve, LiveInformation};
-
-/// Information of past edits.
+/// Information after each edit.
 #[derive(Default)]
 pub struct EditHistory {
     /// Oldest first.
@@ -21,19 +20,17 @@ pub struct EditPoint {
     pub gaussian: f64,
     /// Whether that is a bound.
     pub gaussian_is_bound: bool,
-    /// Object-entropy ceiling.
+    /// Object-entropy bound.
     pub ceiling: Option<f64>,
     /// Newest live estimate.
     pub live: Option<f64>,
-    /// Counts scenes and sensors: points of different ones are not comparable.
+    /// Number of the scene; points of different scenes are not comparable.
     pub setting: usize,
 }
 
 impl EditHistory {
     const KEPT: usize = 400;
-
-    /// Notes the information of a revision of `design`, once; of an older revision than the last one never. `objects` is the
-    /// fingerprint of what it images.
+    /// Adds the information of a newer revision of `design`. `objects` is the fingerprint of its object set.
     pub fn note(&mut self, revision: u64, information: &LiveInformation, design: &Design, objects: &str) {
         let last = self.points.last().copied();
         if last.is_some_and(|last| last.revision >= revision) {
@@ -57,20 +54,17 @@ impl EditHistory {
             setting: last.map_or(0, |last| last.setting + changed),
         });
     }
-
-    /// Notes the live estimate of a revision that is in the trail.
+    /// Sets the live estimate of a revision.
     pub fn note_live(&mut self, revision: u64, bits_per_pixel: f64) {
         if let Some(point) = self.points.iter_mut().rev().find(|point| point.revision == revision) {
             point.live = Some(bits_per_pixel);
         }
     }
-
-    /// Runs of points that are comparable.
+    /// Segments of comparable points.
     pub fn runs(&self) -> impl Iterator<Item = &[EditPoint]> {
         self.points.chunk_by(|one, next| one.setting == next.setting)
     }
-
-    /// The trail as columns for a file.
+    /// The history as a table.
     pub fn curve(&self) -> Curve {
         Curve {
             names: Vec::new(),

@@ -5,19 +5,18 @@ use std::time::Duration;
 use crate::information::{EngineChoice, Estimator, Protocol};
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{Calibration, DensityModel, EstimateRequest, WeightsFiles};
-
-/// What the form asks for.
+/// The form of a new estimate.
 pub struct EstimateForm {
     pub kind: Estimator,
     pub length: FitLengthForm,
     pub whole_sensor: bool,
-    /// Repetitions of a fit, of which the smallest counts; a bracket has one.
+    /// Number of fits, of which the smallest value counts; a bracket has one.
     pub trials: usize,
-    /// How a PixelCNN is fitted and scored; the others know one way.
+    /// Protocol of a PixelCNN; other estimators have one.
     pub protocol: Protocol,
-    /// Images of a camera that may be estimated instead.
+    /// Camera images that are estimated instead.
     pub camera: CameraForm,
-    /// Index of the finished estimate whose curve is drawn; the newest where none was chosen.
+    /// Index of the finished estimate whose curve is drawn; the newest if none was chosen.
     pub chosen: Option<usize>,
 }
 
@@ -30,7 +29,7 @@ impl Default for EstimateForm {
 }
 
 impl EstimateForm {
-    /// Those that are fitted; the Gaussian bound follows every edit anyway.
+    /// Estimators that are fitted, with label and tooltip; the Gaussian bound follows every edit anyway.
     pub const KINDS: [(Estimator, &'static str, &'static str); 3] = [
         (
             Estimator::Bracket,
@@ -49,8 +48,7 @@ impl EstimateForm {
             _ => request,
         }
     }
-
-    /// What is asked of a fit of this model, for the patch that was chosen.
+    /// Request for a fit of this model with the chosen patch.
     pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
         EstimateRequest {
             model,
@@ -65,12 +63,11 @@ impl EstimateForm {
         }
     }
 }
-
-/// Images of a camera in place of a design's measurements.
+/// The form of an estimate from camera images.
 pub struct CameraForm {
-    /// The text of their path, once they were chosen.
+    /// Path of the chosen images.
     pub path: Option<String>,
-    /// What is understood of them.
+    /// Preview of the chosen images.
     pub preview: Preview,
     pub kind: Estimator,
     pub length: FitLengthForm,
@@ -91,49 +88,44 @@ impl Default for CameraForm {
 }
 
 impl CameraForm {
-    /// Takes the images that a path names, with what is understood of them so far.
+    /// Sets the chosen images and their preview.
     pub fn choose(&mut self, path: String, preview: Preview) {
         self.path = Some(path);
         self.preview = preview;
     }
 }
-
-/// Estimators that need no objects.
+/// Estimators that need no objects, with their labels.
 pub const OF_IMAGES: [(Estimator, &str); 4] = [
     (Estimator::Live, "Live"),
     (Estimator::Full, "Full"),
     (Estimator::PixelCnn, "PixelCNN"),
     (Estimator::GaussianStationary, "Gaussian"),
 ];
-
-/// The length of a fit, and how it is told.
+/// Length of a fit, as a number of steps or a time.
 pub struct FitLengthForm {
     pub minutes: f64,
     pub steps: usize,
-    /// Whether a fit takes so many steps, or so much time.
+    /// Whether the length is a number of steps.
     pub by_steps: bool,
 }
 
 impl FitLengthForm {
-    /// What suits an estimator, in steps where it counts them.
+    /// Default length for an estimator.
     pub fn usual(kind: Estimator) -> Self {
         let minutes = kind.usual_budget().map_or(1.0, |budget| budget.as_secs_f64() / 60.0);
-        // Steps that take about as long on two cores.
+        // These take about as long on two cores.
         let steps = if kind == Estimator::Full { 60_000 } else { 2_000 };
         Self { minutes, steps, by_steps: true }
     }
-
-    /// The same for another estimator, told as this is.
+    /// Switches to another estimator and its default length.
     pub fn turn_to(&mut self, kind: Estimator) {
         *self = Self { by_steps: self.by_steps, ..Self::usual(kind) };
     }
-
-    /// Whether the fit takes so many steps; that of the published model is ended by its protocol or by time.
+    /// Whether the length is a number of steps; a PixelCNN ends by its protocol or by time.
     pub fn counts_steps(&self, kind: Estimator) -> bool {
         self.by_steps && kind != Estimator::PixelCnn
     }
-
-    /// The model of a fit of this length.
+    /// Density model with this length as its budget.
     pub fn model(&self, kind: Estimator, engine: EngineChoice) -> DensityModel {
         let model = DensityModel::new(kind, Some(Duration::from_secs_f64(60.0 * self.minutes)), engine);
         if self.counts_steps(kind) { model.of_steps(self.steps) } else { model }

@@ -1,4 +1,4 @@
-//! Lenslets that runs leave as they are.
+//! Locked lenslets, which runs leave unchanged.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,9 +8,9 @@ use crate::workbench::Command;
 #[derive(Default)]
 pub struct Locks {
     indices: BTreeSet<usize>,
-    /// Number of the lenslets that the indices are of.
+    /// Number of the lenslet list that the indices refer to.
     lenslets: u64,
-    /// The indices of others, by their numbers, to which an undo or a redo may go.
+    /// Locks of other lenslet lists by number, for undo and redo.
     others: BTreeMap<u64, BTreeSet<usize>>,
 }
 
@@ -19,8 +19,7 @@ impl Locks {
     pub fn indices(&self) -> &BTreeSet<usize> {
         &self.indices
     }
-
-    /// Locks lenslets, or unlocks them where all are.
+    /// Locks lenslets, or unlocks them if all are locked.
     pub fn toggle(&mut self, lenslets: &BTreeSet<usize>) {
         if lenslets.is_subset(&self.indices) {
             self.indices.retain(|index| !lenslets.contains(index));
@@ -28,8 +27,7 @@ impl Locks {
             self.indices.extend(lenslets);
         }
     }
-
-    /// Follows a command that has left the lenslets of this number.
+    /// Updates the indices after a command, whose result is the lenslet list of this number.
     pub fn follow(&mut self, command: &Command, lenslets: u64) {
         if lenslets == self.lenslets {
             return;
@@ -45,9 +43,7 @@ impl Locks {
         }
         self.lenslets = lenslets;
     }
-
-    /// Where the lenslets are others, takes those that were locked when these were last there, as after an undo; none in another
-    /// document or by a run.
+    /// Restores the locks of the lenslet list of this number, as after an undo; none for a list of another document or a run.
     pub fn check(&mut self, lenslets: u64) {
         if self.lenslets != lenslets {
             self.keep();
@@ -55,8 +51,7 @@ impl Locks {
             self.lenslets = lenslets;
         }
     }
-
-    /// Keeps the indices for the time that these lenslets come back.
+    /// Stores the locks of the current list.
     fn keep(&mut self) {
         if self.indices.is_empty() {
             self.others.remove(&self.lenslets);

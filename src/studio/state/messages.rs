@@ -15,11 +15,10 @@ pub enum Severity {
 pub struct Message {
     pub severity: Severity,
     pub text: String,
-    /// When it was first seen in the corner, seconds since the window was opened.
+    /// Time of its first display as a toast, seconds since the start.
     pub seen: Option<f64>,
 }
-
-/// All messages since the start, bounded.
+/// The message log, of bounded length.
 #[derive(Default)]
 pub struct Messages {
     pub entries: Vec<Message>,
@@ -30,10 +29,9 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// Messages that are kept; older ones are dropped.
+    /// Maximal number of messages; older ones are dropped.
     const KEPT: usize = 500;
-
-    /// Adds a message. The same message again is not repeated in the list, but shows in the corner anew.
+    /// Adds a message. A repeated message is not listed twice, but its toast appears again.
     pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
         let text = text.into();
         if severity == Severity::Failure {
@@ -48,8 +46,7 @@ impl Messages {
         }
         self.entries.push(Message { severity, text, seen: None });
     }
-
-    /// The newest failure has been seen, or what failed has been done after all.
+    /// Closes the banner of the newest failure.
     pub fn dismiss(&mut self) {
         self.failure = None;
     }

@@ -1,31 +1,28 @@
-//! Which of the small dialogs are open, and what they hold.
-
-/// What newcomers are shown.
+//! State of welcome dialog, tour, settings dialogs and command palette.
+/// State of welcome dialog and tour.
 #[derive(Default)]
 pub struct Onboarding {
-    /// Whether it is asked what to start from.
+    /// Whether the welcome dialog is open.
     pub welcome: bool,
-    /// The stop of the tour, if it is taken.
+    /// Index of the current step of the tour.
     pub tour: Option<usize>,
-    /// Whether something was exported.
+    /// Whether a design was exported.
     pub exported: bool,
 }
-
-/// A sheet to read.
+/// One of the settings dialogs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsDialog {
     /// Keys and gestures.
     Shortcuts,
-    /// What a person can choose.
+    /// Settings.
     Settings,
     /// Versions and machine.
     About,
 }
-
-/// The open palette.
+/// The open command palette.
 #[derive(Default)]
 pub struct ActionPalette {
     pub query: String,
-    /// Place of the marked action in the list.
+    /// Index of the marked action in the list.
     pub marked: usize,
 }

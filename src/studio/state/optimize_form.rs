@@ -5,11 +5,9 @@ use std::sync::Arc;
 use crate::design::{IdealSettings, Objective, Preset};
 use crate::objects::ObjectSource;
 use crate::workbench::DesignRun;
-
-/// Random starts of one order.
+/// Number of random starts of one request.
 pub const STARTS: u64 = 8;
-
-/// What a run starts from.
+/// The mask that a run starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StartMask {
     Design,
@@ -30,8 +28,7 @@ impl StartMask {
         }
     }
 }
-
-/// What the form asks for.
+/// The form of a new run, and the shown checkpoint.
 pub struct OptimizeForm {
     pub from: StartMask,
     /// Lenslets of a heuristic start.
@@ -41,13 +38,13 @@ pub struct OptimizeForm {
     /// Seed of the first of them and of the run, where it is not that of the design.
     pub seed: Option<u64>,
     pub settings: IdealSettings,
-    /// What the mask climbs, where a person chose.
+    /// The objective, if the user chose one.
     pub objective: Option<Objective>,
-    /// The frame that is looked at; the newest one where none was chosen.
+    /// Index of the shown checkpoint; the newest if none was chosen.
     pub frame: Option<usize>,
-    /// The run that led to the result which was chosen; where none was, the last run is looked at.
+    /// The run of the chosen result; the last run if none was chosen.
     pub chosen: Option<Arc<DesignRun>>,
-    /// Whether the mask shows the ways of the lenslets.
+    /// Whether the mask shows the trajectories of lenslets.
     pub trajectories: bool,
 }
 
@@ -69,16 +66,15 @@ impl Default for OptimizeForm {
 }
 
 impl OptimizeForm {
-    /// Steps that a run is to take which came to its end.
+    /// Steps by which a finished run is extended.
     pub fn further_steps(&self, run: &DesignRun) -> usize {
-        // Steps for another objective say nothing of this run.
+        // Steps for another objective do not suit this run.
         let of_run = Some(&run.settings).filter(|settings| settings.objective != self.settings.objective);
         of_run.unwrap_or(&self.settings).steps
     }
-
-    /// Settings that suit the objects.
+    /// Switches to a preset, with an objective that suits the objects.
     pub fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
-        // What was chosen for beads says nothing of other objects.
+        // An objective for beads does not suit other objects.
         let chosen = self.objective.filter(|&objective| offered(objective, preset, objects));
         let objective = chosen.unwrap_or_else(|| Objective::usual(preset, objects));
         if (self.settings.preset, self.settings.objective) != (preset, objective) {
@@ -86,8 +82,7 @@ impl OptimizeForm {
         }
     }
 }
-
-/// Whether a run with this preset can climb this before these objects.
+/// Whether a preset offers an objective for these objects.
 pub fn offered(objective: Objective, preset: Preset, objects: &ObjectSource) -> bool {
     objective.suits(preset) && (objective != Objective::Posterior || objects.is_beads())
 }

@@ -1,8 +1,7 @@
 //! The panels of the window.
 
 use serde::{Deserialize, Serialize};
-
-/// A room.
+/// A panel. Layout files store its title.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "&'static str")]
 pub enum Pane {
@@ -14,23 +13,23 @@ pub enum Pane {
     Object,
     /// One measurement.
     Measurement,
-    /// What is imaged and by which sensor.
+    /// Objects and sensor.
     Scene,
     /// Information and Tamura coefficient.
     Information,
     /// Modulation transfer function.
     Mtf,
-    /// Information of past edits.
+    /// Information after each edit.
     History,
     /// Estimates that take minutes.
     Estimates,
-    /// Where in a patch the information comes from.
+    /// Information of each pixel of a patch.
     InformationMap,
-    /// Runs that optimize the mask.
+    /// Optimization runs.
     Optimize,
     /// Designs side by side.
     Compare,
-    /// A room of another version, from its layout file.
+    /// A panel of another version, from its layout file.
     Unknown,
 }
 
@@ -47,7 +46,7 @@ impl From<Pane> for &'static str {
 }
 
 impl Pane {
-    /// Every room.
+    /// All panels.
     pub const ALL: [Self; 12] = [
         Self::Mask,
         Self::Lenslets,
@@ -62,8 +61,7 @@ impl Pane {
         Self::History,
         Self::Compare,
     ];
-
-    /// What stands on its tab.
+    /// Title of the tab.
     pub fn title(self) -> &'static str {
         match self {
             Self::Mask => "Mask",

@@ -1,4 +1,4 @@
-//! An image of a panel that was asked for.
+//! A requested image of a panel.
 
 use std::sync::mpsc::Receiver;
 
@@ -6,11 +6,9 @@ use egui::Rect;
 use ndarray::Array3;
 
 use crate::studio::state::pane::Pane;
-
-/// Frames between the wish for a picture and the picture: menus and tooltips go away meanwhile.
+/// Frames between request and capture, in which menus and tooltips close.
 const FRAMES: u8 = 8;
-
-/// A picture that is being made.
+/// The pending capture, if any.
 #[derive(Default)]
 pub struct Capture {
     pub wanted: Option<PendingCapture>,

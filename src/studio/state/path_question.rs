@@ -1,4 +1,4 @@
-//! The question for a path: what it is for, and what was typed.
+//! The question for a path: its purpose and the typed answer.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,8 +11,7 @@ use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
     Colormap, Curve, DESIGN_FILE, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
 };
-
-/// What a path is asked for.
+/// Purpose of a path.
 #[derive(Clone, Debug)]
 pub enum PathPurpose {
     /// Opens a design file.
@@ -23,15 +22,15 @@ pub enum PathPurpose {
     OpenObjects,
     /// Chooses images of a camera to estimate from.
     ChooseImages,
-    /// Uses a picture as the PSF.
+    /// Uses an image as the PSF.
     ImportPsf,
-    /// Keeps unsaved changes in a folder.
+    /// Stores unsaved changes in a folder.
     KeepUnsaved,
     /// Writes the PSF in all formats and the design.
     ExportDesign,
     /// Writes the live objects and measurements.
     ExportMeasurements,
-    /// Writes a picture as shown.
+    /// Writes a view as a colour image.
     ExportView {
         /// Name of the view.
         name: &'static str,
@@ -42,9 +41,9 @@ pub enum PathPurpose {
         /// Its colours.
         colormap: Colormap,
     },
-    /// Writes a picture of a room.
+    /// Writes an image of a panel.
     ExportPicture {
-        /// Name of the room.
+        /// Name of the panel.
         name: &'static str,
         /// Shape (rows, cols, 3).
         image: Array3<u8>,
@@ -57,7 +56,7 @@ pub enum PathPurpose {
     ExportCurve {
         /// The curve.
         curve: Curve,
-        /// Name of the file that is suggested.
+        /// Suggested file name.
         name: &'static str,
     },
 }
@@ -101,8 +100,7 @@ impl PathPurpose {
             Self::ExportCurve { .. } => "A CSV file",
         }
     }
-
-    /// What a file of images is read for.
+    /// Use of a file of images.
     pub fn file_use(&self) -> Option<FileUse> {
         match self {
             Self::OpenObjects => Some(FileUse::Objects),
@@ -135,8 +133,7 @@ impl PathPurpose {
             Self::ExportDesign | Self::ExportMeasurements | Self::KeepUnsaved => Picker::Folder,
         }
     }
-
-    /// Extension of the file that is written where none is typed; none where no file is asked for.
+    /// Default extension of a written file.
     pub fn extension(&self) -> Option<&'static str> {
         match self {
             Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
@@ -151,8 +148,7 @@ impl PathPurpose {
             | Self::ExportMeasurements => None,
         }
     }
-
-    /// What stands in the path field at first.
+    /// Initial text of the path field.
     pub fn suggestion(&self, beside: Option<&Path>) -> String {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
         let name = match self {
@@ -172,13 +168,12 @@ impl PathPurpose {
         name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
     }
 }
-
-/// A file for a design that is in none, which is not there yet: `design.json`, `design-2.json` and so on.
+/// A free file name for a new design: `design.json`, `design-2.json` and so on.
 fn free_name(folder: &Path) -> PathBuf {
     let first = folder.join(DESIGN_FILE);
     let others = (2..1000).map(|number| folder.join(format!("design-{number}.json")));
     let free = std::iter::once(first.clone()).chain(others).find(|path| !path.exists());
-    // Among so many, a person chooses.
+    // Beyond that the user chooses.
     free.unwrap_or(first)
 }
 
@@ -191,26 +186,26 @@ pub struct PathDialog {
 pub struct PathQuestion {
     pub purpose: PathPurpose,
     pub path: String,
-    /// The path that the system's dialog has chosen, as long as its text is not changed: it may be no text.
+    /// Path from the dialog of the system until the text is edited; it may be no Unicode.
     pub chosen: Option<PathBuf>,
-    /// What is understood of the file.
+    /// Preview of the file.
     pub preview: Preview,
-    /// Pixels to resample an imported PSF to; 0 leaves it as it is.
+    /// Side of the resampled PSF, pixels; 0 for no resampling.
     pub resample: usize,
-    /// What measurements are written as.
+    /// File format of measurements.
     pub format: MeasurementFormat,
-    /// Answer of the system's dialog, while it is open.
+    /// Answer of the dialog of the system, while it is open.
     pub system: Option<Receiver<Answer>>,
-    /// The system was found to have no dialog.
+    /// The system has no file dialog.
     pub is_alone: bool,
-    /// The path field takes the keyboard once.
+    /// The path field requests the keyboard.
     pub focus: bool,
-    /// Files that may be replaced: the system's dialog or this one has asked whether they may.
+    /// Files whose replacement was confirmed or asked about.
     pub replaced: Vec<PathBuf>,
 }
 
 impl PathQuestion {
-    /// The file or folder that the path stands for: a file that is written always has an extension.
+    /// The file or folder of the path, with the default extension.
     pub fn target(&self) -> PathBuf {
         let chosen = self.chosen.as_ref().filter(|chosen| path_text(chosen) == self.path);
         let path = chosen.map_or_else(|| PathBuf::from(self.path.trim()), PathBuf::clone);
@@ -219,9 +214,7 @@ impl PathQuestion {
             _ => path,
         }
     }
-
-    /// Files that are there and would be replaced, but for the design's `own` where that is saved: what is exported may be
-    /// a mask of the run.
+    /// Existing files that the answer would replace. Saving to the design's `own` file is no replacement.
     pub fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
         let target = self.target();
         let mut files = match self.purpose {
@@ -234,8 +227,7 @@ impl PathQuestion {
         files.retain(|file| file.exists() && !(is_saved && own == Some(file)));
         files
     }
-
-    /// Asks whether these files may be replaced.
+    /// The question whether these files may be replaced.
     pub fn ask_to_replace(files: &[PathBuf]) -> Option<String> {
         let (first, others) = files.split_first()?;
         let first = first.display();
@@ -247,7 +239,7 @@ impl PathQuestion {
 }
 
 impl PathDialog {
-    /// Asks for a path. `beside` is the design's file, near which suggestions lie.
+    /// Opens a question. Suggestions lie in the folder of `beside`, the file of the design.
     pub fn ask(&mut self, purpose: PathPurpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
         let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
@@ -261,19 +253,17 @@ impl PathDialog {
         self.open.is_some()
     }
 }
-
-/// How the dialog should ask.
+/// Kind of file dialog.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Picker {
-    /// For a file that is there.
+    /// For an existing file.
     Open,
-    /// For a file that is written.
+    /// For a file to write.
     Save,
     /// For a folder.
     Folder,
 }
-
-/// What came of the dialog.
+/// Answer of the file dialog.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// A path was chosen.

@@ -1,4 +1,4 @@
-//! The preferences: what is chosen once and kept between sessions.
+//! The preferences of the user.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,38 +8,37 @@ use serde::{Deserialize, Serialize};
 
 use crate::information::EngineChoice;
 use crate::studio::state::pane::Pane;
-
-/// Designs that are remembered.
+/// Length of the list of recent designs.
 pub const RECENT: usize = 10;
-/// Sizes of everything that one can see and read.
+/// Range of the interface zoom.
 pub const ZOOM: std::ops::RangeInclusive<f32> = 0.5..=4.0;
-/// Threads that one can choose.
+/// Range of the number of compute threads.
 pub const THREADS: std::ops::RangeInclusive<usize> = 1..=256;
-/// What a person has chosen.
+/// Settings that are stored between sessions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Preferences {
-    /// Design files, the newest first.
+    /// Recent design files, newest first.
     pub recent: Vec<PathBuf>,
-    /// Light, dark, or that of the system.
+    /// Theme: light, dark or that of the system.
     pub theme: egui::ThemePreference,
-    /// Size of everything.
+    /// Interface zoom.
     pub zoom: f32,
     /// Whether live estimates are computed.
     pub live: bool,
-    /// What draws the window from the next start on.
+    /// Renderer from the next start on.
     pub renderer: RendererChoice,
-    /// Whether object and measurement show the same place.
+    /// Whether zoom and cursor of object and measurement are linked.
     pub link_views: bool,
-    /// Whether the first window has asked what to start from.
+    /// Whether the welcome dialog was shown.
     pub welcomed: bool,
-    /// Arrangements of rooms that are remembered, by number.
+    /// Saved layouts by number.
     pub layouts: BTreeMap<usize, Tree<Pane>>,
-    /// Threads for everything that computes; as many as there are cores where none is chosen.
+    /// Number of compute threads; one per core if none is chosen.
     pub threads: Option<usize>,
-    /// What computes networks of the published kind.
+    /// Engine of the PixelCNN.
     pub engine: EngineChoice,
-    /// Folder for unsaved changes in place of the usual one.
+    /// Folder of unsaved changes, instead of the default one.
     pub unsaved: Option<PathBuf>,
 }
 
@@ -62,16 +61,15 @@ impl Default for Preferences {
 }
 
 impl Preferences {
-    /// Puts a design file first.
+    /// Moves a design file to the top of the recent ones.
     pub fn remember(&mut self, path: &Path) {
-        // A path that is relative today means another file tomorrow.
+        // A relative path depends on the working folder.
         let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         self.recent.retain(|known| *known != path);
         self.recent.insert(0, path);
         self.recent.truncate(RECENT);
     }
-
-    /// What of them JSON can hold: not paths that are no Unicode.
+    /// The preferences without paths that JSON cannot hold.
     pub fn storable(&self) -> Self {
         let is_text = |path: &PathBuf| path.to_str().is_some();
         let mut storable = self.clone();
@@ -80,12 +78,11 @@ impl Preferences {
         storable
     }
 }
-
-/// Which graphics interface draws the window.
+/// Graphics interface that draws the window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RendererChoice {
-    /// OpenGL; also the faster one where the processor draws.
+    /// OpenGL; also the faster one for software rendering.
     #[default]
     Glow,
     /// Vulkan, Metal or DirectX 12.
@@ -109,7 +106,7 @@ impl RendererChoice {
         }
     }
 
-    /// Its name for people.
+    /// Its name for display.
     pub fn name(self) -> &'static str {
         match self {
             Self::Glow => "OpenGL (glow)",

@@ -1,4 +1,4 @@
-//! Starting a run as the form of the Optimize panel asks.
+//! Starts the run that the form of the Optimize panel describes.
 
 use std::sync::Arc;
 
@@ -9,14 +9,13 @@ use crate::studio::state::optimize_form::{STARTS, StartMask};
 use crate::workbench::{DesignRun, Start};
 
 impl State {
-    /// Whether a run can be started as the form asks.
+    /// Whether the run of the form can be started.
     pub fn can_start_run(&self) -> bool {
         let has_lenslets = self.bench.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
         let is_free = !self.run.as_ref().is_some_and(DesignRun::is_active);
         is_free && (has_lenslets || self.optimize_form.from != StartMask::Design)
     }
-
-    /// Starts what the form asks for.
+    /// Starts the run of the form.
     pub fn start_run(&mut self) {
         let design = Arc::clone(self.bench.open_design());
         let form = &mut self.optimize_form;

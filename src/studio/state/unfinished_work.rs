@@ -4,7 +4,7 @@ use crate::studio::state::app_state::State;
 use crate::workbench::ActivityKind;
 
 impl State {
-    /// What the window's end would interrupt or lose, in words.
+    /// Sentences about work that closing the window would interrupt or lose.
     pub fn unfinished_work(&self) -> Option<String> {
         let open = self.bench.activities();
         let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());

@@ -1,4 +1,4 @@
-//! What the images show: colours and limits, the linked cursor, the drag on the mask.
+//! State of the images: colours, display range, linked cursor, drag on the mask.
 
 use std::collections::BTreeSet;
 
@@ -7,8 +7,7 @@ use egui::TextureHandle;
 use crate::optics::Lenslet;
 use crate::studio::canvas::image_view::ImageView;
 use crate::workbench::{CloserKey, Colormap};
-
-/// The pictures, each with its own colours and limits.
+/// The images, each with its own colours and display range.
 pub struct Views {
     /// Point spread function under the lenslets.
     pub psf: ImageView,
@@ -24,25 +23,24 @@ pub struct Views {
 
 /// A drag on the mask canvas.
 pub enum MaskDrag {
-    /// Lenslets are moved: their state when the drag began, and the pointer's place then, in PSF pixels.
+    /// Lenslets are moved: their state and the pointer position at the start of the drag, PSF pixels.
     Move {
         /// Indices and lenslets.
         from: Vec<(usize, Lenslet)>,
         /// Pointer (x, y).
         start: (f64, f64),
-        /// Whether the pointer has been farther from there than in a click: a long press trembles.
+        /// Whether the pointer has left the reach of a click.
         begun: bool,
     },
-    /// A box is drawn around lenslets, from this pointer place in PSF pixels.
+    /// A selection box is drawn from this pointer position, PSF pixels.
     Select {
         /// Pointer (x, y).
         start: (f64, f64),
-        /// What was selected before and stays so.
+        /// Selection before the drag, which stays.
         kept: BTreeSet<usize>,
     },
 }
-
-/// What the room shows.
+/// View of the MTF panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MtfView {
     /// Two cuts through frequency 0.
@@ -53,27 +51,24 @@ pub enum MtfView {
     /// The power spectrum of the shown measurement.
     Spectrum,
 }
-
-/// One of the linked pictures.
+/// One of the two linked images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// What is imaged.
+    /// The object.
     Object,
-    /// What the sensor sees of it.
+    /// Its measurement.
     Measurement,
 }
-
-/// Where the pointer is.
+/// Position of the pointer in one of the linked images.
 #[derive(Default)]
 pub struct LinkedCursor(pub Option<CursorPlace>);
-
-/// A place of the pointer.
+/// A pointer position.
 #[derive(Clone, Copy, PartialEq)]
 pub struct CursorPlace {
     pub side: Side,
-    /// Pixel coordinates (x, y) of that picture.
+    /// Pixel coordinates (x, y) of that image.
     pub place: (f64, f64),
-    /// When it was there: it is forgotten where the picture is no longer drawn.
+    /// egui pass of the position, which expires when the image is no longer drawn.
     pub pass: u64,
 }
 
@@ -92,14 +87,13 @@ impl Side {
         }
     }
 }
-
-/// The overlay.
+/// The information overlay of the measurement.
 #[derive(Default)]
 pub struct InformationOverlay {
-    /// Whether it is wanted.
+    /// Whether it is switched on.
     pub shown: bool,
     pub texture: Option<TextureHandle>,
     pub drawn: Option<(CloserKey, Colormap)>,
-    /// Bits of the most telling pixel.
+    /// Information of the most informative pixel, bits.
     pub most: f32,
 }

@@ -1,17 +1,15 @@
 //! Copies to the clipboard of the system.
 //!
-//! egui copies for its text fields by itself, and says nothing where that fails. What a person copies by a button or a
-//! menu goes to the same clipboard from here, and a failure is known.
-
-/// What takes texts that are copied.
+//! egui copies from text fields and reports no failures. Buttons and menus copy from here, and failures are reported.
+/// A clipboard for texts.
 #[derive(Default)]
 pub enum Clipboard {
-    /// What egui has for its text fields: on Wayland, which knows no failure, and in windows of tests.
+    /// The clipboard of egui: on Wayland, which reports no failure, and in tests.
     #[default]
     OfEgui,
     /// The clipboard of the system.
     OfSystem(arboard::Clipboard),
-    /// There is none, for this reason; what is copied can be pasted in this window alone.
+    /// No system clipboard, for this reason; texts can be pasted in this window only.
     Missing(String),
 }
 
@@ -23,11 +21,10 @@ impl Clipboard {
             Err(error) => Self::Missing(error.to_string()),
         }
     }
-
-    /// Puts a text there.
+    /// Copies a text.
     ///
     /// # Errors
-    /// Why other programs do not get it.
+    /// The reason if other programs cannot paste it.
     pub fn put(&mut self, ctx: &egui::Context, text: String) -> Result<(), String> {
         match self {
             Self::OfEgui => {

@@ -7,13 +7,11 @@ use egui::{Response, Ui, Vec2};
 pub fn name_widget(response: &egui::Response, name: &str) {
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name));
 }
-
-/// Has assistive technology read a text aloud when it changes, wherever its user is.
+/// Makes assistive technology announce a text when it changes.
 pub fn speak(response: &Response, live: Live) {
     response.ctx.accesskit_node_builder(response.id, |node| node.set_live(live));
 }
-
-/// Small controls above a picture, in as many rows as it takes.
+/// Row of small controls above an image, which wraps.
 pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     ui.horizontal_wrapped(|ui| {
         ui.set_min_height(22.0);
@@ -22,8 +20,7 @@ pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     });
     ui.add_space(2.0);
 }
-
-/// Fills the room with a sentence where there is no picture yet.
+/// Centred sentence in place of an image.
 pub fn placeholder(ui: &mut Ui, text: &str) {
     let size: Vec2 = ui.available_size();
     ui.allocate_ui_with_layout(size, egui::Layout::centered_and_justified(egui::Direction::TopDown), |ui| {

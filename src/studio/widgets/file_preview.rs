@@ -1,4 +1,4 @@
-//! What is understood of a file of images, shown before it is used, with buttons for what else it could mean.
+//! Preview of an image file: how the program reads it, and buttons for other readings.
 
 use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -8,21 +8,19 @@ use egui::{ScrollArea, Ui};
 
 use crate::studio::widgets::controls::speak;
 use crate::workbench::{FilePreview, FileUse, with_option};
-
-/// Room for a sentence of three lines and the buttons, points.
+/// Height of three lines and the buttons, points.
 const HEIGHT: f32 = 84.0;
-
-/// Looks at a file on a thread of its own, one at a time: of what is typed meanwhile the last is looked at next.
+/// Preview of one file, read on its own thread, one path at a time; the newest path is next.
 #[derive(Default)]
 pub struct Preview {
-    /// The text of the path that is looked at, and the answer to come.
+    /// Path that is being read, and its pending answer.
     asked: Option<(String, Receiver<FilePreview>)>,
-    /// The text of the path that was looked at, and what was understood.
+    /// Path that was read last, and its preview.
     known: Option<(String, FilePreview)>,
 }
 
 impl Preview {
-    /// [`Preview::show`] in a place of fixed height, so that buttons below stay where they are when an answer comes.
+    /// [`Preview::show`] at a fixed height, so that buttons below do not move when the answer comes.
     pub fn show_in_place(&mut self, ui: &mut Ui, text: &mut String, of: FileUse) {
         let size = egui::vec2(ui.available_width(), HEIGHT);
         ui.allocate_ui_with_layout(size, egui::Layout::top_down(egui::Align::Min), |ui| {
@@ -30,8 +28,7 @@ impl Preview {
             ScrollArea::vertical().max_height(HEIGHT).auto_shrink(false).show(ui, |ui| self.show(ui, text, of));
         });
     }
-
-    /// Shows what is understood of the file that `text` names; a button puts another meaning into `text`.
+    /// Shows the preview of the file that `text` names; a button puts another reading into `text`.
     pub fn show(&mut self, ui: &mut Ui, text: &mut String, of: FileUse) {
         self.follow(ui.ctx(), text, of);
         let Some((_, known)) = self.known.as_ref().filter(|(named, _)| named == text) else {
@@ -59,8 +56,7 @@ impl Preview {
             *text = with_option(text.trim(), of, &choice);
         }
     }
-
-    /// Takes up an answer, and asks for what `text` names now.
+    /// Takes a finished answer and starts the preview of `text`.
     fn follow(&mut self, ctx: &egui::Context, text: &str, of: FileUse) {
         if let Some((named, answer)) = &self.asked {
             match answer.try_recv() {
@@ -77,7 +73,7 @@ impl Preview {
         let (sender, receiver) = channel();
         let (path, ctx) = (text.trim().to_owned(), ctx.clone());
         let thread = std::thread::Builder::new().name("lenslet-file-preview".into()).spawn(move || {
-            // The question may have been closed in the meantime; then nobody listens.
+            // The dialog may be closed; the answer is dropped then.
             let _ = sender.send(FilePreview::of(Path::new(&path), of));
             ctx.request_repaint();
         });

@@ -1,14 +1,11 @@
-//! Names of files in scripts that no font of this system has.
+//! Characters of file names that no font can draw.
 //!
-//! egui looks for a font of the system where its own lack a character. Where there is none it draws boxes, and a sentence
-//! says which characters they stand for.
+//! egui falls back to fonts of the system. If none has a character, it draws a box, and a message names the character.
 
 use egui::{Context, TextStyle};
-
-/// Most characters that are named.
+/// Maximal number of named characters.
 const NAMED: usize = 6;
-
-/// What a person must know of a text that is shown with boxes.
+/// Message about the characters of a text that no font can draw.
 pub fn missing_glyphs(ctx: &Context, text: &str) -> Option<String> {
     let font = TextStyle::Body.resolve(&ctx.global_style());
     let mut missing: Vec<char> = Vec::new();
@@ -37,7 +34,7 @@ mod tests {
     fn only_characters_without_a_font_are_named() {
         let ctx = Context::default();
         let mut told = Vec::new();
-        // No font of the system is asked for here.
+        // System fonts are not loaded here.
         let mut output = ctx.run_ui(egui::RawInput::default(), |ui| {
             for text in [
                 "Entwurf für Müller, 9 µm.json",

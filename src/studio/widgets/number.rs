@@ -1,4 +1,4 @@
-//! Numbers as people type them: one parser for every field of the window.
+//! Parser of typed numbers, for all fields of the window.
 //!
 //! A number is an optional sign (`+`, `-` or the minus sign U+2212), digits with at most one separator (`.` or `,`), and
 //! an optional exponent (`e` or `E`). Blanks around it do not count, nor do the prefix and the unit of its field.
@@ -20,11 +20,10 @@
 //! | `nan`, `inf`, `0x10`, `1e`, `e5`, `.`, `-`, `abc`, `1e999`, nothing | refused |
 //! | `2.5` in a field of whole numbers | refused |
 //! | a number outside the range of its field | refused |
-
-/// Why a text is not taken for a number.
+/// Why a text is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rejection {
-    /// There is no text.
+    /// The text is empty.
     Empty,
     /// The comma may stand before decimals or between thousands.
     Ambiguous,
@@ -35,10 +34,9 @@ pub enum Rejection {
     /// The number lies outside the range of the field.
     Outside,
 }
-
-/// The number that a text is, without the words around it.
+/// The number in a text, without prefix and unit.
 ///
-/// `prefix` is what the field shows before its number, `units` are what it may show after it; both may be typed once.
+/// `prefix` and one of `units` may be typed before and after the number.
 ///
 /// # Errors
 /// [`Rejection::Empty`], [`Rejection::Ambiguous`] or [`Rejection::NoNumber`].
@@ -68,7 +66,7 @@ pub fn parse(text: &str, prefix: &str, units: &[&str]) -> Result<f64, Rejection>
         None => "0".into(),
     };
     let number: f64 = format!("{sign}0{whole}.{decimals}0e{exponent}").parse().map_err(|_| Rejection::NoNumber)?;
-    // An exponent may lead beyond what a number can hold.
+    // A large exponent overflows.
     if number.is_finite() { Ok(number) } else { Err(Rejection::NoNumber) }
 }
 
@@ -78,8 +76,7 @@ fn bare<'a>(text: &'a str, prefix: &str, units: &[&str]) -> &'a str {
     let mut units = units.iter().map(|unit| unit.trim()).filter(|unit| !unit.is_empty());
     units.find_map(|unit| text.strip_suffix(unit)).map_or(text, str::trim_end)
 }
-
-/// The sign of a text as Rust reads it, and what comes after it.
+/// Sign of a text, and the rest.
 fn signed(text: &str) -> (&'static str, &str) {
     match text.strip_prefix(['-', '\u{2212}']) {
         Some(rest) => ("-", rest),

@@ -1,8 +1,8 @@
-//! The number field of the window: every number that is typed or dragged is one of these.
+//! The number field of the window.
 //!
-//! A typed number counts when it is committed, by Enter, Tab or a click elsewhere, and is read by the rules of
-//! [`number`](crate::studio::widgets::number). What these refuse leaves the old value as it is, and a sentence says so. Escape ends typing
-//! and leaves the old value too. A drag changes the value while it goes on, within the range of the field.
+//! A typed number is committed by Enter, Tab or focus loss, and parsed by [`number`](crate::studio::widgets::number). A
+//! rejected text leaves the old value, and a message says why. Escape cancels. A drag changes the value continuously,
+//! within the range of the field.
 
 use std::cell::{Cell, RefCell};
 use std::ops::RangeInclusive;
@@ -13,10 +13,9 @@ use crate::plural::one_or_many;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number::{Rejection, parse};
-
-/// Characters of a refused text that are repeated in the sentence.
+/// Maximal number of characters of a rejected text in its message.
 const REPEATED: usize = 24;
-/// Bounds beyond this size are no bounds for people.
+/// Bounds beyond this size are not displayed.
 const BOUNDLESS: f64 = 1e30;
 
 /// A numeric field.
@@ -31,20 +30,18 @@ pub struct NumberField<'a> {
     expected: Option<String>,
     format: Option<fn(f64) -> String>,
 }
-
-/// What stands behind the number.
+/// Unit behind the number.
 enum Unit<'a> {
     Symbol(&'a str),
-    /// What is counted: the singular and the plural.
+    /// Counted noun: singular and plural.
     Counted(&'a str, &'a str),
 }
-
-/// What a field was changed to.
+/// A change of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edit {
     /// The new value.
     pub value: f64,
-    /// Whether it was typed: a commit is a step of undo of its own.
+    /// Whether it was typed; a typed value is one undo step.
     pub is_typed: bool,
 }
 
@@ -69,49 +66,39 @@ impl<'a> NumberField<'a> {
         let range = *range.start() as f64..=*range.end() as f64;
         Self { is_whole: true, decimals: 0, speed: 0.25, ..Self::new(name, range) }
     }
-
-    /// A field for the seed of random numbers: those that a fraction holds exactly.
+    /// A field for a seed, limited to integers that f64 holds exactly.
     pub fn seed(name: &'a str) -> Self {
         Self::whole(name, 0..=9_000_000_000_000_000).speed(0.1)
     }
-
-    /// By how much a point of a drag changes the value.
+    /// Change of the value per point of a drag.
     pub fn speed(self, speed: f64) -> Self {
         Self { speed, ..self }
     }
-
-    /// Most decimals that are shown.
+    /// Maximal number of decimals.
     pub fn decimals(self, decimals: usize) -> Self {
         Self { decimals, ..self }
     }
-
-    /// What stands before the number.
+    /// Text before the number.
     pub fn prefix(self, prefix: &'a str) -> Self {
         Self { prefix, ..self }
     }
-
-    /// The symbol behind the number, with the blank between them.
+    /// Unit symbol behind the number, with its leading blank.
     pub fn unit(self, symbol: &'a str) -> Self {
         Self { unit: Unit::Symbol(symbol), ..self }
     }
-
-    /// What the number counts, in the singular and in the plural, each with the blank before it.
+    /// Counted noun in singular and plural, each with its leading blank.
     pub fn counting(self, one: &'a str, many: &'a str) -> Self {
         Self { unit: Unit::Counted(one, many), ..self }
     }
-
-    /// What is expected of a number, in place of the range: "a number below 5".
+    /// Expectation in the message of a rejected number, instead of the range.
     pub fn expecting(self, expected: String) -> Self {
         Self { expected: Some(expected), ..self }
     }
-
-    /// How the number is shown.
+    /// Formatter of the number.
     pub fn shown_as(self, format: fn(f64) -> String) -> Self {
         Self { format: Some(format), ..self }
     }
-
-    /// Shows the field with this value; returns the new one where it was changed. Until it is, a value keeps decimals that
-    /// are not shown.
+    /// Shows the field with this value and returns a change. An unchanged value keeps decimals that are not displayed.
     pub fn show(&self, ui: &mut Ui, value: f64) -> (Response, Option<Edit>) {
         let (mut edited, typed, refused) = (value, Cell::new(None), Cell::new(None));
         let (formatter, shown) = (ui.style().number_formatter.clone(), RefCell::new(String::new()));
@@ -126,7 +113,7 @@ impl<'a> NumberField<'a> {
                 return None;
             }
             match self.read(text, &units) {
-                // A field that is left without a change commits what it shows, which may lack decimals.
+                // Without a change egui commits the displayed text, which may lack decimals.
                 Ok(number) if parse(&shown, "", &[]) == Ok(number) => None,
                 Ok(number) => {
                     typed.set(Some(number));
@@ -157,15 +144,14 @@ impl<'a> NumberField<'a> {
         if let Some(sentence) = refused.take() {
             tell(ui.ctx(), sentence);
         }
-        // Arrow keys and assistive technology may lead out of the range.
+        // Arrow keys and assistive technology may leave the range.
         let (least, most) = (*self.range.start(), *self.range.end());
         let edited = if self.is_whole { edited.round() } else { edited };
         let changed = response.changed() && edited != value && edited.is_finite();
         let edit = changed.then(|| Edit { value: edited.clamp(least, most), is_typed: typed.get().is_some() });
         (response, edit.filter(|edit| edit.value != value))
     }
-
-    /// Shows the field with a value that is changed in place.
+    /// Shows the field and changes the value in place.
     pub fn edit(&self, ui: &mut Ui, value: &mut f64) -> Response {
         let (response, edit) = self.show(ui, *value);
         if let Some(edit) = edit {
@@ -173,8 +159,7 @@ impl<'a> NumberField<'a> {
         }
         response
     }
-
-    /// Shows the field with a whole number that is changed in place.
+    /// Shows the field and changes a whole number in place.
     pub fn edit_whole(&self, ui: &mut Ui, value: &mut usize) -> Response {
         let (response, edit) = self.show(ui, *value as f64);
         if let Some(edit) = edit {
@@ -182,8 +167,7 @@ impl<'a> NumberField<'a> {
         }
         response
     }
-
-    /// The number that a text is in this field.
+    /// Parses a text by the rules of this field.
     fn read(&self, text: &str, units: &[&str]) -> Result<f64, Rejection> {
         let number = parse(text, self.prefix, units)?;
         if self.is_whole && number.fract() != 0.0 {
@@ -191,8 +175,7 @@ impl<'a> NumberField<'a> {
         }
         if self.range.contains(&number) { Ok(number) } else { Err(Rejection::Outside) }
     }
-
-    /// Why a text was refused, and which value stays.
+    /// Message about a rejected text.
     fn sentence(&self, text: &str, refusal: Rejection, old: &str) -> String {
         let text = text.trim();
         let typed = match text.char_indices().nth(REPEATED) {
@@ -211,8 +194,7 @@ impl<'a> NumberField<'a> {
         };
         format!("{}: {reason}; {old} stays", self.name)
     }
-
-    /// The range for people.
+    /// The range as text.
     fn bounds(&self) -> String {
         let text = |bound: f64| if self.is_whole { format!("{bound}") } else { plain(bound) };
         match (*self.range.start(), *self.range.end()) {
@@ -222,19 +204,16 @@ impl<'a> NumberField<'a> {
         }
     }
 }
-
-/// A bound without digits that say nothing.
+/// A bound as text, rounded if long.
 fn plain(bound: f64) -> String {
     let short = format!("{bound}");
     if short.len() <= 8 { short } else { format_significant(bound) }
 }
-
-/// Where the sentences of this frame wait.
+/// Memory of the messages of this frame.
 fn place() -> Id {
     Id::unique("refused numbers")
 }
-
-/// Keeps a sentence until it is asked for. A field loses the keyboard in two passes, and is read in either.
+/// Stores a message until it is taken. A field is parsed in two passes when it loses the keyboard; the message counts once.
 fn tell(ctx: &egui::Context, sentence: String) {
     let (now, last) = (ctx.cumulative_pass_nr(), Id::unique("last refused number"));
     ctx.data_mut(|data| {
@@ -246,11 +225,9 @@ fn tell(ctx: &egui::Context, sentence: String) {
     });
     ctx.request_repaint();
 }
-
-/// Whether Escape has just taken the keyboard from a field. That a field lost it is seen in the next pass too, in which
-/// egui takes its text for committed.
+/// Whether Escape has just taken the keyboard from a field, in this pass or the one before, in which egui would commit.
 fn is_cancelled(ctx: &egui::Context) -> bool {
-    // Raw, since a shortcut may have taken the key already.
+    // Raw events, since a shortcut may have consumed the key.
     let is_pressed = ctx.input(|input| {
         let is_escape = |event: &Event| matches!(event, Event::Key { key: Key::Escape, pressed: true, .. });
         input.raw.events.iter().any(is_escape)
@@ -263,8 +240,7 @@ fn is_cancelled(ctx: &egui::Context) -> bool {
         data.get_temp::<u64>(place).is_some_and(|pass| now <= pass + 1)
     })
 }
-
-/// The sentences about what number fields have refused since the last call.
+/// Takes the messages about rejected texts since the last call.
 pub fn take_rejections(ctx: &egui::Context) -> Vec<String> {
     ctx.data_mut(|data| data.remove_temp(place())).unwrap_or_default()
 }

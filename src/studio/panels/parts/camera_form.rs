@@ -1,4 +1,4 @@
-//! Images of a camera in place of a design's measurements: which ones, how their grey levels are photons, and the button.
+//! Form of an estimate from camera images.
 
 use std::path::PathBuf;
 
@@ -12,8 +12,7 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Calibration, FileUse, MeasuredOrder};
-
-/// An estimate from what a camera has recorded.
+/// Shows the form.
 pub fn show(ui: &mut Ui, state: &mut State) {
     ui.collapsing("Camera images", |ui| {
         ui.horizontal_wrapped(|ui| {

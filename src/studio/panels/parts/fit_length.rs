@@ -1,4 +1,4 @@
-//! How long a fit is to be: a number of steps, which can be repeated, or a time.
+//! Controls of the length of a fit: steps, which are reproducible, or time.
 
 use egui::{ComboBox, Ui};
 
@@ -8,7 +8,7 @@ use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 
 impl FitLengthForm {
-    /// Shows it; `place` tells its controls from others of the same kind.
+    /// Shows the controls; `place` makes their names unique.
     pub fn show(&mut self, ui: &mut Ui, kind: Estimator, place: &str) {
         if self.counts_steps(kind) {
             let name = format!("Steps {place}");

@@ -1,4 +1,4 @@
-//! What can be done with a picture: a context menu on it, and the menu that exports it.
+//! Context menu and export menu of images.
 
 use egui::Ui;
 use ndarray::{Array2, Axis};
@@ -9,8 +9,7 @@ use crate::studio::panels::parts::linked_cursor::{follow, measurement_of, object
 use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::views::{MtfView, Side};
-
-/// A picture that can be exported.
+/// An image that can be exported.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum View {
     /// Point spread function.
@@ -47,8 +46,7 @@ impl View {
             Self::Information => &mut state.views.information,
         }
     }
-
-    /// Whether it shows a picture of this very design, which can be exported.
+    /// Whether its image belongs to the current revision.
     fn is_current(self, state: &State) -> bool {
         let live = &state.live;
         let revision = match self {
@@ -60,8 +58,7 @@ impl View {
         };
         revision.is_some_and(|revision| state.is_current(revision))
     }
-
-    /// What it shows, shape (rows, cols).
+    /// Its image, shape (rows, cols).
     fn picture(self, state: &State) -> Option<Array2<f32>> {
         let live = &state.live;
         Some(match self {
@@ -82,8 +79,7 @@ impl View {
         })
     }
 }
-
-/// One entry per picture that there is.
+/// Menu with one entry per available image.
 pub fn export_menu(ui: &mut Ui, state: &mut State) {
     for view in View::ALL {
         let text = format!("{}...", view.of(state).name());
@@ -100,8 +96,7 @@ fn export(state: &mut State, view: View) {
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
     state.path_dialog.ask(PathPurpose::ExportView { name, image, limits, colormap }, state.bench.path());
 }
-
-/// The context menu of a picture; `more` adds what this picture has besides, at the place (x, y), px, of the click.
+/// Context menu of an image; `more` adds entries of its own for the clicked position (x, y), px.
 pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl FnOnce(&mut Ui, &mut State, (f64, f64))) {
     let id = shown.response.id.with("clicked");
     if shown.response.secondary_clicked()

@@ -1,4 +1,4 @@
-//! Where the information of the shown measurement comes from, laid over it.
+//! Information of each pixel, overlaid on the shown measurement.
 
 use egui::{Color32, ColorImage, Rect, TextureOptions, Ui};
 
@@ -7,11 +7,9 @@ use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{Closer, CloserKey, Colormap};
-
-/// Opacity of the most telling pixels.
+/// Opacity of the most informative pixel.
 const MOST_OPAQUE: f32 = 0.85;
-
-/// The switch.
+/// Shows the switch and the range of the overlay.
 pub fn switch(ui: &mut Ui, state: &mut State) {
     let possible = state.bench.is_live() || state.overlay.shown;
     let hint = "Overlays the information that each pixel adds to the pixels above and left of it, by the model of the live estimate";
@@ -32,8 +30,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
         ui.weak(text);
     }
 }
-
-/// Lays the map over the measurement that was drawn, and adds the bits under the pointer to the status bar.
+/// Draws the map over the measurement, and adds the bits under the pointer to the status bar.
 pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) {
     let current = |key: &CloserKey| key.sample == state.sample && state.is_current(key.revision);
     let map = closer.filter(|closer| state.overlay.shown && current(&closer.key));

@@ -2,8 +2,7 @@
 
 use crate::studio::state::app_state::State;
 use crate::workbench::{Activity, spoken};
-
-/// What goes on, in a few words: the number of jobs and how far the first one is.
+/// Name and progress of the first active job, and the number of others.
 pub fn summary(state: &State) -> Option<String> {
     let all = state.bench.activities();
     let mut open = all.iter().filter(|activity| activity.is_open());
@@ -14,8 +13,7 @@ pub fn summary(state: &State) -> Option<String> {
     let others = if more == 0 { String::new() } else { format!(" (+{more})") };
     Some(format!("{}{share}{left}{others}", first.name))
 }
-
-/// The time that is left, in words.
+/// Remaining time as text.
 pub fn left_of(activity: &Activity) -> String {
     match (activity.left, activity.step_left()) {
         (Some(left), _) => format!(", {} left", spoken(left)),

@@ -1,12 +1,11 @@
-//! What can be done with one lenslet: its context menu on the mask and in the table.
+//! Context menu of a lenslet, on the mask and in the table.
 
 use egui::Ui;
 
 use crate::optics::{Lenslet, LensletArray};
 use crate::studio::state::app_state::State;
 use crate::workbench::{Command, LensletChange};
-
-/// The entries, for the lenslet of this index and the others that are selected with it.
+/// Shows the entries for a lenslet and those selected with it.
 pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) {
     let Some(&lenslet) = array.lenslets.get(index) else { return };
     if !state.selection.contains(&index) {
@@ -22,7 +21,7 @@ pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) 
         ui.close();
     }
     let lock = if state.selection.is_subset(state.locks.indices()) { "Unlock" } else { "Lock" };
-    // Locks are of the open design, whatever is shown.
+    // Locks belong to the open design, not to a preview.
     let button = ui.add_enabled(!state.bench.is_looking(), egui::Button::new(lock));
     if button.on_hover_text("Locked lenslets stay unchanged in runs").clicked() {
         state.locks.toggle(&state.selection);
@@ -34,8 +33,7 @@ pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) 
         ui.close();
     }
 }
-
-/// Selects one, alone or with or without it the others.
+/// Selects a lenslet; with `add`, toggles it in the selection.
 pub fn select(state: &mut State, index: usize, add: bool) {
     if !add {
         state.selection.clear();
@@ -44,8 +42,7 @@ pub fn select(state: &mut State, index: usize, add: bool) {
         state.selection.remove(&index);
     }
 }
-
-/// The nearest point of the PSF grid.
+/// Nearest point (x, y) inside the PSF grid.
 pub fn inside((x, y): (f64, f64), array: &LensletArray) -> (f64, f64) {
     (x.clamp(0.0, array.cols as f64 - 1.0), y.clamp(0.0, array.rows as f64 - 1.0))
 }

@@ -1,5 +1,4 @@
-//! Object and measurement as two views of one place: the same zoom around the same point, a cross hair in the one where the
-//! pointer is in the other, and the values of both.
+//! Linked zoom and cursor of object and measurement.
 
 use egui::Ui;
 use ndarray::{ArrayView2, Axis, CowArray, Ix2};
@@ -11,8 +10,7 @@ use crate::studio::state::app_state::State;
 use crate::studio::state::views::{CursorPlace, Side};
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Measurements, Scene};
-
-/// What the sensor would see of an object without optics: all its planes together, shape (rows, cols).
+/// An object summed over its planes, shape (rows, cols).
 pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {
     let last = scene.objects.len_of(Axis(0)).saturating_sub(1);
     let object = scene.objects.index_axis(Axis(0), sample.min(last));
@@ -22,15 +20,13 @@ pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {
         object.sum_axis(Axis(0)).into()
     }
 }
-
-/// A measurement of that object, shape (rows, cols).
+/// Measurement of a sample, shape (rows, cols).
 pub fn measurement_of(measurements: &Measurements, sample: usize, noisy: bool) -> ArrayView2<'_, f32> {
     let stack = if noisy { &measurements.noisy } else { &measurements.noiseless };
     let last = stack.len_of(Axis(0)).saturating_sub(1);
     stack.index_axis(Axis(0), sample.min(last))
 }
-
-/// The switch.
+/// Shows the switch.
 pub fn switch(ui: &mut Ui, state: &mut State) {
     let response = ui
         .checkbox(&mut state.preferences.link_views, "Link")
@@ -40,8 +36,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
         follow(ui, state, Side::Object);
     }
 }
-
-/// After a picture was drawn: the other one follows, and the status bar tells what is under the pointer.
+/// Updates the other image and the status bar after an image was drawn.
 pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
     let linked = state.preferences.link_views;
     if shown.moved {
@@ -62,34 +57,31 @@ pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: Arra
     }
     let moved = |noted: Option<CursorPlace>| noted.map(|noted| (noted.side, noted.place));
     if linked && moved(before) != moved(state.cursor.0) {
-        // The other picture may have been drawn before.
+        // The other image may be drawn already.
         ui.ctx().request_repaint();
     }
     if linked && let Some(noted) = state.cursor.0.filter(|noted| noted.side != side && noted.pass + 1 >= pass) {
         draw(ui, state, side, noted, shown, image.dim());
     }
 }
-
-/// Where they are linked the other picture shows what this one shows.
+/// Copies the viewport to the other image if both are linked.
 pub fn follow(ui: &Ui, state: &mut State, side: Side) {
     let Some(by) = way(state, side).filter(|_| state.preferences.link_views) else { return };
     let viewport = side.view(&mut state.views).viewport.shifted(by);
     side.other().view(&mut state.views).viewport = viewport;
     ui.ctx().request_repaint();
 }
-
-/// How much larger pixel coordinates (x, y) are in the other picture, by the shapes of both.
+/// Offset (x, y) from pixel coordinates of this image to those of the other.
 fn way(state: &State, from: Side) -> Option<(f64, f64)> {
     let (_, _, rows, cols) = state.live.scene.as_ref()?.value.objects.dim();
     let (_, measured_rows, measured_cols) = state.live.measurements.as_ref()?.value.noisy.dim();
-    // A measurement of other objects has another shape until it is computed anew.
+    // A stale measurement may have another shape.
     let psf = ((rows + 1).checked_sub(measured_rows)?, (cols + 1).checked_sub(measured_cols)?);
     let (by_row, by_col) = field_offset(psf);
     let sign = if from == Side::Object { -1.0 } else { 1.0 };
     Some((sign * by_col as f64, sign * by_row as f64))
 }
-
-/// Adds the value at the same place of the other picture to the status bar.
+/// Adds the value at the same position of the other image to the status bar.
 fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
     let Some(by) = way(state, side) else { return };
     let place = (x + by.0, y + by.1);
@@ -107,8 +99,7 @@ fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
         *hover = format!("{hover}   {text}");
     }
 }
-
-/// Draws the cross hair where the pointer is in the other picture.
+/// Draws a cross hair at the pointer position of the other image.
 fn draw(ui: &Ui, state: &mut State, side: Side, noted: CursorPlace, shown: &Shown, (rows, cols): (usize, usize)) {
     let Some(by) = way(state, noted.side) else { return };
     let (x, y) = (noted.place.0 + by.0, noted.place.1 + by.1);

@@ -1,4 +1,4 @@
-//! The power spectrum of the shown measurement beside that of its noise.
+//! Power spectra of the shown measurement and of its noise.
 
 use egui::Ui;
 use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line, Plot, PlotPoints};
@@ -30,9 +30,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     let (name, noise) = noise_level(state.bench.design().noise, spectrum.mean);
-    // The noise of this sensor says nothing of an earlier measurement.
+    // The noise level belongs to the current measurement.
     let noise = noise.filter(|noise| *noise > 0.0 && current);
-    // The plot knows no logarithmic axis: it draws logarithms, and its marks say of what.
+    // The plot has no logarithmic axis: it draws logarithms and labels powers.
     let points: PlotPoints<'static> = powers.iter().map(|&[frequency, power]| [frequency, power.log10()]).collect();
     let mut plot = Plot::new("Power spectrum of the measurement")
         .legend(Legend::default().position(Corner::RightTop))
@@ -51,7 +51,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .x_axis_label("cycles per pixel")
         .y_axis_label("power, photons\u{b2}");
     if let Some(noise) = noise {
-        // A decade around the noise is always seen.
+        // A decade around the noise level is always visible.
         plot = plot.include_y(noise.log10() - 0.5).include_y(noise.log10() + 0.5);
     }
     plot.show(ui, |plot| {
@@ -62,13 +62,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
     });
 }
-
-/// Whether a closer look is one at the measurement as it is shown.
+/// Whether an inspection belongs to the shown measurement.
 fn is_shown(state: &State, key: &CloserKey) -> bool {
     state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy)
 }
-
-/// Asks where to write the spectrum to.
+/// Shows the export button.
 pub fn export_button(ui: &mut Ui, state: &mut State) {
     let closer = state.live.closer.clone().filter(|closer| is_shown(state, &closer.key));
     let export = ui.add_enabled(closer.is_some(), egui::Button::new("Export CSV...").small());
@@ -80,9 +78,7 @@ pub fn export_button(ui: &mut Ui, state: &mut State) {
         state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
     }
 }
-
-/// The power of the sensor's noise at a mean, photons^2, and what to call it; where a sensor has none, that of shot noise
-/// stands in its place.
+/// Name and power of the noise at a mean, photons^2; shot noise for a noiseless sensor.
 fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
     let read = noise.read_sigma().map(|sigma| sigma * sigma);
     match (noise, read) {
@@ -91,11 +87,9 @@ fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
         _ => ("shot noise at this mean", Some(mean)),
     }
 }
-
-/// Steps between marks are made ten times as long until there are about this many at most: the axes can be zoomed out without end.
+/// Maximal number of marks, about: steps grow by factors of ten when an axis is zoomed out.
 const MOST_MARKS: f64 = 100.0;
-
-/// The multiples of `step`, or of ten, a hundred and so on times it, that lie between two bounds, and the step between them.
+/// Step and multiples between two bounds; the step is `step` times a power of ten.
 fn multiples((low, high): (f64, f64), mut step: f64) -> (f64, impl Iterator<Item = f64>) {
     let span = high - low;
     while span.is_finite() && span / step > MOST_MARKS {
@@ -105,14 +99,12 @@ fn multiples((low, high): (f64, f64), mut step: f64) -> (f64, impl Iterator<Item
         if span.is_finite() { ((low / step).ceil() as i64, (high / step).floor() as i64) } else { (0, -1) };
     (step, (first..=last).map(move |multiple| step * multiple as f64))
 }
-
-/// Marks at every tenth of a cycle per pixel, which are read however narrow the plot is.
+/// Marks at every tenth of a cycle per pixel.
 fn tenths(input: GridInput) -> Vec<GridMark> {
     let (step, tenths) = multiples(input.bounds, 0.1);
     tenths.map(|value| GridMark { value, step_size: 2.5 * step }).collect()
 }
-
-/// Marks at 1, 2 and 5 times the powers of ten, of an axis of logarithms; at powers of ten alone where many are seen.
+/// Marks of a logarithmic axis at 1, 2 and 5 times the powers of ten; at powers of ten only on a long axis.
 fn decades(input: GridInput) -> Vec<GridMark> {
     let (low, high) = input.bounds;
     let (step, decades) = multiples((low - 1.0, high), 1.0);
@@ -125,20 +117,18 @@ fn decades(input: GridInput) -> Vec<GridMark> {
         .filter(|mark| (low..=high).contains(&mark.value))
         .collect()
 }
-
-/// What a mark of the axis says, by its logarithm.
+/// Label of a mark, from its logarithm.
 fn power_mark(logarithm: f64) -> String {
     let power = 10.0_f64.powf(logarithm);
     match power {
         1.0..1e5 => format!("{power:.0}"),
         0.001..1.0 => format!("{power:.3}").trim_end_matches('0').to_owned(),
-        // Far out a power is too large, or too small, to be told from its logarithm otherwise.
+        // Extreme powers overflow, so their labels use the logarithm.
         _ if logarithm.fract() == 0.0 => format!("1e{logarithm:.0}"),
         _ => format!("{power:.0e}"),
     }
 }
-
-/// The spectrum as columns for a file.
+/// The spectrum as a table.
 fn curve(spectrum: &PowerSpectrum, noise: Noise) -> Curve {
     let level = noise_level(noise, spectrum.mean).1.unwrap_or(f64::NAN);
     let header = ["cycles_per_px", "power_photons2", "noise_photons2"];
