@@ -14,6 +14,7 @@ use crate::studio::app::layout;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::preferences::{Preferences, RECENT, RendererChoice, THREADS, ZOOM};
 use crate::workbench::FileChange;
+
 /// Names of the files.
 const PREFERENCES: &str = "preferences.json";
 const LAYOUT: &str = "layout.json";
@@ -25,6 +26,7 @@ const LAYOUT_KIND: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/
 const GEOMETRY: &str = "app.ron";
 /// Folder of the snapshots.
 pub const KEPT: &str = "kept";
+
 /// Why a folder cannot store application data.
 #[derive(Debug, Error)]
 #[error("{} cannot be written ({reason})", folder.display())]
@@ -32,6 +34,7 @@ pub struct AppDataError {
     folder: PathBuf,
     reason: std::io::Error,
 }
+
 /// The folder of the application data, and the thread that writes its files.
 pub struct AppData {
     folder: PathBuf,
@@ -53,6 +56,7 @@ impl AppData {
         preferences.threads = preferences.threads.filter(|count| THREADS.contains(count));
         (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(layout::restored))
     }
+
     /// Application data in a folder whose files hold these preferences and this layout.
     ///
     /// # Errors
@@ -73,6 +77,7 @@ impl AppData {
             writer,
         })
     }
+
     /// One sentence per file of a newer program version. Such files are neither used nor overwritten.
     pub fn newer_files(folder: &Path) -> Vec<String> {
         let is_newer = |(kind, name): &(DocumentKind, &str)| kind.is_newer(&folder.join(name));
@@ -80,10 +85,12 @@ impl AppData {
         let refused = |(kind, name): (DocumentKind, &str)| kind.read::<Value>(&folder.join(name)).err();
         files.into_iter().filter(is_newer).filter_map(refused).map(|error| error.to_string()).collect()
     }
+
     /// The renderer that the preferences of a folder name.
     pub fn renderer(folder: &Path) -> Option<RendererChoice> {
         PREFERENCES_KIND.read::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
     }
+
     /// Resets layout and preferences of a folder. Recent files and the folder of unsaved changes stay, so that designs left
     /// by a crash are still offered.
     ///
@@ -99,6 +106,7 @@ impl AppData {
         PREFERENCES_KIND
             .write(&path, &Preferences { recent: known.recent, unsaved: known.unsaved, ..Preferences::default() })
     }
+
     /// Writes changed preferences, and the layout if given, on another thread. Returns the failure of an earlier write once.
     pub fn keep(&mut self, preferences: &Preferences, layout: Option<&Tree<Pane>>) -> Option<String> {
         if self.preferences != *preferences {
@@ -143,6 +151,7 @@ impl AppData {
         }
     }
 }
+
 /// Content of the preferences file after a change from `before` to `now`; changes of another window are kept.
 fn changed(path: &Path, before: &Value, now: Value) -> Value {
     let (Ok(Value::Object(mut file)), Value::Object(now)) = (read_json(path), &now) else { return now };
@@ -156,10 +165,12 @@ fn changed(path: &Path, before: &Value, now: Value) -> Value {
     }
     Value::Object(file)
 }
+
 /// Text of a layout file.
 fn layout_text(layout: &Tree<Pane>) -> serde_json::Result<String> {
     text_of(&LAYOUT_KIND.marked(layout))
 }
+
 /// Recent files of this window and of others; empty if the list was cleared.
 fn with_others(own: &Value, known: Option<&Value>) -> Value {
     match (own.as_array(), known.and_then(Value::as_array)) {
@@ -170,6 +181,7 @@ fn with_others(own: &Value, known: Option<&Value>) -> Value {
         _ => own.clone(),
     }
 }
+
 /// Content of a file; none if the value cannot be written as JSON.
 fn bytes_of(value: &impl Serialize) -> Option<Vec<u8>> {
     text_of(value).ok().map(String::into_bytes)
@@ -185,6 +197,7 @@ fn text_of(value: &impl Serialize) -> serde_json::Result<String> {
 mod tests {
     use super::*;
     use crate::studio::app::layout::default_layout;
+
     /// Application data in a folder, with its preferences and layout.
     fn home_in(folder: &Path) -> (AppData, Preferences, Option<Tree<Pane>>) {
         let (preferences, layout) = AppData::read(folder);

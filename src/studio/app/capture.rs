@@ -8,6 +8,7 @@ use ndarray::Array3;
 use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
+
 /// Advances a requested capture. Call once per frame.
 pub fn advance(ctx: &egui::Context, state: &mut State) {
     let Some(wanted) = &mut state.capture.wanted else { return };
@@ -37,6 +38,7 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
         Err(TryRecvError::Disconnected) => state.capture.wanted = None,
     }
 }
+
 /// A rectangle of the screen, shape (rows, cols, 3); `scale` in pixels per point.
 fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
     let [width, height] = screen.size;
@@ -48,6 +50,7 @@ fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
         screen.pixels[(top + row) * width + left + col].to_array()[channel]
     })
 }
+
 /// One menu entry per visible panel.
 pub fn menu(ui: &mut Ui, state: &mut State) {
     let mut wanted = None;

@@ -108,6 +108,7 @@ fn put(preset: Preset, state: &mut State) {
     };
     state.send(&Command::ReplaceEncoder { name, encoder });
 }
+
 /// Maximizes the panel under the pointer, or else the mask; restores all panels if one is maximized.
 fn maximise(ctx: &egui::Context, state: &mut State) {
     let pointer = ctx.pointer_latest_pos();

@@ -19,6 +19,7 @@ use crate::studio::panels::samples;
 use crate::studio::panels::scene;
 use crate::studio::state::app_state::State;
 use crate::studio::state::pane::Pane;
+
 /// The default layout: mask and lenslets, object and measurement, numbers.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
@@ -59,6 +60,7 @@ pub fn default_layout() -> Tree<Pane> {
     let root = tiles.insert_container(Container::Linear(row));
     Tree::new(egui::Id::unique("rooms"), root, tiles)
 }
+
 /// A valid layout from a file. Unknown panels are dropped, missing ones are added beside the scene. None if the file holds
 /// no layout.
 pub fn restored(mut tree: Tree<Pane>) -> Option<Tree<Pane>> {
@@ -106,6 +108,7 @@ fn is_sound(tree: &Tree<Pane>) -> bool {
     }
     seen.len() == tree.tiles.len()
 }
+
 /// Shows one maximized panel, and a button that restores all.
 pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
     ui.horizontal(|ui| {
@@ -124,6 +127,7 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
     // A maximized panel is not dragged.
     let _ = PanelBehavior(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
 }
+
 /// Draws the panels.
 pub struct PanelBehavior<'a>(pub &'a mut State);
 

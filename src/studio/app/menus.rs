@@ -33,6 +33,7 @@ pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
     ui.separator();
     action_entry::entry(ui, state, Action::Quit);
 }
+
 /// Recent design files, newest first.
 fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
     let mut chosen = None;
@@ -52,6 +53,7 @@ fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
         state.request_transition(&ctx, Transition::OpenFile(path));
     }
 }
+
 /// Name of a file, with its folder if others have the same name.
 fn short_name(path: &Path, all: &[PathBuf]) -> String {
     let text = |part: Option<&OsStr>| part.map_or_else(String::new, |part| part.to_string_lossy().into_owned());

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
 /// Shortest and longest time between two frames that background results request.
 const EVERY: (Duration, Duration) = (Duration::from_millis(16), Duration::from_millis(80));
 /// Frame interval over drawing time; the rest of the time is left to computations. Software rendering needs several times as
@@ -9,6 +10,7 @@ const EVERY: (Duration, Duration) = (Duration::from_millis(16), Duration::from_m
 const SPARE: f32 = 7.0;
 /// Weight of the last frame in the mean time of a frame.
 const NEWEST: f32 = 0.2;
+
 /// Times of the drawn frames. Clones share them.
 #[derive(Clone, Default)]
 pub struct RepaintThrottle(Arc<Mutex<Frames>>);
@@ -27,6 +29,7 @@ impl RepaintThrottle {
         frames.last = Some(Instant::now());
         frames.mean += NEWEST * (seconds - frames.mean);
     }
+
     /// Time until the next frame may be drawn, at least 1 ms: egui draws two frames for a repaint without delay.
     pub fn wait(&self) -> Duration {
         let frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -34,6 +37,7 @@ impl RepaintThrottle {
         wait.max(Duration::from_millis(1))
     }
 }
+
 /// Frame interval for a mean drawing time, seconds.
 fn every(seconds: f32) -> Duration {
     Duration::try_from_secs_f32(SPARE * seconds).unwrap_or(EVERY.1).clamp(EVERY.0, EVERY.1)

@@ -87,10 +87,12 @@ impl Studio {
             left_behind: Vec::new(),
         })
     }
+
     /// Notes which renderer draws the window.
     pub fn drawn_by(&mut self, renderer: RendererChoice) {
         self.state.renderer = Some(renderer.name());
     }
+
     /// Sets the clipboard of copied texts.
     pub fn copy_to(&mut self, clipboard: Clipboard) {
         self.state.clipboard = clipboard;
@@ -100,6 +102,7 @@ impl Studio {
     pub fn tell(&mut self, notice: String) {
         self.state.messages.push(Severity::Notice, notice);
     }
+
     /// Stores preferences, layout, unsaved changes, snapshots and runs in a folder, and loads those that are there. A message
     /// reports failures.
     pub fn keep_data_in(&mut self, ctx: &egui::Context, folder: &Path) {
@@ -135,6 +138,7 @@ impl Studio {
         }
         self.keep_runs(folder);
     }
+
     /// Stores nothing but unsaved changes, if a folder was chosen for them.
     pub fn keep_no_data(&mut self, reason: &str) {
         let text = format!("Nothing is saved when the window closes: {reason}");
@@ -181,6 +185,7 @@ impl Studio {
             Err(error) => self.state.messages.push(Severity::Failure, error.to_string()),
         }
     }
+
     /// Applies layout requests and writes changed application data.
     fn store_app_data(&mut self, ctx: &egui::Context) {
         match self.state.layout_request.take() {
@@ -228,10 +233,12 @@ impl Studio {
     pub fn set_live(&self, live: bool) {
         self.state.bench.set_live(live);
     }
+
     /// The session behind the window.
     pub fn bench(&self) -> &Workbench {
         &self.state.bench
     }
+
     /// Whether no dialog has the keyboard.
     fn takes_shortcuts(&self) -> bool {
         !self.state.path_dialog.is_open()
@@ -242,6 +249,7 @@ impl Studio {
             && !self.dropped.is_open()
             && !self.state.onboarding.welcome
     }
+
     /// Loads results, answers and shortcuts.
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
@@ -308,6 +316,7 @@ impl Studio {
             self.title = title;
         }
     }
+
     /// Notes that the window closes in an orderly way.
     fn close(&mut self) {
         self.closing = true;
@@ -352,6 +361,7 @@ impl Studio {
         dropped_files::show_hint(&ctx);
         self.do_actions(&ctx);
     }
+
     /// Runs the actions that panels, menus and dialogs have requested.
     fn do_actions(&mut self, ctx: &egui::Context) {
         while let Some(action) = self.state.actions.pop_front() {
@@ -429,6 +439,7 @@ impl eframe::App for Studio {
         Self::ui(self, ui);
     }
 }
+
 /// Loads the outcome of a job and reports it.
 fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
     match outcome {
@@ -461,6 +472,7 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
         Err(error) => state.messages.push(Severity::Failure, error),
     }
 }
+
 /// Reports the end of an estimate or a run.
 fn report_end(state: &mut State, activity: &Activity) {
     match &activity.state {

@@ -45,6 +45,7 @@ pub enum WindowError {
         second: String,
     },
 }
+
 /// Opens the window with a design and returns when it is closed. It is drawn by `renderer`, or else by that of the
 /// preferences; if that does not start, by the other, with a message. `reset` resets layout and preferences first.
 ///
@@ -102,6 +103,7 @@ pub fn open_window(
         }
     })
 }
+
 /// Parameters of a window to open.
 struct Opening {
     design: Design,

@@ -7,6 +7,7 @@ use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
 /// Time limit for the answer of a compositor.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -36,6 +37,7 @@ impl WindowSystem {
             _ => Self::Wayland,
         }
     }
+
     /// Makes winit use it.
     pub fn choose<T: 'static>(&self, builder: &mut winit::event_loop::EventLoopBuilder<T>) {
         use winit::platform::wayland::EventLoopBuilderExtWayland;
@@ -45,6 +47,7 @@ impl WindowSystem {
             Self::X11 | Self::X11InPlaceOf(_) => builder.with_x11(),
         };
     }
+
     /// A message about the choice, if it is unexpected.
     pub fn notice(&self) -> Option<String> {
         match self {
@@ -55,10 +58,12 @@ impl WindowSystem {
         }
     }
 }
+
 /// Socket of a Wayland display; none if the folder of the sockets is unknown.
 fn socket_of(display: &Path, runtime: Option<&Path>) -> Option<PathBuf> {
     if display.is_absolute() { Some(display.to_owned()) } else { Some(runtime?.join(display)) }
 }
+
 /// Sends `wl_display.sync` to a compositor and waits for its answer.
 fn answers(socket: &Path, patience: Duration) -> io::Result<()> {
     const DISPLAY: u32 = 1;

@@ -8,6 +8,7 @@ use ndarray::ArrayView2;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number_field::NumberField;
+
 /// Share of the pixels that *Auto* clips at each end.
 const CLIPPED: f64 = 0.0035;
 /// Size of the histogram, points.
@@ -17,6 +18,7 @@ const HEIGHT: f32 = 92.0;
 const STRIP: f32 = 8.0;
 /// Half width of a limit's handle, points.
 const REACH: f32 = 5.0;
+
 /// Rule for the display range.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum DisplayRange {
@@ -50,6 +52,7 @@ fn full_range(image: ArrayView2<'_, f32>) -> (f32, f32) {
     let low = if low > 0.0 && low < 1e-3 * high { 0.0 } else { low };
     if low < high { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) }
 }
+
 /// Quantiles with a share [`CLIPPED`] of the pixels below and above; none if they are equal.
 fn most_of(image: ArrayView2<'_, f32>) -> Option<(f32, f32)> {
     let mut values: Vec<f32> = image.iter().copied().filter(|value| value.is_finite()).collect();
@@ -59,6 +62,7 @@ fn most_of(image: ArrayView2<'_, f32>) -> Option<(f32, f32)> {
     let low = *values.select_nth_unstable_by(left_out, f32::total_cmp).1;
     (low < high).then_some((low, high))
 }
+
 /// Histogram of the values of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
@@ -75,6 +79,7 @@ pub struct Histogram {
 
 impl Histogram {
     const BINS: usize = 132;
+
     /// Histogram of an image, shape (rows, cols). Integers, such as photons, have bins of integer width, so that all bins
     /// hold equally many of them.
     pub fn of(image: ArrayView2<'_, f32>) -> Self {
@@ -108,15 +113,18 @@ impl Histogram {
         }
         Self { start, width, counts, pixels, mean, sd: (squares / f64::from(pixels)).sqrt() }
     }
+
     /// Upper edge of the last bin.
     fn end(&self) -> f64 {
         self.start + self.width * self.counts.len() as f64
     }
+
     /// Count, mean and standard deviation as text.
     fn summary(&self, unit: &str) -> String {
         format!("{} px, mean {}, sd {} {unit}", self.pixels, format_significant(self.mean), format_significant(self.sd))
     }
 }
+
 /// An image whose display range is edited.
 pub struct Edited<'a> {
     /// Name of the image, with which the names of the controls begin.
@@ -130,6 +138,7 @@ pub struct Edited<'a> {
     /// Its display range (low, high).
     pub limits: (f32, f32),
 }
+
 /// Shows the histogram with two draggable limits, number fields and rules.
 pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, logarithmic: &mut bool) {
     ui.set_width(WIDTH);
@@ -185,14 +194,17 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
         ui.weak("The data stay unchanged.");
     });
 }
+
 /// Largest allowed low limit below a high limit.
 fn below(value: f32) -> f32 {
     value - (value.abs() * 1e-4).max(1e-9)
 }
+
 /// Smallest allowed high limit above a low limit.
 fn above(value: f32) -> f32 {
     value + (value.abs() * 1e-4).max(1e-9)
 }
+
 /// Draws histogram, colour strip and the two draggable limits.
 fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarithmic: bool) {
     let (all, _) = ui.allocate_exact_size(vec2(WIDTH, HEIGHT + STRIP + 8.0), Sense::hover());
@@ -253,6 +265,7 @@ fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarit
         painter.add(egui::Shape::convex_polygon(tip, accent, Stroke::NONE));
     }
 }
+
 /// Draws the colour strip.
 fn strip(painter: &egui::Painter, bars: Rect, colours: &[Color32], [low, high]: [f32; 2]) {
     let (Some(&darkest), Some(&brightest)) = (colours.first(), colours.last()) else { return };

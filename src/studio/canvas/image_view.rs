@@ -10,8 +10,10 @@ use crate::studio::canvas::viewport::{Placement, Viewport};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::Colormap;
+
 /// Limit of a texture's side, pixels.
 const LONGEST_TEXTURE: usize = 8192;
+
 /// The colours of all colour maps.
 pub struct ColourPalettes {
     colours: Vec<(Colormap, Vec<Color32>)>,
@@ -30,8 +32,10 @@ impl ColourPalettes {
         self.colours.iter().find(|(known, _)| *known == map).map_or(&[], |(_, colours)| colours)
     }
 }
+
 /// Identifies an image: revision and index.
 pub type Version = (u64, usize);
+
 /// Everything a texture depends on.
 #[derive(Clone, Copy, PartialEq)]
 struct TextureKey {
@@ -41,6 +45,7 @@ struct TextureKey {
     /// Longest side of the texture.
     longest: usize,
 }
+
 /// One image with its settings.
 pub struct ImageView {
     /// Unique name, also that of its controls.
@@ -67,6 +72,7 @@ pub struct ImageView {
     histogram: Option<(Version, Histogram)>,
     histogram_wanted: bool,
 }
+
 /// An image as drawn in this frame.
 pub struct Shown {
     /// Its placement on the screen.
@@ -109,10 +115,12 @@ impl ImageView {
     pub fn name(&self) -> &'static str {
         self.name
     }
+
     /// Display range (low, high) of an image, shape (rows, cols).
     pub fn limits_of(&self, image: ArrayView2<'_, f32>) -> (f32, f32) {
         self.levels.limits(image, self.common)
     }
+
     /// Sets a display range (low, high) that several images share; fixed values precede it.
     pub fn fix_limits(&mut self, (low, high): (f32, f32)) {
         let common = (low < high).then_some((low, high));
@@ -121,14 +129,17 @@ impl ImageView {
             self.levelled = None;
         }
     }
+
     /// Resets the display range for another quantity.
     pub fn forget_levels(&mut self) {
         self.levels = DisplayRange::default();
     }
+
     /// Sets the width of a pixel and its unit.
     pub fn set_pixel(&mut self, width: f64, unit: &'static str) {
         self.pixel = (width, unit);
     }
+
     /// Controls of colour map and display range.
     pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &ColourPalettes) {
         let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
@@ -164,6 +175,7 @@ impl ImageView {
             }
         });
     }
+
     /// Shows the image, as large as fits, with its colour bar. `version` identifies its content; a `stale` image is dimmed.
     pub fn show(
         &mut self,
@@ -216,6 +228,7 @@ impl ImageView {
         self.fit_button(ui, seen);
         Shown { placement, fit, seen, response, moved: self.viewport != before }
     }
+
     /// Button that resets the zoom, in a corner of a zoomed image.
     fn fit_button(&mut self, ui: &mut Ui, seen: Rect) {
         if self.viewport.is_fitted() {
@@ -230,6 +243,7 @@ impl ImageView {
             ui.ctx().request_repaint();
         }
     }
+
     /// Name, coordinates and value of the pixel under the pointer.
     pub fn describe_pixel(&self, image: ArrayView2<'_, f32>, (x, y): (f64, f64)) -> Option<String> {
         // Adding 0 makes 0 of -0.
@@ -240,6 +254,7 @@ impl ImageView {
         let value = image.get((row as usize, col as usize))?;
         Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, format_significant(f64::from(*value)), self.unit))
     }
+
     /// Updates the display range, and the histogram while its editor is open.
     fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: Version) {
         let found_from = (version, self.levels);
@@ -275,6 +290,7 @@ impl ImageView {
         }
         self.drawn = Some(wanted);
     }
+
     /// Draws the colour bar right of the image, highest value at the top.
     fn colour_bar(&self, ui: &Ui, palettes: &ColourPalettes, picture: Rect, room: Rect) {
         const WIDTH: f32 = 12.0;
@@ -314,10 +330,12 @@ impl ImageView {
         }
     }
 }
+
 /// Maximal side of a texture, pixels.
 pub fn max_texture_side(ctx: &egui::Context) -> usize {
     ctx.input(|input| input.max_texture_side).min(LONGEST_TEXTURE)
 }
+
 /// Every n-th row and m-th column of an image, so that no side exceeds `longest` pixels.
 pub fn subsampled(image: ArrayView2<'_, f32>, longest: usize) -> ArrayView2<'_, f32> {
     let (rows, cols) = image.dim();

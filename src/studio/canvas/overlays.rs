@@ -5,6 +5,7 @@ use ndarray::ArrayView2;
 
 use crate::studio::canvas::viewport::{Placement, round_length};
 use crate::studio::widgets::format::format_significant;
+
 /// Smallest pixel that shows its value, points.
 const READABLE: f32 = 36.0;
 /// Maximal number of drawn values.
@@ -16,6 +17,7 @@ const LONGEST_SHARE: f32 = 0.4;
 const SHADE: Color32 = Color32::from_black_alpha(150);
 /// Dark background of a scale bar, which hides values below it.
 const PLATE: Color32 = Color32::from_black_alpha(225);
+
 /// Draws the values of visible pixels, if those are large enough; `colour` maps a value to its colour.
 pub fn pixel_values(
     painter: &Painter,
@@ -47,10 +49,12 @@ pub fn pixel_values(
         }
     }
 }
+
 /// A value in few characters; integers without decimals.
 fn short(value: f32) -> String {
     if value.fract() == 0.0 && value.abs() < 1e6 { format!("{value:.0}") } else { format_significant(f64::from(value)) }
 }
+
 /// Black or white, by contrast to a colour.
 fn contrasting(below: Color32) -> Color32 {
     // Black and white have the same contrast at a relative luminance of 0.179.
@@ -58,6 +62,7 @@ fn contrasting(below: Color32) -> Color32 {
     let luminance = 0.2126 * linear.r() + 0.7152 * linear.g() + 0.0722 * linear.b();
     if luminance > 0.179 { Color32::BLACK } else { Color32::WHITE }
 }
+
 /// Length, points, and text of the scale bar of an image `room` points wide, with `scale` points per pixel of `per_pixel`
 /// units. Lengths in pixels are whole numbers; none if not even one pixel fits.
 pub fn scale_bar_length(room: f32, scale: f32, (per_pixel, unit): (f64, &str)) -> Option<(f32, String)> {
@@ -68,6 +73,7 @@ pub fn scale_bar_length(room: f32, scale: f32, (per_pixel, unit): (f64, &str)) -
         .or_else(|| (unit == "px" && scale <= 0.8 * room).then_some(1.0))?;
     Some(((length / per_pixel) as f32 * scale, format!("{} {unit}", tidy(length))))
 }
+
 /// A number without trailing zeros.
 fn tidy(length: f64) -> String {
     let text = format!("{length:.6}");

@@ -5,14 +5,17 @@ use egui::{
 };
 
 use crate::studio::canvas::viewport::Viewport;
+
 /// Zoom per point of the wheel: a notch of 40 points is a factor of 1.22, as in egui.
 const WHEEL_SPEED: f64 = 1.0 / 200.0;
 /// Points of the wheel that one key press equals.
 const KEY_NOTCH: f64 = 40.0;
 /// Share of the image width by which an arrow key pans.
 const KEY_PAN: f32 = 0.1;
+
 /// Maximal pointer movement of a click, points.
 pub const CLICK_REACH: f32 = 3.0;
+
 /// Meaning of pointer gestures on an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointerMode {
@@ -55,6 +58,7 @@ impl PointerMode {
         });
         if factor == 1.0 { view } else { view.zoomed(factor, pointer, fit, dim) }
     }
+
     /// Pan of this frame, points.
     fn pan(self, ui: &Ui, response: &Response) -> Vec2 {
         let pointer = |input: &InputState| (input.pointer.press_origin(), input.pointer.latest_pos());
@@ -79,6 +83,7 @@ impl PointerMode {
         }
     }
 }
+
 /// Viewport after key presses: plus and minus zoom, 0 resets, arrows pan.
 fn by_keys(view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize, usize)) -> Viewport {
     let filter = EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
@@ -94,6 +99,7 @@ fn by_keys(view: Viewport, ui: &Ui, response: &Response, fit: Rect, dim: (usize,
     });
     zoomed_by_keys(view.panned(by * KEY_PAN * fit.width(), fit, dim), ui, fit.center(), fit, dim)
 }
+
 /// Viewport after key presses: plus and minus zoom around a screen position, 0 resets.
 pub fn zoomed_by_keys(view: Viewport, ui: &Ui, around: Pos2, fit: Rect, dim: (usize, usize)) -> Viewport {
     let (notches, all) = ui.input(|input| {
@@ -111,6 +117,7 @@ pub fn zoomed_by_keys(view: Viewport, ui: &Ui, around: Pos2, fit: Rect, dim: (us
 fn axis(plus: bool, minus: bool) -> f32 {
     f32::from(u8::from(plus)) - f32::from(u8::from(minus))
 }
+
 /// Whether a drag pans in [`PointerMode::Edit`].
 pub fn is_panning(ui: &Ui) -> bool {
     let typing = ui.ctx().text_edit_focused();

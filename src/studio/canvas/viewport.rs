@@ -3,8 +3,10 @@
 use std::ops::Range;
 
 use egui::{Pos2, Rect, Vec2, pos2, vec2};
+
 /// Maximal size of a pixel, points.
 const LARGEST_PIXEL: f64 = 160.0;
+
 /// Placement of an image on the screen.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
@@ -25,6 +27,7 @@ impl Placement {
         let offset = (position - self.rect.min) / self.scale;
         (f64::from(offset.x) - 0.5, f64::from(offset.y) - 0.5)
     }
+
     /// Rows and columns of an image of shape (rows, cols) that are at least partly inside `seen`.
     pub fn pixels_in(self, seen: Rect, (rows, cols): (usize, usize)) -> (Range<usize>, Range<usize>) {
         let (left, top) = self.to_pixels(seen.min);
@@ -37,6 +40,7 @@ impl Placement {
         (along(top, bottom, rows), along(left, right, cols))
     }
 }
+
 /// Zoom and pan. The image always covers the rectangle that it has without zoom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewport {
@@ -57,10 +61,12 @@ impl Viewport {
     pub fn zoom(self) -> f64 {
         self.zoom
     }
+
     /// Whether the whole image is visible.
     pub fn is_fitted(self) -> bool {
         self.zoom <= 1.0
     }
+
     /// Pixel coordinates (x, y) of the view centre, for an image of shape (rows, cols).
     pub fn centre(self, (rows, cols): (usize, usize)) -> (f64, f64) {
         let along = |wanted: Option<f64>, count: usize| {
@@ -70,6 +76,7 @@ impl Viewport {
         };
         (along(self.centre.map(|centre| centre.0), cols), along(self.centre.map(|centre| centre.1), rows))
     }
+
     /// Placement of an image of shape (rows, cols) whose rectangle without zoom is `fit`.
     pub fn placement(self, fit: Rect, dim: (usize, usize)) -> Placement {
         let fitted = fit.width() / dim.1.max(1) as f32;
@@ -84,6 +91,7 @@ impl Viewport {
         let scale = scale as f32;
         Placement { rect: Rect::from_min_size(corner, vec2(dim.1 as f32, dim.0 as f32) * scale), scale }
     }
+
     /// Zooms by `factor` around `pointer`, as far as the border of the image allows.
     #[must_use]
     pub fn zoomed(self, factor: f64, pointer: Pos2, fit: Rect, dim: (usize, usize)) -> Self {
@@ -103,6 +111,7 @@ impl Viewport {
         let away = (pointer - fit.center()) / (fitted * zoom) as f32;
         Self { zoom, centre: Some((x - f64::from(away.x), y - f64::from(away.y))) }.held(dim)
     }
+
     /// Pans by `by` points.
     #[must_use]
     pub fn panned(self, by: Vec2, fit: Rect, dim: (usize, usize)) -> Self {
@@ -114,16 +123,19 @@ impl Viewport {
         let by = by / scale;
         Self { centre: Some((x - f64::from(by.x), y - f64::from(by.y))), ..self }.held(dim)
     }
+
     /// The same view in pixel coordinates that are larger by (x, y).
     #[must_use]
     pub fn shifted(self, (x, y): (f64, f64)) -> Self {
         Self { centre: self.centre.map(|centre| (centre.0 + x, centre.1 + y)), ..self }
     }
+
     /// Clamps the view centre.
     fn held(self, dim: (usize, usize)) -> Self {
         Self { centre: Some(self.centre(dim)), ..self }
     }
 }
+
 /// Largest length of 1, 2 or 5 times a power of ten up to `most`; none if `most` is not positive.
 pub fn round_length(most: f64) -> Option<f64> {
     if !(most > 0.0 && most.is_finite()) {

@@ -7,11 +7,13 @@ use crate::studio::state::action::Action;
 use crate::studio::state::app_state::{State, Transition};
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
+
 /// Whether *Save* was chosen and the file is not yet written.
 pub fn waits_for_save(state: &State) -> bool {
     let has_answered = state.pending_transition.as_ref().is_some_and(|leaving| leaving.saving);
     has_answered && (state.path_dialog.is_open() || state.bench.is_saving())
 }
+
 /// Performs the pending transition after a save; a cancelled or failed save leaves the question open. Returns whether the
 /// window closes. Call it after job outcomes were taken, if [`waits_for_save`] was false before.
 pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
@@ -25,6 +27,7 @@ pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
     state.perform_transition(ctx, what);
     close
 }
+
 /// Shows the question of a pending transition. Returns whether the window closes.
 pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     let Some(leaving) = state.pending_transition.as_ref().filter(|leaving| !leaving.saving) else { return false };

@@ -14,8 +14,10 @@ use crate::studio::widgets::file_preview::Preview;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
 use crate::workbench::FileUse;
+
 /// Maximal number of file names in a message.
 const NAMED: usize = 5;
+
 /// Images or arrays that may be a PSF or objects.
 #[derive(Debug, PartialEq)]
 struct Images {
@@ -24,6 +26,7 @@ struct Images {
     /// The folder, if these are all its images.
     folder: Option<PathBuf>,
 }
+
 /// The question about dropped images.
 #[derive(Default)]
 pub struct Dropped {
@@ -38,6 +41,7 @@ impl Dropped {
     pub fn is_open(&self) -> bool {
         self.pictures.is_some()
     }
+
     /// Takes files that were dropped in this frame.
     pub fn take(&mut self, ctx: &egui::Context, state: &mut State) {
         let files: Vec<PathBuf> =
@@ -58,6 +62,7 @@ impl Dropped {
             None => {}
         }
     }
+
     /// Asks whether images are objects or a PSF.
     pub fn ask(&mut self, ctx: &egui::Context, state: &mut State) {
         let Some(Images { first, others, folder }) = &self.pictures else { return };
@@ -114,6 +119,7 @@ enum Chosen {
     Objects(PathBuf),
     Images(Images),
 }
+
 /// What a drop opens, and its unused files. A design precedes objects, objects precede images.
 fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
     let kinds: Vec<FileKind> = files.iter().map(|path| kind_of(path)).collect();
@@ -135,6 +141,7 @@ fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
     let (first, others) = one(place(FileKind::Picture)?);
     Some((Chosen::Images(Images { first, others, folder }), Vec::new()))
 }
+
 /// The folder, if these are several files and all its images.
 fn whole_folder(files: &[PathBuf]) -> Option<PathBuf> {
     let folder = files.first().filter(|_| files.len() > 1)?.parent()?;
@@ -143,6 +150,7 @@ fn whole_folder(files: &[PathBuf]) -> Option<PathBuf> {
     (image_files(folder).ok()?.into_iter().map(|file| file.path).collect::<Vec<_>>() == dropped)
         .then(|| folder.to_owned())
 }
+
 /// Reports the unused files of a drop.
 fn name_unused(state: &mut State, used: &Path, unused: &[PathBuf]) {
     if unused.is_empty() {
@@ -163,6 +171,7 @@ enum FileKind {
     Objects,
     Picture,
 }
+
 /// Likely kind of a dropped file or folder. Images and arrays may be a PSF or objects.
 fn kind_of(path: &Path) -> FileKind {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -172,6 +181,7 @@ fn kind_of(path: &Path) -> FileKind {
         _ => FileKind::Objects,
     }
 }
+
 /// Shows a hint while files are dragged over the window.
 pub fn show_hint(ctx: &egui::Context) {
     if ctx.input(|input| input.raw.hovered_files.is_empty()) {

@@ -6,6 +6,7 @@ use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
+
 /// Maximal number of listed actions.
 const LISTED: usize = 12;
 /// Actions whose names contain all words of the query. Names that begin with the query come first.

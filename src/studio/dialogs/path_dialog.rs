@@ -20,9 +20,11 @@ use crate::studio::widgets::controls::{name_widget, speak};
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Job, MeasurementFormat};
+
 /// Message if the system has no file dialog.
 const NO_DIALOG: &str =
     "This system has no file dialog: neither a desktop portal nor zenity answers. Type the path above.";
+
 /// Shows the open question and acts on its answer.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(mut question) = state.path_dialog.open.take() else { return };
@@ -158,6 +160,7 @@ fn answer(state: &mut State, question: PathQuestion) {
         PathPurpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }
+
 /// Exported objects; a single plane has no axis: shape (n, planes, rows, cols) or (n, rows, cols).
 fn objects_of(objects: &Array4<f32>) -> ArrayD<f32> {
     match objects.len_of(Axis(1)) {

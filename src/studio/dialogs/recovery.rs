@@ -6,6 +6,7 @@ use crate::studio::state::app_state::State;
 use crate::studio::state::messages::Severity;
 use crate::studio::widgets::modal;
 use crate::workbench::{Recovered, spoken};
+
 /// Offers the unsaved designs one after the other. Undecided ones are offered again at the next start.
 pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
     let Some(found) = left.first() else { return };
@@ -52,6 +53,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
         None => {}
     }
 }
+
 /// The user's decision.
 #[derive(Clone, Copy)]
 enum Answer {

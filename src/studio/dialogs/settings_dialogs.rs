@@ -15,6 +15,7 @@ use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::study::Machine;
+
 /// Width at which keys and gestures stand side by side, points.
 const TWO_COLUMNS: f32 = 860.0;
 /// Width of the names of keys and gestures, points.
@@ -35,6 +36,7 @@ const ON_THE_MASK: [(&str, &str); 12] = [
     ("Right click", "Menu of a lenslet"),
     ("Tab", "Next lenslet or control; Space selects"),
 ];
+
 /// Draws the open dialog.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(sheet) = state.settings_dialog else { return };
@@ -174,6 +176,7 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.weak(format!("Unsaved changes: {}", unsaved.display()));
     }
 }
+
 /// The number of compute threads.
 fn threads(ui: &mut Ui, state: &mut State) {
     ui.horizontal(|ui| {
@@ -217,6 +220,7 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
     }
     chosen
 }
+
 /// Name of the processor, read once: the system lists it in a long file.
 static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
 

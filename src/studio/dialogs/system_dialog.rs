@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
 use crate::studio::state::path_question::{Answer, Picker};
+
 /// Opens the dialog at a path; none if no thread can be started.
 pub fn open(ctx: &egui::Context, picker: Picker, start: &Path) -> Option<Receiver<Answer>> {
     let (sender, receiver) = channel();
@@ -32,12 +33,14 @@ fn ask(picker: Picker, start: &Path) -> Answer {
     };
     path.map_or(Answer::Cancelled, Answer::Chosen)
 }
+
 /// Whether the system has a file dialog. On Linux a desktop portal or zenity opens it; without either, `rfd` reports
 /// "cancelled".
 #[cfg(target_os = "linux")]
 fn can_answer() -> bool {
     has_zenity() || has_portal()
 }
+
 /// Whether the system has a file dialog, which it always has.
 #[cfg(not(target_os = "linux"))]
 fn can_answer() -> bool {
@@ -52,6 +55,7 @@ fn has_zenity() -> bool {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&folders).any(|folder| is_program(folder.join("zenity")))
 }
+
 /// Whether a desktop portal offers file dialogs; the call starts it.
 #[cfg(target_os = "linux")]
 fn has_portal() -> bool {

@@ -7,6 +7,7 @@ use crate::studio::state::app_state::{LayoutRequest, State, Transition};
 use crate::studio::state::pane::Pane;
 use crate::studio::widgets::modal;
 use crate::workbench::SAMPLES;
+
 /// A step of the tour.
 struct Stop {
     title: &'static str,
@@ -49,6 +50,7 @@ const STOPS: [Stop; 5] = [
         done: |state| state.onboarding.exported,
     },
 ];
+
 /// Shows the welcome dialog, which offers samples to start from.
 pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
     if !state.onboarding.welcome {
@@ -94,6 +96,7 @@ pub fn show_welcome(ctx: &egui::Context, state: &mut State) {
         state.preferences.welcomed = true;
     }
 }
+
 /// Shows the current step of the tour and whether it is done.
 pub fn show_tour(ctx: &egui::Context, state: &mut State) {
     let Some(number) = state.onboarding.tour else { return };

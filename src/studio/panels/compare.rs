@@ -14,15 +14,18 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::colours::{CEILING, DENSITY, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
+
 /// Side of the thumbnails, points.
 const THUMBNAIL: f32 = 30.0;
 /// Spacing of the table, points.
 const SPACING: Vec2 = Vec2::new(6.0, 3.0);
+
 /// Action on a snapshot.
 enum SnapshotAction {
     Open(u64),
     Delete(u64),
 }
+
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
@@ -80,6 +83,7 @@ fn open(state: &mut State, number: u64) {
         snapshot.is_open_as(revision);
     }
 }
+
 /// Table with one row per snapshot.
 fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
     let mut has_drawn = false;
@@ -146,11 +150,13 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
         }
     });
 }
+
 /// Letter of a scene, or its number beyond the alphabet.
 fn letter_of(scenes: &[impl AsRef<str>], scene: &str) -> String {
     let place = scenes.iter().position(|known| known.as_ref() == scene).unwrap_or_default();
     ('a'..='z').nth(place).map_or_else(|| (place + 1).to_string(), String::from)
 }
+
 /// Lower and upper bound of a snapshot, one line each.
 fn information(snapshot: &Snapshot) -> String {
     let bound = |sign: char, bound: Bits| match bound.half_width() {
@@ -163,6 +169,7 @@ fn information(snapshot: &Snapshot) -> String {
         (_, None) => snapshot.numbers.gaussian.map_or("-".into(), |approximation| bound('\u{2248}', approximation)),
     }
 }
+
 /// All bounds of a snapshot.
 fn bounds(snapshot: &Snapshot) -> String {
     let line = |what: &str, Bits { bits, interval_95 }: Bits| format!("{what} {}", with_decimals(bits, interval_95, 4));
@@ -204,6 +211,7 @@ fn thumbnail(
     let image = egui::Image::new((texture.id(), texture.size_vec2())).fit_to_exact_size(Vec2::splat(THUMBNAIL));
     ui.add(image.alt_text(format!("PSF of {}", snapshot.name)));
 }
+
 /// One image that flips between two snapshots, or their difference.
 fn pair(ui: &mut Ui, state: &mut State) {
     if state.comparison.what == Quantity::Measurement {
@@ -296,6 +304,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
     });
     comparison.viewport = view.viewport;
 }
+
 /// Requests missing measurements of the pair; snapshots are stored without them.
 fn measure(state: &mut State) {
     let tries_again = std::mem::take(&mut state.comparison.tries_again);
@@ -319,6 +328,7 @@ fn picture(snapshot: &Snapshot, what: Quantity) -> Option<&Array2<f32>> {
         Quantity::Mtf => snapshot.optics.as_ref().map(|optics| &optics.mtf.map),
     }
 }
+
 /// Plot of information against Tamura coefficient.
 fn scatter(ui: &mut Ui, all: &Snapshots) {
     let (snapshots, scenes) = (&all.entries, all.scenes());

@@ -16,8 +16,10 @@ use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{
     Calibration, Curve, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command, images_command,
 };
+
 /// Tooltip of the button that copies a command.
 const COPY_HINT: &str = "Copies the command line that reproduces this number";
+
 /// Protocols of a PixelCNN, with tooltips.
 const PROTOCOLS: [(Protocol, &str); 2] = [
     (Protocol::Default, "New noise, disjoint training and test objects, exact noise entropy: an upper bound"),
@@ -37,6 +39,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         results(ui, state);
     });
 }
+
 /// The running and the finished estimates.
 fn results(ui: &mut Ui, state: &mut State) {
     let running = state.estimates.running.clone();
@@ -69,6 +72,7 @@ fn results(ui: &mut Ui, state: &mut State) {
         fit_plot(ui, &shown.value.curve, 170.0);
     }
 }
+
 /// Form of a new estimate.
 fn order(ui: &mut Ui, state: &mut State) {
     let running = state.estimates.running.is_some();
@@ -203,6 +207,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<Finished
         }
     });
 }
+
 /// Value of an estimate in one line.
 fn summary(estimate: &Estimate) -> String {
     let (bits, from) = (estimate.bits_per_pixel, estimate.upper_from());
@@ -214,6 +219,7 @@ fn summary(estimate: &Estimate) -> String {
         }
     }
 }
+
 /// Curves of a fit: cross-entropy of a density model, information gain of a decoder.
 fn fit_plot(ui: &mut Ui, curve: &[FitPoint], height: f32) {
     for (model, name, colour) in [

@@ -12,6 +12,7 @@ use crate::studio::widgets::colours::{CEILING, DENSITY, FITTED, GAUSSIAN, LOWER,
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{RunBounds, RunStatus};
+
 /// Minimal width of a value in the table, points.
 const LEAST_VALUE: f32 = 80.0;
 
@@ -39,6 +40,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         tamura_gauge::show(ui, state);
     });
 }
+
 /// Menu that copies or exports the numbers.
 fn more(ui: &mut Ui, state: &mut State) {
     let more = ui.menu_button("...", |ui| {
@@ -49,11 +51,13 @@ fn more(ui: &mut Ui, state: &mut State) {
     let hint = "Copies the numbers or the command that reproduces them, or exports the record of the live estimate";
     name_widget(&more.response.on_hover_text(hint), "More of the numbers");
 }
+
 /// Bounds in bits per measurement, from bits per pixel.
 fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
     let (low, high) = Bracket::in_order(lower, upper);
     format!("{:.0} \u{2013} {:.0}", low * pixels as f64, high * pixels as f64)
 }
+
 /// Headline: the bracket, or else the smallest upper bound, with its source.
 fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     let (upper, from) = known.upper();
@@ -138,15 +142,18 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     ui.weak(patch).on_hover_text(format!("Mutual information between objects and noisy measurements{from}"));
     ui.add_space(4.0);
 }
+
 /// Bound of a run with its sign: at least or at most.
 fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
     let lower = run.lower.as_ref().map(|lower| ('\u{2265}', lower));
     lower.or_else(|| Some(('\u{2264}', run.upper.as_ref()?)))
 }
+
 /// Sources of lower and upper bound.
 fn both(below: &str, above: &str) -> String {
     if below == above { below.to_owned() } else { format!("{below}, {above}") }
 }
+
 /// Warns about estimates above the entropy bound.
 fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
     let Some(ceiling) = known.bounds.ceiling_bits() else { return };
@@ -161,6 +168,7 @@ fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
     };
     ui.colored_label(ui.visuals().warn_fg_color, warning);
 }
+
 /// All bounds on one axis from 0; the range between lower and upper bound is filled.
 fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
     let upper = known.upper_bound().map(|(bits, _)| bits);
@@ -197,6 +205,7 @@ fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
     painter.text(pos2(rect.right(), top + 17.0), egui::Align2::RIGHT_TOP, format_significant(end), font, weak);
     response.on_hover_text(text);
 }
+
 /// Smallest round number that is at least `value`.
 fn nice_end(value: f64) -> f64 {
     let value = value.max(1e-3);
@@ -290,10 +299,12 @@ fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
         );
     });
 }
+
 /// Whether an estimate or a run pauses the live estimate.
 fn is_paused(state: &State) -> bool {
     state.estimates.running.is_some() || state.run.as_ref().is_some_and(|run| run.status == RunStatus::Running)
 }
+
 /// Live estimate with its state, and the entropies of the best available model.
 fn live_line(state: &State, known: &BoundSummary<'_>) -> (String, (&'static str, f64, f64)) {
     let bound = &known.bounds.gaussian;

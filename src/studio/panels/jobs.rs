@@ -6,8 +6,10 @@ use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Activity, ActivityState, spoken};
+
 /// Height of a progress bar, points.
 const BAR: f32 = 16.0;
+
 /// Draws the window if it is open.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let mut open = state.jobs_open;

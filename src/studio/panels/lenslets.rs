@@ -99,6 +99,7 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
         state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
     }
 }
+
 /// A column of the table.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Column {

@@ -56,10 +56,12 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
     information_overlay::draw(ui, state, &shown, closer.as_deref());
     image_menu::show(ui, state, View::Measurement, &shown, |_, _, _| {});
 }
+
 /// Text in place of a missing image.
 fn waiting(state: &State) -> String {
     state.failure().unwrap_or("Computing").to_owned()
 }
+
 /// Buttons for previous, next and random sample; object and measurement share it.
 fn sample_controls(ui: &mut Ui, state: &mut State, what: &str) {
     let count = state.live.scene.as_ref().map_or(1, |scene| scene.value.objects.len_of(Axis(0))).max(1);

@@ -169,6 +169,7 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
         }
     });
 }
+
 /// A setting behind its aligned label.
 fn labelled(ui: &mut Ui, name: &str, add: impl FnOnce(&mut Ui)) {
     ui.horizontal(|ui| {

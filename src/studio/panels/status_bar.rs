@@ -4,6 +4,7 @@ use egui::Ui;
 
 use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
+
 /// Drawing times of frames.
 #[derive(Default)]
 pub struct FrameTimes {
@@ -25,6 +26,7 @@ impl FrameTimes {
         self.count += 1;
     }
 }
+
 /// Shows the newest message on the left; value under the pointer and jobs on the right.
 pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {

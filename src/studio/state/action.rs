@@ -7,8 +7,10 @@ use egui::{Event, Key, KeyboardShortcut, Modifiers};
 use crate::optics::DIFFUSER_APERTURES;
 use crate::plural::counted;
 use crate::studio::state::pane::Pane;
+
 /// Number of layouts that can be saved.
 const LAYOUTS: usize = 2;
+
 /// An action, with its label and its shortcut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
@@ -89,6 +91,7 @@ pub enum Action {
     /// Closes the window.
     Quit,
 }
+
 /// A preset mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
@@ -117,6 +120,7 @@ impl Preset {
             Self::Diffuser(aperture_px) => format!("Aperture {aperture_px} px"),
         }
     }
+
     /// Its name outside the Presets menu.
     fn full_label(self) -> String {
         match self {
@@ -151,6 +155,7 @@ impl Action {
         Self::SelectAll,
         Self::Delete,
     ];
+
     /// All actions of the palette.
     pub fn all() -> impl Iterator<Item = Self> {
         let plain = [
@@ -189,6 +194,7 @@ impl Action {
         ];
         plain.into_iter().chain(Self::layouts()).chain(Preset::all().map(Self::Preset)).chain(Pane::ALL.map(Self::Show))
     }
+
     /// Actions on layouts.
     pub fn layouts() -> impl Iterator<Item = Self> {
         let numbers = 1..=LAYOUTS;
@@ -268,6 +274,7 @@ impl Action {
         };
         Some(KeyboardShortcut::new(modifiers, key))
     }
+
     /// Actions whose shortcuts were pressed since the last frame, in order.
     pub fn pressed(ctx: &egui::Context) -> Vec<Self> {
         let focused = ctx.memory(egui::Memory::focused);
@@ -283,6 +290,7 @@ impl Action {
         });
         pressed
     }
+
     /// The action of a key, if any; `typing` is true if a text field has the keyboard.
     fn of_key(modifiers: Modifiers, key: Key, typing: bool) -> Option<Self> {
         let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
@@ -298,6 +306,7 @@ impl Action {
         by_shortcut
             .find(|action| action.shortcut().is_some_and(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
     }
+
     /// Whether a text field has this action for its own text.
     fn is_for_text(self) -> bool {
         matches!(self, Self::Undo | Self::Redo | Self::SelectAll | Self::Delete)

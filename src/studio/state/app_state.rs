@@ -111,6 +111,7 @@ pub struct State {
     /// Seed of the last random start.
     random_start: Option<u64>,
 }
+
 /// A step that would discard the open design or a run.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Transition {
@@ -129,6 +130,7 @@ pub enum Transition {
     /// Opening the previewed mask as a new design.
     Accept,
 }
+
 /// A requested change of the layout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LayoutRequest {
@@ -141,6 +143,7 @@ pub enum LayoutRequest {
     /// Loads the layout of this number.
     Recall(usize),
 }
+
 /// A transition that waits for a confirmation.
 pub struct PendingTransition {
     /// The transition.
@@ -202,6 +205,7 @@ impl State {
             random_start: None,
         }
     }
+
     /// Performs a transition, after a confirmation if something would be lost.
     pub fn request_transition(&mut self, ctx: &egui::Context, what: Transition) {
         let asks = match what {
@@ -215,6 +219,7 @@ impl State {
             self.perform_transition(ctx, what);
         }
     }
+
     /// Performs a transition.
     pub fn perform_transition(&mut self, ctx: &egui::Context, what: Transition) {
         self.pending_transition = None;
@@ -231,16 +236,19 @@ impl State {
             Transition::Accept => self.bench.accept_as_new(),
         }
     }
+
     /// Requests an action, which runs when all panels are drawn.
     pub fn act(&mut self, action: Action) {
         self.actions.push_back(action);
     }
+
     /// Seed of the next random preset: that of the design first, then consecutive ones.
     pub fn next_random_start(&mut self, seed: u64) -> u64 {
         let next = self.random_start.map_or(seed, |last| last.wrapping_add(1));
         self.random_start = Some(next);
         next
     }
+
     /// Applies a command to the design; a message reports a refusal.
     pub fn send(&mut self, command: &Command) {
         let are_others = !self.bench.shows_own_lenslets();
@@ -264,6 +272,7 @@ impl State {
         }
         self.locks.follow(command, self.bench.lenslets());
     }
+
     /// Applies a command of a number field; a typed number is one undo step.
     pub fn send_edit(&mut self, edit: Edit, command: &Command) {
         if edit.is_typed {
@@ -274,6 +283,7 @@ impl State {
             self.bench.begin_step();
         }
     }
+
     /// Switches to another design, as by undo. Drag, selection and locks are reset if its lenslets differ.
     pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
         let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
@@ -285,6 +295,7 @@ impl State {
         }
         self.locks.check(self.bench.lenslets());
     }
+
     /// Number of lenslets of the shown design.
     pub fn lenslet_count(&self) -> usize {
         self.bench.design().encoder.lenslets().map_or(0, |array| array.lenslets.len())
@@ -295,6 +306,7 @@ impl State {
         let Some(array) = self.bench.design().encoder.lenslets() else { return Vec::new() };
         self.selection.iter().filter_map(|&index| Some((index, *array.lenslets.get(index)?))).collect()
     }
+
     /// Adds a copy of the last lenslet in the middle of the grid.
     pub fn add_lenslet(&mut self) {
         let Some(array) = self.bench.design().encoder.lenslets() else { return };
@@ -304,6 +316,7 @@ impl State {
         let weight = like.map_or(1.0, |lenslet| lenslet.weight.max(1e-3));
         self.send(&Command::AddLenslet(Lenslet::round(x, y, sigma, weight)));
     }
+
     /// Stores unsaved changes in the folder of the preferences, or else the default one. Returns the unsaved designs of earlier
     /// sessions in either, newest first.
     pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
@@ -324,25 +337,30 @@ impl State {
         }
         Vec::new()
     }
+
     /// Sets the folder of unsaved changes; none for the default one. Designs that lie there are offered at the next start.
     pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
         self.preferences.unsaved = folder;
         drop(self.keep_unsaved());
     }
+
     /// The live estimate, if it belongs to the current revision.
     pub fn live_estimate(&self) -> Option<&LiveEstimate> {
         let live = self.estimates.live.as_ref()?;
         Some(&*live.value).filter(|_| self.is_current(live.revision))
     }
+
     /// The measurements, if they belong to the current revision.
     pub fn current_measurements(&self) -> Option<&Stamped<Measurements>> {
         self.live.measurements.as_ref().filter(|measurements| self.is_current(measurements.revision))
     }
+
     /// Why the current revision has no results, if it failed.
     pub fn failure(&self) -> Option<&str> {
         let (revision, failure) = self.live.failure.as_ref()?;
         self.is_current(*revision).then_some(failure.as_str())
     }
+
     /// Requests the inspection of the shown measurement (spectrum, information map) and returns the newest one.
     pub fn look_closer(&mut self, measurements: &Stamped<Measurements>) -> Option<Arc<Closer>> {
         let live = self.live_estimate().filter(|_| self.overlay.shown && self.is_current(measurements.revision));
@@ -354,11 +372,13 @@ impl State {
         }
         self.live.closer.clone()
     }
+
     /// Record from which the live estimate is reproduced.
     pub fn live_record(&self) -> Option<LiveRecord> {
         let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.bench.design()))?;
         Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
     }
+
     /// Copies a text and reports whether that worked; `what` names the text in the message, for example "Numbers".
     pub fn copy(&mut self, ctx: &egui::Context, text: String, what: &str) {
         match self.clipboard.put(ctx, text) {
@@ -369,6 +389,7 @@ impl State {
             }
         }
     }
+
     /// Copies a command line, or reports why there is none.
     pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
         match command {
@@ -384,6 +405,7 @@ impl State {
             self.send(&Command::DeleteLenslets(indices));
         }
     }
+
     /// Whether a result of this revision is current.
     pub fn is_current(&self, revision: u64) -> bool {
         revision == self.bench.revision()

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::information::{Bracket, Estimate, NamedBound, Protocol};
 use crate::studio::state::app_state::State;
 use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, Stamped};
+
 /// All bounds of the shown design.
 pub struct BoundSummary<'a> {
     pub bounds: &'a LiveInformation,
@@ -68,10 +69,12 @@ impl<'a> BoundSummary<'a> {
             sensor,
         }
     }
+
     /// Lower bound, bracket and shape (rows, cols) of whole measurements, if both sides are known.
     pub fn sensor_bracket(&self) -> Option<(f64, &Bracket, [usize; 2])> {
         self.sensor.as_ref().and_then(|(bracket, patch)| Some((bracket.lower?, bracket, *patch)))
     }
+
     /// Largest lower bound for patches.
     pub fn lower(&self) -> Option<NamedBound> {
         let bracket = self.bracket.as_ref().and_then(|bracket| {
@@ -86,6 +89,7 @@ impl<'a> BoundSummary<'a> {
             .chain(run)
             .max_by(|one, other| one.bits_per_pixel.total_cmp(&other.bits_per_pixel))
     }
+
     /// The live estimate, if it belongs to the current revision.
     pub fn current_live(&self) -> Option<&LiveEstimate> {
         self.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| &**live)
@@ -94,14 +98,17 @@ impl<'a> BoundSummary<'a> {
     pub fn gaussian(&self) -> f64 {
         self.bounds.gaussian.bits_per_pixel
     }
+
     /// Gaussian information, bits per pixel, and its name: bound or approximation.
     pub fn named_gaussian(&self) -> (f64, String) {
         (self.gaussian(), self.bounds.gaussian_name().to_owned())
     }
+
     /// Smallest upper bound for patches and its name; the Gaussian approximation if there is none.
     pub fn upper(&self) -> (f64, String) {
         self.upper_bound().unwrap_or_else(|| self.named_gaussian())
     }
+
     /// Smallest upper bound for patches and its name, if any.
     pub fn upper_bound(&self) -> Option<(f64, String)> {
         let mut bounds = Vec::from_iter(self.bounds.gaussian_is_bound.then(|| self.named_gaussian()));
@@ -122,6 +129,7 @@ impl<'a> BoundSummary<'a> {
         bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
     }
 }
+
 /// Upper bound of an estimate by one density model.
 fn bound_of(estimate: &Estimate) -> Option<NamedBound> {
     let is_bound = estimate.is_of_one_model() && estimate.protocol == Protocol::Default;

@@ -7,6 +7,7 @@ use egui::TextureHandle;
 use crate::studio::canvas::image_view::ImageView;
 use crate::studio::canvas::viewport::Viewport;
 use crate::workbench::Colormap;
+
 /// State of the Compare panel.
 pub struct Comparison {
     /// Numbers of the two designs.

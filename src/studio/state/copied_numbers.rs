@@ -6,6 +6,7 @@ use crate::information::NUMBERS_VERSION;
 use crate::studio::state::app_state::State;
 use crate::studio::state::bound_summary::BoundSummary;
 use crate::studio::state::messages::Severity;
+
 /// Copies all numbers of the shown design as JSON.
 pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
     let Some(information) = state.live.information.clone() else {

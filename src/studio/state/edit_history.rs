@@ -2,6 +2,7 @@
 
 use crate::forward::Design;
 use crate::workbench::{Curve, LiveInformation};
+
 /// Information after each edit.
 #[derive(Default)]
 pub struct EditHistory {
@@ -30,6 +31,7 @@ pub struct EditPoint {
 
 impl EditHistory {
     const KEPT: usize = 400;
+
     /// Adds the information of a newer revision of `design`. `objects` is the fingerprint of its object set.
     pub fn note(&mut self, revision: u64, information: &LiveInformation, design: &Design, objects: &str) {
         let last = self.points.last().copied();
@@ -54,16 +56,19 @@ impl EditHistory {
             setting: last.map_or(0, |last| last.setting + changed),
         });
     }
+
     /// Sets the live estimate of a revision.
     pub fn note_live(&mut self, revision: u64, bits_per_pixel: f64) {
         if let Some(point) = self.points.iter_mut().rev().find(|point| point.revision == revision) {
             point.live = Some(bits_per_pixel);
         }
     }
+
     /// Segments of comparable points.
     pub fn runs(&self) -> impl Iterator<Item = &[EditPoint]> {
         self.points.chunk_by(|one, next| one.setting == next.setting)
     }
+
     /// The history as a table.
     pub fn curve(&self) -> Curve {
         Curve {

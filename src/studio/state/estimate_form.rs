@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::information::{EngineChoice, Estimator, Protocol};
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{Calibration, DensityModel, EstimateRequest, WeightsFiles};
+
 /// The form of a new estimate.
 pub struct EstimateForm {
     pub kind: Estimator,
@@ -48,6 +49,7 @@ impl EstimateForm {
             _ => request,
         }
     }
+
     /// Request for a fit of this model with the chosen patch.
     pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
         EstimateRequest {
@@ -63,6 +65,7 @@ impl EstimateForm {
         }
     }
 }
+
 /// The form of an estimate from camera images.
 pub struct CameraForm {
     /// Path of the chosen images.
@@ -94,6 +97,7 @@ impl CameraForm {
         self.preview = preview;
     }
 }
+
 /// Estimators that need no objects, with their labels.
 pub const OF_IMAGES: [(Estimator, &str); 4] = [
     (Estimator::Live, "Live"),
@@ -101,6 +105,7 @@ pub const OF_IMAGES: [(Estimator, &str); 4] = [
     (Estimator::PixelCnn, "PixelCNN"),
     (Estimator::GaussianStationary, "Gaussian"),
 ];
+
 /// Length of a fit, as a number of steps or a time.
 pub struct FitLengthForm {
     pub minutes: f64,
@@ -117,14 +122,17 @@ impl FitLengthForm {
         let steps = if kind == Estimator::Full { 60_000 } else { 2_000 };
         Self { minutes, steps, by_steps: true }
     }
+
     /// Switches to another estimator and its default length.
     pub fn turn_to(&mut self, kind: Estimator) {
         *self = Self { by_steps: self.by_steps, ..Self::usual(kind) };
     }
+
     /// Whether the length is a number of steps; a PixelCNN ends by its protocol or by time.
     pub fn counts_steps(&self, kind: Estimator) -> bool {
         self.by_steps && kind != Estimator::PixelCnn
     }
+
     /// Density model with this length as its budget.
     pub fn model(&self, kind: Estimator, engine: EngineChoice) -> DensityModel {
         let model = DensityModel::new(kind, Some(Duration::from_secs_f64(60.0 * self.minutes)), engine);

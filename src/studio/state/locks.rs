@@ -19,6 +19,7 @@ impl Locks {
     pub fn indices(&self) -> &BTreeSet<usize> {
         &self.indices
     }
+
     /// Locks lenslets, or unlocks them if all are locked.
     pub fn toggle(&mut self, lenslets: &BTreeSet<usize>) {
         if lenslets.is_subset(&self.indices) {
@@ -27,6 +28,7 @@ impl Locks {
             self.indices.extend(lenslets);
         }
     }
+
     /// Updates the indices after a command, whose result is the lenslet list of this number.
     pub fn follow(&mut self, command: &Command, lenslets: u64) {
         if lenslets == self.lenslets {
@@ -43,6 +45,7 @@ impl Locks {
         }
         self.lenslets = lenslets;
     }
+
     /// Restores the locks of the lenslet list of this number, as after an undo; none for a list of another document or a run.
     pub fn check(&mut self, lenslets: u64) {
         if self.lenslets != lenslets {
@@ -51,6 +54,7 @@ impl Locks {
             self.lenslets = lenslets;
         }
     }
+
     /// Stores the locks of the current list.
     fn keep(&mut self) {
         if self.indices.is_empty() {

@@ -18,6 +18,7 @@ pub struct Message {
     /// Time of its first display as a toast, seconds since the start.
     pub seen: Option<f64>,
 }
+
 /// The message log, of bounded length.
 #[derive(Default)]
 pub struct Messages {
@@ -31,6 +32,7 @@ pub struct Messages {
 impl Messages {
     /// Maximal number of messages; older ones are dropped.
     const KEPT: usize = 500;
+
     /// Adds a message. A repeated message is not listed twice, but its toast appears again.
     pub fn push(&mut self, severity: Severity, text: impl Into<String>) {
         let text = text.into();
@@ -46,6 +48,7 @@ impl Messages {
         }
         self.entries.push(Message { severity, text, seen: None });
     }
+
     /// Closes the banner of the newest failure.
     pub fn dismiss(&mut self) {
         self.failure = None;

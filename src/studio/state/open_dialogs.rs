@@ -1,4 +1,5 @@
 //! State of welcome dialog, tour, settings dialogs and command palette.
+
 /// State of welcome dialog and tour.
 #[derive(Default)]
 pub struct Onboarding {
@@ -9,6 +10,7 @@ pub struct Onboarding {
     /// Whether a design was exported.
     pub exported: bool,
 }
+
 /// One of the settings dialogs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsDialog {
@@ -19,6 +21,7 @@ pub enum SettingsDialog {
     /// Versions and machine.
     About,
 }
+
 /// The open command palette.
 #[derive(Default)]
 pub struct ActionPalette {

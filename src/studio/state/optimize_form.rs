@@ -5,8 +5,10 @@ use std::sync::Arc;
 use crate::design::{IdealSettings, Objective, Preset};
 use crate::objects::ObjectSource;
 use crate::workbench::DesignRun;
+
 /// Number of random starts of one request.
 pub const STARTS: u64 = 8;
+
 /// The mask that a run starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StartMask {
@@ -28,6 +30,7 @@ impl StartMask {
         }
     }
 }
+
 /// The form of a new run, and the shown checkpoint.
 pub struct OptimizeForm {
     pub from: StartMask,
@@ -72,6 +75,7 @@ impl OptimizeForm {
         let of_run = Some(&run.settings).filter(|settings| settings.objective != self.settings.objective);
         of_run.unwrap_or(&self.settings).steps
     }
+
     /// Switches to a preset, with an objective that suits the objects.
     pub fn turn_to(&mut self, preset: Preset, objects: &ObjectSource) {
         // An objective for beads does not suit other objects.
@@ -82,6 +86,7 @@ impl OptimizeForm {
         }
     }
 }
+
 /// Whether a preset offers an objective for these objects.
 pub fn offered(objective: Objective, preset: Preset, objects: &ObjectSource) -> bool {
     objective.suits(preset) && (objective != Objective::Posterior || objects.is_beads())

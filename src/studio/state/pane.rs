@@ -1,6 +1,7 @@
 //! The panels of the window.
 
 use serde::{Deserialize, Serialize};
+
 /// A panel. Layout files store its title.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "&'static str")]
@@ -61,6 +62,7 @@ impl Pane {
         Self::History,
         Self::Compare,
     ];
+
     /// Title of the tab.
     pub fn title(self) -> &'static str {
         match self {

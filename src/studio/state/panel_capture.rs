@@ -6,8 +6,10 @@ use egui::Rect;
 use ndarray::Array3;
 
 use crate::studio::state::pane::Pane;
+
 /// Frames between request and capture, in which menus and tooltips close.
 const FRAMES: u8 = 8;
+
 /// The pending capture, if any.
 #[derive(Default)]
 pub struct Capture {

@@ -11,6 +11,7 @@ use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
     Colormap, Curve, DESIGN_FILE, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
 };
+
 /// Purpose of a path.
 #[derive(Clone, Debug)]
 pub enum PathPurpose {
@@ -100,6 +101,7 @@ impl PathPurpose {
             Self::ExportCurve { .. } => "A CSV file",
         }
     }
+
     /// Use of a file of images.
     pub fn file_use(&self) -> Option<FileUse> {
         match self {
@@ -133,6 +135,7 @@ impl PathPurpose {
             Self::ExportDesign | Self::ExportMeasurements | Self::KeepUnsaved => Picker::Folder,
         }
     }
+
     /// Default extension of a written file.
     pub fn extension(&self) -> Option<&'static str> {
         match self {
@@ -148,6 +151,7 @@ impl PathPurpose {
             | Self::ExportMeasurements => None,
         }
     }
+
     /// Initial text of the path field.
     pub fn suggestion(&self, beside: Option<&Path>) -> String {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
@@ -168,6 +172,7 @@ impl PathPurpose {
         name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()
     }
 }
+
 /// A free file name for a new design: `design.json`, `design-2.json` and so on.
 fn free_name(folder: &Path) -> PathBuf {
     let first = folder.join(DESIGN_FILE);
@@ -214,6 +219,7 @@ impl PathQuestion {
             _ => path,
         }
     }
+
     /// Existing files that the answer would replace. Saving to the design's `own` file is no replacement.
     pub fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
         let target = self.target();
@@ -227,6 +233,7 @@ impl PathQuestion {
         files.retain(|file| file.exists() && !(is_saved && own == Some(file)));
         files
     }
+
     /// The question whether these files may be replaced.
     pub fn ask_to_replace(files: &[PathBuf]) -> Option<String> {
         let (first, others) = files.split_first()?;
@@ -253,6 +260,7 @@ impl PathDialog {
         self.open.is_some()
     }
 }
+
 /// Kind of file dialog.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Picker {
@@ -263,6 +271,7 @@ pub enum Picker {
     /// For a folder.
     Folder,
 }
+
 /// Answer of the file dialog.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::information::EngineChoice;
 use crate::studio::state::pane::Pane;
+
 /// Length of the list of recent designs.
 pub const RECENT: usize = 10;
 /// Range of the interface zoom.
@@ -69,6 +70,7 @@ impl Preferences {
         self.recent.insert(0, path);
         self.recent.truncate(RECENT);
     }
+
     /// The preferences without paths that JSON cannot hold.
     pub fn storable(&self) -> Self {
         let is_text = |path: &PathBuf| path.to_str().is_some();
@@ -78,6 +80,7 @@ impl Preferences {
         storable
     }
 }
+
 /// Graphics interface that draws the window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -15,6 +15,7 @@ impl State {
         let is_free = !self.run.as_ref().is_some_and(DesignRun::is_active);
         is_free && (has_lenslets || self.optimize_form.from != StartMask::Design)
     }
+
     /// Starts the run of the form.
     pub fn start_run(&mut self) {
         let design = Arc::clone(self.bench.open_design());

@@ -7,6 +7,7 @@ use egui::TextureHandle;
 use crate::optics::Lenslet;
 use crate::studio::canvas::image_view::ImageView;
 use crate::workbench::{CloserKey, Colormap};
+
 /// The images, each with its own colours and display range.
 pub struct Views {
     /// Point spread function under the lenslets.
@@ -40,6 +41,7 @@ pub enum MaskDrag {
         kept: BTreeSet<usize>,
     },
 }
+
 /// View of the MTF panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MtfView {
@@ -51,6 +53,7 @@ pub enum MtfView {
     /// The power spectrum of the shown measurement.
     Spectrum,
 }
+
 /// One of the two linked images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
@@ -59,9 +62,11 @@ pub enum Side {
     /// Its measurement.
     Measurement,
 }
+
 /// Position of the pointer in one of the linked images.
 #[derive(Default)]
 pub struct LinkedCursor(pub Option<CursorPlace>);
+
 /// A pointer position.
 #[derive(Clone, Copy, PartialEq)]
 pub struct CursorPlace {
@@ -87,6 +92,7 @@ impl Side {
         }
     }
 }
+
 /// The information overlay of the measurement.
 #[derive(Default)]
 pub struct InformationOverlay {

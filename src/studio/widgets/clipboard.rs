@@ -1,6 +1,7 @@
 //! Copies to the clipboard of the system.
 //!
 //! egui copies from text fields and reports no failures. Buttons and menus copy from here, and failures are reported.
+
 /// A clipboard for texts.
 #[derive(Default)]
 pub enum Clipboard {
@@ -21,6 +22,7 @@ impl Clipboard {
             Err(error) => Self::Missing(error.to_string()),
         }
     }
+
     /// Copies a text.
     ///
     /// # Errors

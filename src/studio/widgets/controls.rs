@@ -7,10 +7,12 @@ use egui::{Response, Ui, Vec2};
 pub fn name_widget(response: &egui::Response, name: &str) {
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label(name));
 }
+
 /// Makes assistive technology announce a text when it changes.
 pub fn speak(response: &Response, live: Live) {
     response.ctx.accesskit_node_builder(response.id, |node| node.set_live(live));
 }
+
 /// Row of small controls above an image, which wraps.
 pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     ui.horizontal_wrapped(|ui| {
@@ -20,6 +22,7 @@ pub fn toolbar(ui: &mut Ui, add: impl FnOnce(&mut Ui)) {
     });
     ui.add_space(2.0);
 }
+
 /// Centred sentence in place of an image.
 pub fn placeholder(ui: &mut Ui, text: &str) {
     let size: Vec2 = ui.available_size();

@@ -8,8 +8,10 @@ use egui::{ScrollArea, Ui};
 
 use crate::studio::widgets::controls::speak;
 use crate::workbench::{FilePreview, FileUse, with_option};
+
 /// Height of three lines and the buttons, points.
 const HEIGHT: f32 = 84.0;
+
 /// Preview of one file, read on its own thread, one path at a time; the newest path is next.
 #[derive(Default)]
 pub struct Preview {
@@ -28,6 +30,7 @@ impl Preview {
             ScrollArea::vertical().max_height(HEIGHT).auto_shrink(false).show(ui, |ui| self.show(ui, text, of));
         });
     }
+
     /// Shows the preview of the file that `text` names; a button puts another reading into `text`.
     pub fn show(&mut self, ui: &mut Ui, text: &mut String, of: FileUse) {
         self.follow(ui.ctx(), text, of);
@@ -56,6 +59,7 @@ impl Preview {
             *text = with_option(text.trim(), of, &choice);
         }
     }
+
     /// Takes a finished answer and starts the preview of `text`.
     fn follow(&mut self, ctx: &egui::Context, text: &str, of: FileUse) {
         if let Some((named, answer)) = &self.asked {

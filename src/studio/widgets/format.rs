@@ -14,6 +14,7 @@ pub fn format_significant(value: f64) -> String {
         format!("{value:.2e}")
     }
 }
+
 /// Name of a file, or "Untitled".
 pub fn file_name(path: Option<&Path>) -> String {
     path.and_then(Path::file_name).map_or_else(|| "Untitled".into(), |name| name.to_string_lossy().into_owned())

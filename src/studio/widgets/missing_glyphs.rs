@@ -3,8 +3,10 @@
 //! egui falls back to fonts of the system. If none has a character, it draws a box, and a message names the character.
 
 use egui::{Context, TextStyle};
+
 /// Maximal number of named characters.
 const NAMED: usize = 6;
+
 /// Message about the characters of a text that no font can draw.
 pub fn missing_glyphs(ctx: &Context, text: &str) -> Option<String> {
     let font = TextStyle::Body.resolve(&ctx.global_style());

@@ -1,10 +1,12 @@
 //! Modal dialogs that fit into the window, with their buttons in reach.
 
 use egui::{Context, Id, Modal, ModalResponse, ScrollArea, Ui};
+
 /// Margin around a dialog, points.
 const MARGIN: f32 = 40.0;
 /// Height of frame and buttons, points.
 const BELOW: f32 = 48.0;
+
 /// Shows a dialog of this name and at most this width, points.
 pub fn show<R>(ctx: &Context, name: &str, width: f32, add: impl FnOnce(&mut Ui) -> R) -> ModalResponse<R> {
     Modal::new(Id::unique(name)).show(ctx, |ui| {
@@ -12,6 +14,7 @@ pub fn show<R>(ctx: &Context, name: &str, width: f32, add: impl FnOnce(&mut Ui) 
         add(ui)
     })
 }
+
 /// Body of a dialog above its buttons; it scrolls in a low window.
 pub fn body<R>(ui: &mut Ui, add: impl FnOnce(&mut Ui) -> R) -> R {
     let room = (ui.ctx().content_rect().height() - MARGIN - BELOW).max(0.0);

@@ -20,6 +20,7 @@
 //! | `nan`, `inf`, `0x10`, `1e`, `e5`, `.`, `-`, `abc`, `1e999`, nothing | refused |
 //! | `2.5` in a field of whole numbers | refused |
 //! | a number outside the range of its field | refused |
+
 /// Why a text is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rejection {
@@ -34,6 +35,7 @@ pub enum Rejection {
     /// The number lies outside the range of the field.
     Outside,
 }
+
 /// The number in a text, without prefix and unit.
 ///
 /// `prefix` and one of `units` may be typed before and after the number.
@@ -76,6 +78,7 @@ fn bare<'a>(text: &'a str, prefix: &str, units: &[&str]) -> &'a str {
     let mut units = units.iter().map(|unit| unit.trim()).filter(|unit| !unit.is_empty());
     units.find_map(|unit| text.strip_suffix(unit)).map_or(text, str::trim_end)
 }
+
 /// Sign of a text, and the rest.
 fn signed(text: &str) -> (&'static str, &str) {
     match text.strip_prefix(['-', '\u{2212}']) {

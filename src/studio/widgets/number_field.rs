@@ -13,6 +13,7 @@ use crate::plural::one_or_many;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number::{Rejection, parse};
+
 /// Maximal number of characters of a rejected text in its message.
 const REPEATED: usize = 24;
 /// Bounds beyond this size are not displayed.
@@ -30,12 +31,14 @@ pub struct NumberField<'a> {
     expected: Option<String>,
     format: Option<fn(f64) -> String>,
 }
+
 /// Unit behind the number.
 enum Unit<'a> {
     Symbol(&'a str),
     /// Counted noun: singular and plural.
     Counted(&'a str, &'a str),
 }
+
 /// A change of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edit {
@@ -66,38 +69,47 @@ impl<'a> NumberField<'a> {
         let range = *range.start() as f64..=*range.end() as f64;
         Self { is_whole: true, decimals: 0, speed: 0.25, ..Self::new(name, range) }
     }
+
     /// A field for a seed, limited to integers that f64 holds exactly.
     pub fn seed(name: &'a str) -> Self {
         Self::whole(name, 0..=9_000_000_000_000_000).speed(0.1)
     }
+
     /// Change of the value per point of a drag.
     pub fn speed(self, speed: f64) -> Self {
         Self { speed, ..self }
     }
+
     /// Maximal number of decimals.
     pub fn decimals(self, decimals: usize) -> Self {
         Self { decimals, ..self }
     }
+
     /// Text before the number.
     pub fn prefix(self, prefix: &'a str) -> Self {
         Self { prefix, ..self }
     }
+
     /// Unit symbol behind the number, with its leading blank.
     pub fn unit(self, symbol: &'a str) -> Self {
         Self { unit: Unit::Symbol(symbol), ..self }
     }
+
     /// Counted noun in singular and plural, each with its leading blank.
     pub fn counting(self, one: &'a str, many: &'a str) -> Self {
         Self { unit: Unit::Counted(one, many), ..self }
     }
+
     /// Expectation in the message of a rejected number, instead of the range.
     pub fn expecting(self, expected: String) -> Self {
         Self { expected: Some(expected), ..self }
     }
+
     /// Formatter of the number.
     pub fn shown_as(self, format: fn(f64) -> String) -> Self {
         Self { format: Some(format), ..self }
     }
+
     /// Shows the field with this value and returns a change. An unchanged value keeps decimals that are not displayed.
     pub fn show(&self, ui: &mut Ui, value: f64) -> (Response, Option<Edit>) {
         let (mut edited, typed, refused) = (value, Cell::new(None), Cell::new(None));
@@ -151,6 +163,7 @@ impl<'a> NumberField<'a> {
         let edit = changed.then(|| Edit { value: edited.clamp(least, most), is_typed: typed.get().is_some() });
         (response, edit.filter(|edit| edit.value != value))
     }
+
     /// Shows the field and changes the value in place.
     pub fn edit(&self, ui: &mut Ui, value: &mut f64) -> Response {
         let (response, edit) = self.show(ui, *value);
@@ -159,6 +172,7 @@ impl<'a> NumberField<'a> {
         }
         response
     }
+
     /// Shows the field and changes a whole number in place.
     pub fn edit_whole(&self, ui: &mut Ui, value: &mut usize) -> Response {
         let (response, edit) = self.show(ui, *value as f64);
@@ -167,6 +181,7 @@ impl<'a> NumberField<'a> {
         }
         response
     }
+
     /// Parses a text by the rules of this field.
     fn read(&self, text: &str, units: &[&str]) -> Result<f64, Rejection> {
         let number = parse(text, self.prefix, units)?;
@@ -175,6 +190,7 @@ impl<'a> NumberField<'a> {
         }
         if self.range.contains(&number) { Ok(number) } else { Err(Rejection::Outside) }
     }
+
     /// Message about a rejected text.
     fn sentence(&self, text: &str, refusal: Rejection, old: &str) -> String {
         let text = text.trim();
@@ -194,6 +210,7 @@ impl<'a> NumberField<'a> {
         };
         format!("{}: {reason}; {old} stays", self.name)
     }
+
     /// The range as text.
     fn bounds(&self) -> String {
         let text = |bound: f64| if self.is_whole { format!("{bound}") } else { plain(bound) };
@@ -204,15 +221,18 @@ impl<'a> NumberField<'a> {
         }
     }
 }
+
 /// A bound as text, rounded if long.
 fn plain(bound: f64) -> String {
     let short = format!("{bound}");
     if short.len() <= 8 { short } else { format_significant(bound) }
 }
+
 /// Memory of the messages of this frame.
 fn place() -> Id {
     Id::unique("refused numbers")
 }
+
 /// Stores a message until it is taken. A field is parsed in two passes when it loses the keyboard; the message counts once.
 fn tell(ctx: &egui::Context, sentence: String) {
     let (now, last) = (ctx.cumulative_pass_nr(), Id::unique("last refused number"));
@@ -225,6 +245,7 @@ fn tell(ctx: &egui::Context, sentence: String) {
     });
     ctx.request_repaint();
 }
+
 /// Whether Escape has just taken the keyboard from a field, in this pass or the one before, in which egui would commit.
 fn is_cancelled(ctx: &egui::Context) -> bool {
     // Raw events, since a shortcut may have consumed the key.
@@ -240,6 +261,7 @@ fn is_cancelled(ctx: &egui::Context) -> bool {
         data.get_temp::<u64>(place).is_some_and(|pass| now <= pass + 1)
     })
 }
+
 /// Takes the messages about rejected texts since the last call.
 pub fn take_rejections(ctx: &egui::Context) -> Vec<String> {
     ctx.data_mut(|data| data.remove_temp(place())).unwrap_or_default()

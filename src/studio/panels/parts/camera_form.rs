@@ -12,6 +12,7 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Calibration, FileUse, MeasuredOrder};
+
 /// Shows the form.
 pub fn show(ui: &mut Ui, state: &mut State) {
     ui.collapsing("Camera images", |ui| {

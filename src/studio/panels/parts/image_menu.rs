@@ -9,6 +9,7 @@ use crate::studio::panels::parts::linked_cursor::{follow, measurement_of, object
 use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::views::{MtfView, Side};
+
 /// An image that can be exported.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum View {
@@ -46,6 +47,7 @@ impl View {
             Self::Information => &mut state.views.information,
         }
     }
+
     /// Whether its image belongs to the current revision.
     fn is_current(self, state: &State) -> bool {
         let live = &state.live;
@@ -58,6 +60,7 @@ impl View {
         };
         revision.is_some_and(|revision| state.is_current(revision))
     }
+
     /// Its image, shape (rows, cols).
     fn picture(self, state: &State) -> Option<Array2<f32>> {
         let live = &state.live;
@@ -79,6 +82,7 @@ impl View {
         })
     }
 }
+
 /// Menu with one entry per available image.
 pub fn export_menu(ui: &mut Ui, state: &mut State) {
     for view in View::ALL {
@@ -96,6 +100,7 @@ fn export(state: &mut State, view: View) {
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
     state.path_dialog.ask(PathPurpose::ExportView { name, image, limits, colormap }, state.bench.path());
 }
+
 /// Context menu of an image; `more` adds entries of its own for the clicked position (x, y), px.
 pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl FnOnce(&mut Ui, &mut State, (f64, f64))) {
     let id = shown.response.id.with("clicked");

@@ -7,8 +7,10 @@ use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{Closer, CloserKey, Colormap};
+
 /// Opacity of the most informative pixel.
 const MOST_OPAQUE: f32 = 0.85;
+
 /// Shows the switch and the range of the overlay.
 pub fn switch(ui: &mut Ui, state: &mut State) {
     let possible = state.bench.is_live() || state.overlay.shown;
@@ -30,6 +32,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
         ui.weak(text);
     }
 }
+
 /// Draws the map over the measurement, and adds the bits under the pointer to the status bar.
 pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) {
     let current = |key: &CloserKey| key.sample == state.sample && state.is_current(key.revision);

@@ -2,6 +2,7 @@
 
 use crate::studio::state::app_state::State;
 use crate::workbench::{Activity, spoken};
+
 /// Name and progress of the first active job, and the number of others.
 pub fn summary(state: &State) -> Option<String> {
     let all = state.bench.activities();
@@ -13,6 +14,7 @@ pub fn summary(state: &State) -> Option<String> {
     let others = if more == 0 { String::new() } else { format!(" (+{more})") };
     Some(format!("{}{share}{left}{others}", first.name))
 }
+
 /// Remaining time as text.
 pub fn left_of(activity: &Activity) -> String {
     match (activity.left, activity.step_left()) {

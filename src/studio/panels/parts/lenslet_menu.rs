@@ -5,6 +5,7 @@ use egui::Ui;
 use crate::optics::{Lenslet, LensletArray};
 use crate::studio::state::app_state::State;
 use crate::workbench::{Command, LensletChange};
+
 /// Shows the entries for a lenslet and those selected with it.
 pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) {
     let Some(&lenslet) = array.lenslets.get(index) else { return };
@@ -33,6 +34,7 @@ pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) 
         ui.close();
     }
 }
+
 /// Selects a lenslet; with `add`, toggles it in the selection.
 pub fn select(state: &mut State, index: usize, add: bool) {
     if !add {
@@ -42,6 +44,7 @@ pub fn select(state: &mut State, index: usize, add: bool) {
         state.selection.remove(&index);
     }
 }
+
 /// Nearest point (x, y) inside the PSF grid.
 pub fn inside((x, y): (f64, f64), array: &LensletArray) -> (f64, f64) {
     (x.clamp(0.0, array.cols as f64 - 1.0), y.clamp(0.0, array.rows as f64 - 1.0))

@@ -10,6 +10,7 @@ use crate::studio::state::app_state::State;
 use crate::studio::state::views::{CursorPlace, Side};
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Measurements, Scene};
+
 /// An object summed over its planes, shape (rows, cols).
 pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {
     let last = scene.objects.len_of(Axis(0)).saturating_sub(1);
@@ -20,12 +21,14 @@ pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {
         object.sum_axis(Axis(0)).into()
     }
 }
+
 /// Measurement of a sample, shape (rows, cols).
 pub fn measurement_of(measurements: &Measurements, sample: usize, noisy: bool) -> ArrayView2<'_, f32> {
     let stack = if noisy { &measurements.noisy } else { &measurements.noiseless };
     let last = stack.len_of(Axis(0)).saturating_sub(1);
     stack.index_axis(Axis(0), sample.min(last))
 }
+
 /// Shows the switch.
 pub fn switch(ui: &mut Ui, state: &mut State) {
     let response = ui
@@ -36,6 +39,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
         follow(ui, state, Side::Object);
     }
 }
+
 /// Updates the other image and the status bar after an image was drawn.
 pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
     let linked = state.preferences.link_views;
@@ -64,6 +68,7 @@ pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: Arra
         draw(ui, state, side, noted, shown, image.dim());
     }
 }
+
 /// Copies the viewport to the other image if both are linked.
 pub fn follow(ui: &Ui, state: &mut State, side: Side) {
     let Some(by) = way(state, side).filter(|_| state.preferences.link_views) else { return };
@@ -71,6 +76,7 @@ pub fn follow(ui: &Ui, state: &mut State, side: Side) {
     side.other().view(&mut state.views).viewport = viewport;
     ui.ctx().request_repaint();
 }
+
 /// Offset (x, y) from pixel coordinates of this image to those of the other.
 fn way(state: &State, from: Side) -> Option<(f64, f64)> {
     let (_, _, rows, cols) = state.live.scene.as_ref()?.value.objects.dim();
@@ -81,6 +87,7 @@ fn way(state: &State, from: Side) -> Option<(f64, f64)> {
     let sign = if from == Side::Object { -1.0 } else { 1.0 };
     Some((sign * by_col as f64, sign * by_row as f64))
 }
+
 /// Adds the value at the same position of the other image to the status bar.
 fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
     let Some(by) = way(state, side) else { return };
@@ -99,6 +106,7 @@ fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
         *hover = format!("{hover}   {text}");
     }
 }
+
 /// Draws a cross hair at the pointer position of the other image.
 fn draw(ui: &Ui, state: &mut State, side: Side, noted: CursorPlace, shown: &Shown, (rows, cols): (usize, usize)) {
     let Some(by) = way(state, noted.side) else { return };

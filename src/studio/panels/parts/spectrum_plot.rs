@@ -62,10 +62,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
     });
 }
+
 /// Whether an inspection belongs to the shown measurement.
 fn is_shown(state: &State, key: &CloserKey) -> bool {
     state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy)
 }
+
 /// Shows the export button.
 pub fn export_button(ui: &mut Ui, state: &mut State) {
     let closer = state.live.closer.clone().filter(|closer| is_shown(state, &closer.key));
@@ -78,6 +80,7 @@ pub fn export_button(ui: &mut Ui, state: &mut State) {
         state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
     }
 }
+
 /// Name and power of the noise at a mean, photons^2; shot noise for a noiseless sensor.
 fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
     let read = noise.read_sigma().map(|sigma| sigma * sigma);
@@ -87,8 +90,10 @@ fn noise_level(noise: Noise, mean: f64) -> (&'static str, Option<f64>) {
         _ => ("shot noise at this mean", Some(mean)),
     }
 }
+
 /// Maximal number of marks, about: steps grow by factors of ten when an axis is zoomed out.
 const MOST_MARKS: f64 = 100.0;
+
 /// Step and multiples between two bounds; the step is `step` times a power of ten.
 fn multiples((low, high): (f64, f64), mut step: f64) -> (f64, impl Iterator<Item = f64>) {
     let span = high - low;
@@ -99,11 +104,13 @@ fn multiples((low, high): (f64, f64), mut step: f64) -> (f64, impl Iterator<Item
         if span.is_finite() { ((low / step).ceil() as i64, (high / step).floor() as i64) } else { (0, -1) };
     (step, (first..=last).map(move |multiple| step * multiple as f64))
 }
+
 /// Marks at every tenth of a cycle per pixel.
 fn tenths(input: GridInput) -> Vec<GridMark> {
     let (step, tenths) = multiples(input.bounds, 0.1);
     tenths.map(|value| GridMark { value, step_size: 2.5 * step }).collect()
 }
+
 /// Marks of a logarithmic axis at 1, 2 and 5 times the powers of ten; at powers of ten only on a long axis.
 fn decades(input: GridInput) -> Vec<GridMark> {
     let (low, high) = input.bounds;
@@ -117,6 +124,7 @@ fn decades(input: GridInput) -> Vec<GridMark> {
         .filter(|mark| (low..=high).contains(&mark.value))
         .collect()
 }
+
 /// Label of a mark, from its logarithm.
 fn power_mark(logarithm: f64) -> String {
     let power = 10.0_f64.powf(logarithm);
@@ -128,6 +136,7 @@ fn power_mark(logarithm: f64) -> String {
         _ => format!("{power:.0e}"),
     }
 }
+
 /// The spectrum as a table.
 fn curve(spectrum: &PowerSpectrum, noise: Noise) -> Curve {
     let level = noise_level(noise, spectrum.mean).1.unwrap_or(f64::NAN);
