@@ -3,11 +3,6 @@
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 
-use super::estimate_request::{DensityModel, EstimateRequest};
-use super::evaluation::EvaluationError;
-use super::kept_estimate::KeptEstimate;
-use super::patch_source::seen_psf;
-use super::progress::{Watch, tell};
 use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::forward::forward_model;
@@ -18,6 +13,11 @@ use crate::information::{
 };
 use crate::objects::ObjectSet;
 use crate::seeds::SeedStream;
+use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
+use crate::workbench::evaluation::EvaluationError;
+use crate::workbench::kept_estimate::KeptEstimate;
+use crate::workbench::patch_source::seen_psf;
+use crate::workbench::progress::{Watch, tell};
 
 /// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
 /// above, which is soon as good as it gets; the rest is that of the density model.

@@ -3,8 +3,8 @@
 use ndarray::{Array3, ArrayView3, s};
 use serde::{Deserialize, Serialize};
 
-use super::measured_error::MeasuredError;
 use crate::sensor::Noise;
+use crate::workbench::measured_error::MeasuredError;
 
 /// Read noise hides grey levels so far apart, in its deviations.
 const MOST_STEP: f64 = 2.0;

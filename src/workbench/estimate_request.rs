@@ -6,11 +6,11 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::kept_estimate;
 use crate::formats::path_text;
 use crate::information::{
     Beginning, EngineChoice, Estimator, FitLength, InformationError, Protocol, check_causal_patch,
 };
+use crate::workbench::kept_estimate;
 
 /// Which density model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

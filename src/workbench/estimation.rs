@@ -6,14 +6,6 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::bead_bounds::{
-    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
-};
-use super::estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
-use super::evaluation::{EvaluationError, ceiling_of};
-use super::kept_estimate::{Identity, KeptEstimate};
-use super::patch_source::{PatchSource, seen_psf};
-use super::progress::{EstimateProgress, Watch, in_trial, tell};
 use crate::formats::json_of;
 use crate::forward::Design;
 use crate::forward::{ForwardModel, mean_measurement};
@@ -26,6 +18,14 @@ use crate::information::{
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::Patches;
+use crate::workbench::bead_bounds::{
+    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
+};
+use crate::workbench::estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
+use crate::workbench::evaluation::{EvaluationError, ceiling_of};
+use crate::workbench::kept_estimate::{Identity, KeptEstimate};
+use crate::workbench::patch_source::{PatchSource, seen_psf};
+use crate::workbench::progress::{EstimateProgress, Watch, in_trial, tell};
 
 /// What decides an estimate of a design.
 pub(super) fn identity(design: &Design, objects_fingerprint: &String, request: &EstimateRequest) -> Identity {

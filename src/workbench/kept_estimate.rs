@@ -7,9 +7,9 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::estimation::tells_of_unwritten_weights;
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
+use crate::workbench::estimation::tells_of_unwritten_weights;
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
 /// on. Without a file everything is computed as it comes.
@@ -342,7 +342,7 @@ mod tests {
     use crate::information::{DecoderKind, EngineChoice, Estimator, Protocol, TrialSettings};
     use crate::optics::{Encoder, PsfImage, heuristic_layout};
     use crate::sensor::Noise;
-    use crate::workbench::estimate_files::EstimateFolder;
+    use crate::workbench::estimates::files::EstimateFolder;
     use crate::workbench::estimation::identity;
     use crate::workbench::{DensityModel, EstimateRequest, Scene, WeightsFiles};
 

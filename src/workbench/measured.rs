@@ -12,13 +12,6 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::calibration::Calibration;
-use super::estimate_request::{DensityModel, EstimateRequest};
-use super::estimation::network_trial;
-use super::kept_estimate::{Identity, KeptEstimate};
-use super::measured_error::MeasuredError;
-use super::patch_source::LARGEST_PATCHES_BYTES;
-use super::progress::{Watch, in_trial, report_understood, tell};
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
     CausalRequest, Covariance, Estimate, FitKeeper, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
@@ -28,6 +21,13 @@ use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::seeds::SeedStream;
 use crate::sensor::{Noise, Patches, SensorError};
+use crate::workbench::calibration::Calibration;
+use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
+use crate::workbench::estimation::network_trial;
+use crate::workbench::kept_estimate::{Identity, KeptEstimate};
+use crate::workbench::measured_error::MeasuredError;
+use crate::workbench::patch_source::LARGEST_PATCHES_BYTES;
+use crate::workbench::progress::{Watch, in_trial, report_understood, tell};
 
 /// One image in this many is held out for the test patches.
 const TEST_SHARE: usize = 5;

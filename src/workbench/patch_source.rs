@@ -5,14 +5,14 @@ use std::rc::Rc;
 
 use ndarray::{Array3, ArrayView3, Axis};
 
-use super::evaluation::EvaluationError;
-use super::progress::{Watch, tell};
 use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::information::{InformationError, Protocol, SharedPictures, Trial};
 use crate::objects::{ObjectSet, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches};
+use crate::workbench::evaluation::EvaluationError;
+use crate::workbench::progress::{Watch, tell};
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
 pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;

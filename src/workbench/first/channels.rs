@@ -3,13 +3,13 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::masks::{USUAL_SHARE, between, light, mask, noise};
 use crate::design::IdealError;
 use crate::forward::ForwardModel;
 use crate::information::{BeadChannel, InformationError};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::optics::render_psf;
 use crate::seeds::SeedStream;
+use crate::workbench::first::masks::{USUAL_SHARE, between, light, mask, noise};
 
 /// Densities of beads, and mean light of objects (photons per pixel).
 const DENSITIES: (f64, f64) = (0.006, 0.15);

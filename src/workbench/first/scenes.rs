@@ -4,8 +4,6 @@ use ndarray::{Array2, Array4, s};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::masks::{USUAL_SHARE, between, light, mask, noise};
-use super::pictures::{TILE, pictures};
 use crate::design::IdealError;
 use crate::forward::ForwardModel;
 use crate::information::{FirstScene, InformationError, Moments, PatchBatch, PatchStream};
@@ -13,6 +11,8 @@ use crate::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use crate::optics::render_psf;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolution, Patches};
+use crate::workbench::first::masks::{USUAL_SHARE, between, light, mask, noise};
+use crate::workbench::first::pictures::{TILE, pictures};
 
 /// Rows and columns of objects and of patches, px.
 const FIELD: usize = 96;

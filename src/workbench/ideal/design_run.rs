@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::record::IdealRecord;
-use super::score::judge_of;
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
 use crate::forward::Design;
 use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
-use crate::workbench::estimate_files::is_estimate_of;
+use crate::workbench::estimates::files::is_estimate_of;
 use crate::workbench::evaluation::Scene;
+use crate::workbench::ideal::record::IdealRecord;
+use crate::workbench::ideal::score::judge_of;
 use crate::workbench::study::StudyRecord;
 use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, Live, WeightsFiles};
 

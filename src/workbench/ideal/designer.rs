@@ -4,14 +4,14 @@ use std::fs::File;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
-use super::design_run::{DesignRun, RankedStart, RunStatus, Start};
-use super::run::{KeptOrder, KeptRun, start_of};
-use super::runner::Shared;
 use crate::design::{Ideal, IdealSettings, merged_result};
 use crate::optics::{Encoder, LensletArray};
 use crate::workbench::EvaluationError;
-use crate::workbench::activity::{Activities, ActivityKind};
-use crate::workbench::threads::{Threads, Wake, lock};
+use crate::workbench::background::activity::{Activities, ActivityKind};
+use crate::workbench::background::threads::{Threads, Wake, lock};
+use crate::workbench::ideal::design_run::{DesignRun, RankedStart, RunStatus, Start};
+use crate::workbench::ideal::run::{KeptOrder, KeptRun, start_of};
+use crate::workbench::ideal::runner::Shared;
 
 /// Why nothing is compared.
 const NO_RESULT: &str = "there is no result to compare yet";
@@ -294,14 +294,14 @@ mod tests {
     use std::ops::ControlFlow;
     use std::time::{Duration, Instant};
 
-    use super::super::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
-    use super::super::run::run_ideal;
     use super::*;
     use crate::design::{IdealEvent, IdealProgress, Objective, Preset};
     use crate::forward::Design;
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
+    use crate::workbench::ideal::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
+    use crate::workbench::ideal::run::run_ideal;
     use crate::workbench::{DensityModel, EstimateRequest, estimate, estimate_command};
 
     #[test]

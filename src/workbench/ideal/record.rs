@@ -5,14 +5,14 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::run::{GoOn, run_ideal};
 use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, Objective, OnIdeal, least_separation_px, merged_result};
 use crate::formats::{FormatError, write_json};
 use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::Progress;
 use crate::optics::Encoder;
-use crate::workbench::record::RUN;
+use crate::workbench::export::record::RUN;
+use crate::workbench::ideal::run::{GoOn, run_ideal};
 use crate::workbench::study::Machine;
 use crate::workbench::{Curve, EvaluationError};
 

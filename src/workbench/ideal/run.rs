@@ -6,9 +6,6 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::design_run::{RankedStart, Start};
-use super::record::IdealRecord;
-use super::score::is_about;
 use crate::design::{Ideal, IdealSettings, Objective, OnIdeal};
 use crate::formats::{
     DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
@@ -20,6 +17,9 @@ use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray, render_psf};
 use crate::workbench::EvaluationError;
 use crate::workbench::evaluation::ceiling_of;
+use crate::workbench::ideal::design_run::{RankedStart, Start};
+use crate::workbench::ideal::record::IdealRecord;
+use crate::workbench::ideal::score::is_about;
 use crate::workbench::study::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 
 /// Takes a state of a run, which lies between two of its rounds.

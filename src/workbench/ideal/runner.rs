@@ -5,17 +5,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::design_run::{DesignRun, RankedStart, RunStatus, Start};
-use super::record::IdealRecord;
-use super::run::{GoOn, KeptOrder, KeptRun, run_ideal};
-use super::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
 use crate::forward::Design;
 use crate::information::Estimate;
 use crate::optics::LensletArray;
-use crate::workbench::activity::{Activities, Entry};
+use crate::workbench::background::activity::{Activities, Entry};
+use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
+use crate::workbench::ideal::design_run::{DesignRun, RankedStart, RunStatus, Start};
+use crate::workbench::ideal::record::IdealRecord;
+use crate::workbench::ideal::run::{GoOn, KeptOrder, KeptRun, run_ideal};
+use crate::workbench::ideal::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
 use crate::workbench::study::{Study, StudyCell, StudyError, StudyEvent};
-use crate::workbench::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::{EstimateProgress, EvaluationError};
 
 /// Time between two tellings of a fit's progress; moves of the mask are all told.

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use super::design_run::score_request;
-use super::record::{IdealRecord, patches_of};
 use crate::design::Frame;
 use crate::forward::Design;
 use crate::forward::{forward_model, open_set};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
 use crate::workbench::estimation::read;
+use crate::workbench::ideal::design_run::score_request;
+use crate::workbench::ideal::record::{IdealRecord, patches_of};
 use crate::workbench::progress::Watch;
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
 use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, estimate};

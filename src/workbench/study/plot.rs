@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use super::record::{StudyCell, StudyRecord};
-use super::settings::{StudyDesign, patch_name};
-use super::tables::density_of;
+use crate::workbench::study::record::{StudyCell, StudyRecord};
+use crate::workbench::study::settings::{StudyDesign, patch_name};
+use crate::workbench::study::tables::density_of;
 
 use crate::plural::counted;
 
@@ -211,11 +211,11 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Machine;
-    use super::super::published::Published;
-    use super::super::settings::StudySettings;
-    use super::super::tests::bracketed;
     use super::*;
+    use crate::workbench::study::Machine;
+    use crate::workbench::study::published::Published;
+    use crate::workbench::study::settings::StudySettings;
+    use crate::workbench::study::tests::bracketed;
 
     /// Density, lenslets, and lower, upper and density bound.
     type Drawn = (f64, usize, Option<(f64, f64, f64)>);

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::error::StudyError;
-use super::machine::Machine;
-use super::published::Published;
-use super::settings::{PlannedCell, StudySettings, patch_name};
-use super::summary::StudySummary;
 use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
 use crate::information::{Estimate, NUMBERS_VERSION, PairedDifference};
+use crate::workbench::study::error::StudyError;
+use crate::workbench::study::machine::Machine;
+use crate::workbench::study::published::Published;
+use crate::workbench::study::settings::{PlannedCell, StudySettings, patch_name};
+use crate::workbench::study::summary::StudySummary;
 
 /// The kind of the file.
 const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study");

@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::error::StudyError;
-use super::published::{Published, PublishedSet, heuristic_lenslets, published};
 use crate::forward::Design;
 use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
+use crate::workbench::study::error::StudyError;
+use crate::workbench::study::published::{Published, PublishedSet, heuristic_lenslets, published};
 use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 
 /// Bead densities of the published grid.

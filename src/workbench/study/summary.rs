@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use super::rank::spearman;
-use super::record::StudyCell;
-use super::settings::{StudyKind, StudySettings, patch_name};
+use crate::workbench::study::rank::spearman;
+use crate::workbench::study::record::StudyCell;
+use crate::workbench::study::settings::{StudyKind, StudySettings, patch_name};
 
 use crate::plural::counted;
 

@@ -31,7 +31,7 @@ pub struct Pull {
 
 /// The pulls on the lenslets of a design: by the live estimate, or, where that is loose, by what can be told of beads. A loose density
 /// model pulls to where it is looser still; a decoder errs where beads are many, which is where density models do not.
-pub(super) struct Pulls<'a> {
+pub(crate) struct Pulls<'a> {
     imaging: &'a ForwardModel<'a>,
     /// None for other masks, which nothing pulls.
     array: Option<&'a LensletArray>,
@@ -153,12 +153,12 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::evaluation::Scene;
-    use super::super::live_subject::Subject;
     use super::*;
     use crate::forward::Design;
     use crate::forward::forward_model;
     use crate::optics::{Encoder, Lenslet};
+    use crate::workbench::evaluation::Scene;
+    use crate::workbench::live::problem::Subject;
 
     #[test]
     fn of_many_beads_two_lenslets_that_nearly_coincide_are_pulled_together() {

@@ -5,14 +5,14 @@
 
 use std::path::Path;
 
-use super::calibration::Calibration;
-use super::estimate_request::{DensityModel, EstimateRequest};
-use super::ideal::ends_of;
-use super::measured::MeasuredOrder;
 use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
 use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
+use crate::workbench::calibration::Calibration;
+use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
+use crate::workbench::ideal::ends_of;
+use crate::workbench::measured::MeasuredOrder;
 
 /// Longest JSON of a design in a command line, bytes.
 const LONGEST: usize = 40_000;

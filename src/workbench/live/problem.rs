@@ -4,10 +4,6 @@ use std::sync::{Arc, OnceLock};
 
 use ndarray::{Array3, Axis, s};
 
-use super::estimation::moments;
-use super::evaluation::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
-use super::live_bounds::Beads;
-use super::refinement::{LiveEstimate, LiveRecipe};
 use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::information::MeasurementStream;
@@ -20,6 +16,10 @@ use crate::nn::Averaging;
 use crate::objects::Split;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise};
+use crate::workbench::estimation::moments;
+use crate::workbench::evaluation::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
+use crate::workbench::live::bounds::Beads;
+use crate::workbench::live::estimator::{LiveEstimate, LiveRecipe};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
 /// their cube root: who takes many need not take long ones, and is nearer to where it will settle all the way.
@@ -28,15 +28,15 @@ const WARM_RATE: (f64, f64) = (0.35, 1400.0);
 /// is then nearer to where it will settle.
 const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
 /// Held-out patches of the scores before the last one at the most, and of that.
-pub(super) const SCORED: usize = 192;
-pub(super) const SCORED_LAST: usize = 384;
+pub(crate) const SCORED: usize = 192;
+pub(crate) const SCORED_LAST: usize = 384;
 /// Bits per pixel by which a loose bound is above another.
 const LOOSE: f64 = 0.02;
 /// Patches whose own maps are kept.
 const SHOWN: usize = 8;
 
 /// A design with what its estimates are made of.
-pub(super) struct Subject<'a> {
+pub(crate) struct Subject<'a> {
     design: &'a Design,
     imaging: &'a ForwardModel<'a>,
     pub patch: (usize, usize),

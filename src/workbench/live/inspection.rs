@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
-use super::evaluation::Measurements;
 use crate::information::{CausalModel, InformationError, PowerSpectrum, information_over, power_spectrum};
+use crate::workbench::evaluation::Measurements;
 
 /// Of a larger picture the middle is taken, so that edits never wait long for its transform.
 const LARGEST_SIDE: usize = 512;
@@ -50,7 +50,7 @@ pub struct Closer {
 
 impl CloserOrder {
     /// Looks; breaks off without an answer where it is not to `go_on`: another design waits.
-    pub(super) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<Closer> {
+    pub(crate) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<Closer> {
         let Measurements { noiseless, noisy, counts, .. } = &*self.measurements;
         let last = noisy.len_of(Axis(0)).saturating_sub(1);
         let of = self.key.sample.min(last);

@@ -8,16 +8,16 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
-use super::activity::{Activities, ActivityKind, Entry};
-use super::estimate_files::{EstimateFolder, EstimateOrder, FinishedEstimate};
-use super::estimate_request::{DensityModel, EstimateRequest};
-use super::estimation::estimate;
-use super::evaluation::Scene;
-use super::progress::{EstimateProgress, FitPoint, thin_out};
-use super::refinement::{LiveEstimate, Refiner};
-use super::threads::{SpareCores, Threads, Wake, Work, lock};
-use super::worker::{Stamped, Wanted};
 use crate::formats::{FormatError, create_folder};
+use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
+use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
+use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
+use crate::workbench::estimation::estimate;
+use crate::workbench::evaluation::Scene;
+use crate::workbench::jobs::worker::{Stamped, Wanted};
+use crate::workbench::live::estimator::{LiveEstimate, Refiner};
+use crate::workbench::progress::{EstimateProgress, FitPoint, thin_out};
 
 /// Orders that may wait.
 const MOST_ORDERS: usize = 50;
@@ -55,7 +55,7 @@ pub struct Estimates {
 }
 
 /// Handle of the thread; dropping it stops what it does; the thread then ends by itself.
-pub(super) struct Estimator {
+pub(crate) struct Estimator {
     shared: Arc<Shared>,
 }
 

@@ -6,17 +6,17 @@ use std::sync::Arc;
 
 use ndarray::{Array2, Array3, ArrayD, Axis};
 
-use super::colormap::Colormap;
-use super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
-use super::export::{self, Curve};
-use super::ideal::IdealRecord;
-use super::live_record::LiveRecord;
-use super::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::formats::write_png_rgb;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
+use crate::workbench::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
+use crate::workbench::export::colormap::Colormap;
+use crate::workbench::export::design_files::{self, Curve};
+use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
+use crate::workbench::ideal::IdealRecord;
+use crate::workbench::live::record::LiveRecord;
 
 /// Work that the window hands to the worker.
 #[derive(Clone, Debug)]
@@ -290,7 +290,7 @@ impl Job {
                 Ok(Outcome::LensletsFitted { fitted, replaces: *replaces })
             }
             Self::ExportDesign { design, folder } => {
-                let files = export::export_design(design, folder, None).map_err(|error| error.to_string())?;
+                let files = design_files::export_design(design, folder, None).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files })
             }
             Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {
@@ -327,7 +327,7 @@ impl Job {
 }
 
 /// The first of the live measurements of a design that was put aside, with noise, as the window shows it.
-pub(super) fn measured_snapshot(
+pub(crate) fn measured_snapshot(
     (number, name): (u64, &str),
     design: &Design,
     scene: Result<&Scene, String>,

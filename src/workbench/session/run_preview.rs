@@ -3,16 +3,16 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::bench::Workbench;
-use super::evaluation::EvaluationError;
-use super::ideal::{DesignRun, KeptRun, RunStatus, Start};
 use crate::design::IdealSettings;
 use crate::forward::Design;
 use crate::optics::{Encoder, LensletArray};
+use crate::workbench::evaluation::EvaluationError;
+use crate::workbench::ideal::{DesignRun, KeptRun, RunStatus, Start};
+use crate::workbench::session::Workbench;
 
 /// What the workbench knows of the run beside the run itself.
 #[derive(Debug, Default)]
-pub(super) struct WatchedRun {
+pub(crate) struct WatchedRun {
     /// Whether masks are shown as they come.
     pub following: bool,
     /// Number of the lenslets that it started with, where that was the open design's own mask.
@@ -192,19 +192,19 @@ impl Workbench {
     }
 
     /// Notes that the open design has gone back or forth to the contents of this number.
-    pub(super) fn note_contents(&mut self, number: u64) {
+    pub(crate) fn note_contents(&mut self, number: u64) {
         if self.watched.accepted.as_ref().is_some_and(|(_, accepted)| number < *accepted) {
             self.watched.accepted = None;
         }
     }
 
     /// Notes that a mask which was accepted since the contents of this number were saved is gone with its document.
-    pub(super) fn note_discarded(&mut self, saved: u64) {
+    pub(crate) fn note_discarded(&mut self, saved: u64) {
         self.watched.accepted.take_if(|(_, accepted)| *accepted > saved);
     }
 
     /// Notes that the open design is in a file, and a mask of the run with it, if it holds one.
-    pub(super) fn note_saved(&mut self) {
+    pub(crate) fn note_saved(&mut self) {
         if let Some((mask, _)) = &self.watched.accepted {
             self.designer.note_saved(mask);
         }

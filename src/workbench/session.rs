@@ -1,26 +1,29 @@
 //! The open design and its worker.
 
+pub mod run_preview;
+pub mod snapshots;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::activity::{Activities, Activity, ActivityKind};
-use super::closer::CloserOrder;
-use super::command::{Command, CommandError};
-use super::estimate_files::{EstimateOrder, FinishedEstimate};
-use super::estimate_request::EstimateRequest;
-use super::estimator::Estimates;
-use super::history::{History, Version};
-use super::ideal::Designer;
-use super::jobs::{Job, Outcome};
-use super::measured::MeasuredOrder;
-use super::recovery::{Autosave, Recovered};
-use super::threads::{Threads, Wake};
-use super::watched::WatchedRun;
-use super::worker::{Live, Wanted, Worker};
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
+use crate::workbench::background::activity::{Activities, Activity, ActivityKind};
+use crate::workbench::background::threads::{Threads, Wake};
+use crate::workbench::document::autosave::{Autosave, Recovered};
+use crate::workbench::document::command::{Command, CommandError};
+use crate::workbench::document::history::{History, Version};
+use crate::workbench::estimate_request::EstimateRequest;
+use crate::workbench::estimates::files::{EstimateOrder, FinishedEstimate};
+use crate::workbench::estimates::queue::Estimates;
+use crate::workbench::ideal::Designer;
+use crate::workbench::jobs::job::{Job, Outcome};
+use crate::workbench::jobs::worker::{Live, Wanted, Worker};
+use crate::workbench::live::inspection::CloserOrder;
+use crate::workbench::measured::MeasuredOrder;
+use crate::workbench::session::run_preview::WatchedRun;
 
 /// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
 ///
@@ -29,24 +32,24 @@ use crate::optics::Encoder;
 /// designs.
 pub struct Workbench {
     /// What is shown: the open design, or a mask of the run that is looked at in its place.
-    pub(super) design: Arc<Design>,
+    pub(crate) design: Arc<Design>,
     /// The open design while something else is shown.
-    pub(super) open: Option<Arc<Design>>,
-    pub(super) revision: u64,
+    pub(crate) open: Option<Arc<Design>>,
+    pub(crate) revision: u64,
     /// Number of the open design's contents: unlike its revision, it comes back with an undo.
-    pub(super) contents: u64,
+    pub(crate) contents: u64,
     saved_contents: u64,
     /// Number of the document: another one is open after New and Open, whatever the last one is still waiting for.
     document: u64,
     /// Number of the open design's lenslets; like that of its contents, it comes back with an undo.
-    pub(super) lenslets: u64,
-    pub(super) history: History,
+    pub(crate) lenslets: u64,
+    pub(crate) history: History,
     path: Option<PathBuf>,
     threads: Threads,
     activities: Activities,
-    pub(super) worker: Worker,
-    pub(super) designer: Designer,
-    pub(super) watched: WatchedRun,
+    pub(crate) worker: Worker,
+    pub(in crate::workbench) designer: Designer,
+    pub(crate) watched: WatchedRun,
     autosave: Option<Autosave>,
     /// In the folder before, until its design is kept in the new one.
     earlier_autosave: Option<Autosave>,
@@ -295,7 +298,7 @@ impl Workbench {
     }
 
     /// The open design as a step of the past.
-    pub(super) fn version(&self) -> Version {
+    pub(crate) fn version(&self) -> Version {
         Version { design: Arc::clone(self.open_design()), number: self.contents, lenslets: self.lenslets }
     }
 
@@ -323,12 +326,12 @@ impl Workbench {
     }
 
     /// Another document that is in no file yet.
-    pub(super) fn take_up_unsaved(&mut self, design: Design, path: Option<PathBuf>) {
+    pub(crate) fn take_up_unsaved(&mut self, design: Design, path: Option<PathBuf>) {
         self.take_up(design, path);
         self.saved_contents = 0;
     }
 
-    pub(super) fn show(&mut self, design: Arc<Design>) {
+    pub(crate) fn show(&mut self, design: Arc<Design>) {
         self.revision += 1;
         self.design = design;
         // Masks of a run are no edits.

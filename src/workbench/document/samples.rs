@@ -17,17 +17,17 @@ pub const SAMPLES: [Sample; 3] = [
     Sample {
         name: "Nine lenslets",
         about: "The published layout before beads: the design to edit by hand",
-        json: include_str!("../../assets/samples/nine-lenslets.json"),
+        json: include_str!("../../../assets/samples/nine-lenslets.json"),
     },
     Sample {
         name: "Designed mask",
         about: "Five lenslets that the optimizer made of 25 random ones",
-        json: include_str!("../../assets/samples/designed.json"),
+        json: include_str!("../../../assets/samples/designed.json"),
     },
     Sample {
         name: "Diffuser",
         about: "Caustics of a smooth random surface behind an aperture of 16 px",
-        json: include_str!("../../assets/samples/diffuser.json"),
+        json: include_str!("../../../assets/samples/diffuser.json"),
     },
 ];
 

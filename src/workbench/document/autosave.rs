@@ -7,9 +7,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use super::threads::lock;
 use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 use crate::forward::Design;
+use crate::workbench::background::threads::lock;
 
 /// Least time between two files.
 const EVERY: Duration = Duration::from_secs(5);

@@ -8,16 +8,16 @@ use std::time::{Duration, Instant};
 use ndarray::{Array2, Array3};
 use serde::{Deserialize, Serialize};
 
-use super::evaluation::{EvaluationError, Scene};
-use super::live_bounds::{Beads, Draws, SensorBounds};
-use super::live_subject::{SCORED, SCORED_LAST, Subject};
-use super::pulls::{Pull, Pulls};
 use crate::forward::Design;
 use crate::forward::forward_model;
 use crate::information::{
     CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PairedDifference, PatchBatch,
     PatchStream,
 };
+use crate::workbench::evaluation::{EvaluationError, Scene};
+use crate::workbench::live::bounds::{Beads, Draws, SensorBounds};
+use crate::workbench::live::position_gradients::{Pull, Pulls};
+use crate::workbench::live::problem::{SCORED, SCORED_LAST, Subject};
 
 /// Time for the steps of a fit from the beginning.
 const COLD: Duration = Duration::from_mins(1);
@@ -147,7 +147,7 @@ impl Revision {
 
 impl LiveRecipe {
     /// Before the first step of a fit of so many.
-    pub(super) fn of(planned: usize) -> Self {
+    pub(crate) fn of(planned: usize) -> Self {
         Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None, sensor: None, edit: None }
     }
 
@@ -157,7 +157,7 @@ impl LiveRecipe {
     }
 
     /// Whether a fit could have come about like this; others would never end, or not begin.
-    pub(super) fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
         (1..=self.all()).contains(&self.steps)
             && (1..=SCORED_LAST).contains(&self.test_patches)
@@ -181,7 +181,7 @@ struct Awaiting {
 
 /// Keeps the last model for the next design, and how fast steps are.
 #[derive(Default)]
-pub(super) struct Refiner {
+pub(crate) struct Refiner {
     last: Option<(Arc<Scene>, Arc<CausalStart>)>,
     /// By how much posterior sampling lowered the smallest bound from above of such a design, bits per pixel.
     lowered: f64,
@@ -195,7 +195,7 @@ impl Refiner {
     /// Takes steps for as slow as this, seconds.
     #[cfg(test)]
     pub fn set_pace(&mut self, pace: f64) {
-        self.pace = Some((pace, (super::evaluation::LIVE_PATCH, super::evaluation::LIVE_PATCH)));
+        self.pace = Some((pace, (crate::workbench::evaluation::LIVE_PATCH, crate::workbench::evaluation::LIVE_PATCH)));
     }
 
     /// Refines the live estimate of a design until it settles, and compares it with what it was before the last edit. `publish` gets
@@ -407,7 +407,7 @@ fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> b
 /// # Errors
 /// [`EvaluationError`] where design, objects or noise allow no estimate, or when cancelled: `go_on` is asked at every step
 /// and told how many are done.
-pub(super) fn repeated(
+pub(crate) fn repeated(
     (design, before): (&Design, Option<&Arc<Design>>),
     scene: &Scene,
     (recipe, start): (&LiveRecipe, Option<&CausalStart>),

@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::refinement::LiveEstimate;
 use crate::forward::Design;
 use crate::information::{
     BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PairedDifference,
@@ -14,6 +13,7 @@ use crate::information::{
     savings_gain,
 };
 use crate::seeds::SeedStream;
+use crate::workbench::live::estimator::LiveEstimate;
 
 /// Half width of the interval of the decoder's bound that is enough, bits per pixel.
 const LOWER_HALF_WIDTH: f64 = 0.002;
@@ -40,7 +40,7 @@ pub enum Draws {
 
 impl Draws {
     /// Whether they are as many as can be meant.
-    pub(super) fn is_sound(self) -> bool {
+    pub(crate) fn is_sound(self) -> bool {
         match self {
             Self::AtOnce { samples } => (1..=1 << 16).contains(&samples),
             Self::Followed { levels, samples } => (1..=1 << 16).contains(&levels) && (2..=1 << 16).contains(&samples),
@@ -61,7 +61,7 @@ pub struct SensorBounds {
 
 /// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
 /// those that were stopped leave the ones before.
-pub(super) struct Beads<'a> {
+pub(crate) struct Beads<'a> {
     /// None without a prior.
     pub channel: Option<&'a BeadChannel>,
     /// Seed of the design.

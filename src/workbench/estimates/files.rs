@@ -7,13 +7,13 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::estimate_request::EstimateRequest;
-use super::measured::MeasuredOrder;
-use super::progress::FitPoint;
-use super::worker::Live;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
+use crate::workbench::estimate_request::EstimateRequest;
+use crate::workbench::jobs::worker::Live;
+use crate::workbench::measured::MeasuredOrder;
+use crate::workbench::progress::FitPoint;
 
 /// An estimate that was asked for.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -43,7 +43,7 @@ impl EstimateOrder {
     }
 
     /// What it is, for people.
-    pub(super) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let of = match &self.measured {
             Some(measured) => measured.source.to_string(),
             None => self.design.encoder.describe(),
@@ -70,7 +70,7 @@ pub struct FinishedEstimate {
 
 impl FinishedEstimate {
     /// An estimate of today.
-    pub(super) fn new(order: EstimateOrder, estimate: Estimate, mut curve: Vec<FitPoint>) -> Self {
+    pub(crate) fn new(order: EstimateOrder, estimate: Estimate, mut curve: Vec<FitPoint>) -> Self {
         curve.retain(|point| point.bits.is_finite());
         Self { program_version: NUMBERS_VERSION.into(), order, estimate, curve, file: None }
     }
@@ -89,7 +89,7 @@ impl FinishedEstimate {
 }
 
 /// Whether an estimate of `known` is one of `design`, too, and of its objects as they were read last.
-pub(super) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), design: &Arc<Design>, live: &Live) -> bool {
+pub(crate) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), design: &Arc<Design>, live: &Live) -> bool {
     let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let is_same = Arc::ptr_eq(known, design) || known == design;
     is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)
@@ -97,7 +97,7 @@ pub(super) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), desig
 
 /// A folder with a file for each, with the order in hand and with those that wait.
 #[derive(Clone, Debug)]
-pub(super) struct EstimateFolder {
+pub(crate) struct EstimateFolder {
     folder: PathBuf,
     /// Held so that no other program takes up the order in hand; none where another one holds it, and where a newer one wrote it.
     lock: Option<Arc<Option<File>>>,

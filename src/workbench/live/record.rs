@@ -7,14 +7,14 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::evaluation::{EvaluationError, Scene};
-use super::record::LIVE_ESTIMATE;
-use super::refinement::{LiveEstimate, LiveRecipe, repeated};
 use crate::formats::{FormatError, content_key, create_folder, json_of, write_json};
 use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::Progress;
 use crate::optics::Encoder;
+use crate::workbench::evaluation::{EvaluationError, Scene};
+use crate::workbench::export::record::LIVE_ESTIMATE;
+use crate::workbench::live::estimator::{LiveEstimate, LiveRecipe, repeated};
 
 /// A live estimate, the design that it is of, and how it came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -138,7 +138,7 @@ impl LiveRecord {
     }
 
     /// The record, if it is one that a window may have written; what was found otherwise.
-    pub(super) fn checked(self) -> Result<Self, String> {
+    pub(crate) fn checked(self) -> Result<Self, String> {
         self.design.check().map_err(|error| error.to_string())?;
         if let Some(before) = self.design_before() {
             before.check().map_err(|error| error.to_string())?;
@@ -190,15 +190,15 @@ mod tests {
     use std::cell::RefCell;
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-    use super::super::closer::{CloserKey, CloserOrder};
-    use super::super::evaluation::{Optics, SceneOptics};
-    use super::super::live_bounds::Draws;
-    use super::super::record::{Record, RecordError};
-    use super::super::refinement::Refiner;
     use super::*;
     use crate::objects::ObjectSource;
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
+    use crate::workbench::evaluation::{Optics, SceneOptics};
+    use crate::workbench::export::record::{Record, RecordError};
+    use crate::workbench::live::bounds::Draws;
+    use crate::workbench::live::estimator::Refiner;
+    use crate::workbench::live::inspection::{CloserKey, CloserOrder};
 
     fn open(path: &Path) -> Result<LiveRecord, RecordError> {
         let Record::Live(record) = Record::open(path)? else { panic!("a record of a run") };

@@ -6,14 +6,14 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use thiserror::Error;
 
-use super::ideal::IdealRecord;
-use super::live_record::LiveRecord;
 use crate::formats::{DocumentKind, FormatError, read_json};
+use crate::workbench::ideal::IdealRecord;
+use crate::workbench::live::record::LiveRecord;
 
 /// The kinds of the files.
-pub(super) const LIVE_ESTIMATE: DocumentKind =
+pub(crate) const LIVE_ESTIMATE: DocumentKind =
     DocumentKind::new("lenslet-studio/live-estimate", "a record of a live estimate");
-pub(super) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "a record of a run");
+pub(crate) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "a record of a run");
 
 /// Why a record was not read.
 #[derive(Debug, Error)]

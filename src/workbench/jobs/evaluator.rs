@@ -6,15 +6,15 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::super::activity::{ActivityKind, Entry};
-use super::super::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
-use super::super::jobs::{Job, Outcome, measured_snapshot};
-use super::super::threads::lock;
-use super::{Live, Shared, Stamped, Wanted};
+use super::worker::{Live, Shared, Stamped, Wanted};
 use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};
+use crate::workbench::background::activity::{ActivityKind, Entry};
+use crate::workbench::background::threads::lock;
+use crate::workbench::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
+use crate::workbench::jobs::job::{Job, Outcome, measured_snapshot};
 
 /// Tells how far the reading of objects is.
 fn tell(entry: &Entry, progress: Progress) {
@@ -23,7 +23,7 @@ fn tell(entry: &Entry, progress: Progress) {
 
 /// What is kept between evaluations.
 #[derive(Default)]
-pub(super) struct Evaluator {
+pub(crate) struct Evaluator {
     optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
     scene: Option<Arc<Scene>>,
     /// Objects that were opened for the design, which does not image them yet: an edit may come before.
@@ -33,7 +33,7 @@ pub(super) struct Evaluator {
 }
 
 impl Evaluator {
-    pub fn evaluate(&mut self, wanted: &Wanted, shared: &Shared) {
+    pub(super) fn evaluate(&mut self, wanted: &Wanted, shared: &Shared) {
         let start = std::time::Instant::now();
         let outcome = self.steps(wanted, shared);
         let is_stopped =
@@ -177,7 +177,7 @@ impl Evaluator {
     }
 
     /// Does a job; none where it gave way to an edit and is to be begun again.
-    pub fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Option<Result<Outcome, String>> {
+    pub(super) fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Option<Result<Outcome, String>> {
         match job {
             // The one job that leaves something behind for evaluations: the objects, if they can be opened.
             Job::OpenObjects { design, document } => Some(self.open_objects((design, *document), entry, shared)),

@@ -4,21 +4,19 @@
 //! computed from an older one carries its revision, so nobody mistakes it for current. Jobs (files) are done one after
 //! the other, in between. A panic is caught at the thread's edge and told as a failure; the thread goes on.
 
-mod evaluator;
-
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-use super::activity::{Activities, ActivityKind, Entry};
-use super::closer::{Closer, CloserOrder};
-use super::estimator::Estimator;
-use super::evaluation::{LiveInformation, Measurements, Optics, Scene};
-use super::jobs::{Job, Outcome};
-use super::threads::{SpareCores, Threads, Wake, Work, lock};
+use super::evaluator::Evaluator;
 use crate::forward::Design;
-use evaluator::Evaluator;
+use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
+use crate::workbench::estimates::queue::Estimator;
+use crate::workbench::evaluation::{LiveInformation, Measurements, Optics, Scene};
+use crate::workbench::jobs::job::{Job, Outcome};
+use crate::workbench::live::inspection::{Closer, CloserOrder};
 
 /// A result and the revision of the design it was computed from.
 #[derive(Debug)]
@@ -62,22 +60,22 @@ pub struct Worker {
     thread: Option<JoinHandle<()>>,
 }
 
-struct Shared {
-    mailbox: Mutex<Mailbox>,
-    arrived: Condvar,
-    results: Mutex<Results>,
+pub(super) struct Shared {
+    pub(super) mailbox: Mutex<Mailbox>,
+    pub(super) arrived: Condvar,
+    pub(super) results: Mutex<Results>,
     /// Reading objects is to stop.
-    cancelled: AtomicBool,
+    pub(super) cancelled: AtomicBool,
     /// Where designs go for their live estimate.
-    estimator: Estimator,
-    threads: Threads,
-    activities: Activities,
-    wake: Wake,
+    pub(super) estimator: Estimator,
+    pub(super) threads: Threads,
+    pub(super) activities: Activities,
+    pub(super) wake: Wake,
 }
 
 /// A design whose numbers are wanted.
 #[derive(Clone)]
-pub(super) struct Wanted {
+pub(crate) struct Wanted {
     /// Its revision.
     pub revision: u64,
     /// The design.
@@ -87,19 +85,19 @@ pub(super) struct Wanted {
 }
 
 #[derive(Default)]
-struct Mailbox {
-    evaluate: Option<Wanted>,
-    jobs: VecDeque<(Job, Entry)>,
-    closer: Option<CloserOrder>,
-    quit: bool,
+pub(super) struct Mailbox {
+    pub(super) evaluate: Option<Wanted>,
+    pub(super) jobs: VecDeque<(Job, Entry)>,
+    pub(super) closer: Option<CloserOrder>,
+    pub(super) quit: bool,
 }
 
 #[derive(Default)]
-struct Results {
-    live: Live,
-    outcomes: Vec<Result<Outcome, String>>,
+pub(super) struct Results {
+    pub(super) live: Live,
+    pub(super) outcomes: Vec<Result<Outcome, String>>,
     /// Jobs handed over whose answers have not been taken.
-    open_jobs: usize,
+    pub(super) open_jobs: usize,
 }
 
 impl Worker {
@@ -107,7 +105,7 @@ impl Worker {
     ///
     /// # Errors
     /// Where the operating system gives no thread.
-    pub(super) fn start(wake: Wake, threads: &Threads, activities: Activities) -> std::io::Result<Self> {
+    pub(crate) fn start(wake: Wake, threads: &Threads, activities: Activities) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             mailbox: Mutex::default(),
             arrived: Condvar::new(),
@@ -124,7 +122,7 @@ impl Worker {
     }
 
     /// Asks for the numbers of a design; takes the place of a request that still waits.
-    pub(super) fn evaluate(&self, wanted: Wanted) {
+    pub(crate) fn evaluate(&self, wanted: Wanted) {
         self.shared.estimator.supersede(wanted.revision);
         lock(&self.shared.mailbox).evaluate = Some(wanted);
         self.shared.arrived.notify_one();
@@ -178,7 +176,7 @@ impl Worker {
     }
 
     /// The thread of longer estimates.
-    pub(super) fn estimator(&self) -> &Estimator {
+    pub(crate) fn estimator(&self) -> &Estimator {
         &self.shared.estimator
     }
 

@@ -8,16 +8,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
 
 /// Tells the window that there is something new.
-pub(super) type Wake = Arc<dyn Fn() + Send + Sync>;
+pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
 
 /// A mutex whose holder panicked still holds whole values here: every critical section only moves values.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// How many threads compute; it may change at any time. Clones are the same number.
 #[derive(Clone, Default)]
-pub(super) struct Threads(Arc<AtomicUsize>);
+pub(crate) struct Threads(Arc<AtomicUsize>);
 
 impl Threads {
     /// Chooses a number, or leaves it to the machine: one for every core.
@@ -36,7 +36,7 @@ impl Threads {
 /// What is computed beside the window. All of it gives way to the window, and what people wait for least to all others: a thread
 /// of the window that has something to draw takes a core from it at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Work {
+pub(crate) enum Work {
     /// What every edit shows.
     Computation,
     /// The live estimate, and those that take longer.
@@ -67,7 +67,7 @@ impl Work {
 }
 
 /// Threads for one kind of work.
-pub(super) struct SpareCores {
+pub(crate) struct SpareCores {
     pool: Option<rayon::ThreadPool>,
     /// Threads of the pool, and how many there ought to be.
     count: usize,

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use ndarray::Axis;
 use thiserror::Error;
 
-use super::colormap::Colormap;
-use super::evaluation::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::forward::{Design, DesignError, DesignFileError};
 use crate::optics::Spot;
+use crate::workbench::evaluation::EvaluationError;
+use crate::workbench::export::colormap::Colormap;
 
 /// Why an export was not written.
 #[derive(Debug, Error)]
@@ -112,7 +112,7 @@ pub fn write_design(design: &Design, folder: &Path, colours: Option<Colormap>) -
 }
 
 /// Names files once all of them are on the disk.
-pub(super) fn put_in_place(complete: Vec<(PathBuf, CompleteFile)>) -> Result<Vec<PathBuf>, ExportError> {
+pub(crate) fn put_in_place(complete: Vec<(PathBuf, CompleteFile)>) -> Result<Vec<PathBuf>, ExportError> {
     let place = |(path, file): (PathBuf, CompleteFile)| file.put_in_place().map(|()| path).map_err(ExportError::from);
     complete.into_iter().map(place).collect()
 }

@@ -4,7 +4,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use super::threads::lock;
+use crate::workbench::background::threads::lock;
 
 /// Finished activities that are kept; the oldest ones are dropped.
 const KEPT: usize = 100;
@@ -125,7 +125,7 @@ struct List {
 
 /// All activities of a workbench. Clones are the same list.
 #[derive(Clone, Default)]
-pub(super) struct Activities(Arc<Mutex<List>>);
+pub(crate) struct Activities(Arc<Mutex<List>>);
 
 impl Activities {
     /// Notes one that waits to be done.
@@ -183,7 +183,7 @@ impl Activities {
 }
 
 /// The one who does an activity and tells of it. One that is dropped without an end was stopped.
-pub(super) struct Entry {
+pub(crate) struct Entry {
     list: Activities,
     number: u64,
 }

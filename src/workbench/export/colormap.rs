@@ -67,7 +67,7 @@ impl Colormap {
     ///
     /// # Errors
     /// As [`Colormap::write_png`].
-    pub(super) fn complete_png(
+    pub(crate) fn complete_png(
         self,
         image: ArrayView2<'_, f32>,
         limits: (f32, f32),

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
 use crate::information::{Bracket, Estimator, NamedBound, Protocol};
-use crate::workbench::estimator::Estimates;
-use crate::workbench::worker::Live;
+use crate::workbench::estimates::queue::Estimates;
+use crate::workbench::jobs::worker::Live;
 
 /// Bits per pixel with their 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,14 +30,14 @@ impl Bits {
 pub struct SnapshotNumbers {
     /// Fingerprint of the objects that the others are of.
     #[serde(default)]
-    pub(super) objects: Option<String>,
+    pub(crate) objects: Option<String>,
     /// Mean Tamura coefficient of its measurements.
     pub tamura: Option<f64>,
     /// Gaussian bound, or approximation.
     pub gaussian: Option<Bits>,
     /// Whether that is a bound, where it is known.
     #[serde(default)]
-    pub(super) gaussian_is_bound: Option<bool>,
+    pub(crate) gaussian_is_bound: Option<bool>,
     /// Object-entropy ceiling.
     pub ceiling: Option<f64>,
     /// Live estimate, and whether it has settled.
@@ -56,7 +56,7 @@ pub struct SnapshotNumbers {
 impl SnapshotNumbers {
     /// Numbers of other objects than those of this fingerprint go: what was in the files before says nothing of what is
     /// there now. Tells whether they went.
-    pub(super) fn are_of(&mut self, objects: String) -> bool {
+    pub(crate) fn are_of(&mut self, objects: String) -> bool {
         let others = self.objects.as_ref().is_some_and(|before| *before != objects);
         if others {
             *self = Self::default();
@@ -66,7 +66,7 @@ impl SnapshotNumbers {
     }
 
     /// Takes up what has become known of the open design, of this revision.
-    pub(super) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), live: &Live, estimates: &Estimates) {
+    pub(crate) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), live: &Live, estimates: &Estimates) {
         if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
             self.tamura = Some(measurements.value.tamura.mean);
         }

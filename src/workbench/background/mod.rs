@@ -1,0 +1,4 @@
+//! Threads of the workbench, and the list of what they do.
+
+pub mod activity;
+pub mod threads;

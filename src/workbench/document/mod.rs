@@ -1,0 +1,7 @@
+//! The open design: commands that change it, undo, autosave, samples and the files that it is made from.
+
+pub mod autosave;
+pub mod command;
+pub mod file_preview;
+pub mod history;
+pub mod samples;

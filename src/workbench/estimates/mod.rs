@@ -1,0 +1,4 @@
+//! Estimates that take minutes: the queue, the thread that computes them, and their files.
+
+pub mod files;
+pub mod queue;

@@ -1,0 +1,7 @@
+//! Files for other programs: designs, stacks of measurements, records, and command lines.
+
+pub mod colormap;
+pub mod commands;
+pub mod design_files;
+pub mod record;
+pub mod stacks;

@@ -1,0 +1,5 @@
+//! Short work beside the window: opening, saving and exporting, and the evaluation of every edit.
+
+pub mod evaluator;
+pub mod job;
+pub mod worker;
