@@ -5,11 +5,11 @@ use std::hint::black_box;
 use std::ops::ControlFlow;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use lenslet_studio::evaluation::{Optics, Scene, SceneOptics};
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{NoiseEntropy, Protocol};
 use lenslet_studio::optics::{Encoder, modulation_transfer, render_psf};
 use lenslet_studio::sparsity::tamura_of_stack;
-use lenslet_studio::workbench::{Optics, Scene, SceneOptics};
 use ndarray::Axis;
 
 fn edit(criterion: &mut Criterion) {

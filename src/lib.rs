@@ -31,6 +31,7 @@
 
 pub mod cli;
 pub mod design;
+pub mod evaluation;
 pub mod formats;
 pub mod forward;
 pub mod information;

@@ -9,10 +9,11 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use lenslet_studio::design::{IdealProgress, Objective};
+use lenslet_studio::evaluation::EvaluationError;
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{Estimate, PixelCnn};
 use lenslet_studio::workbench::study::StudyRecord;
-use lenslet_studio::workbench::{EvaluationError, GoOn, KeptRun, Record, Snapshots, Workbench, run_ideal};
+use lenslet_studio::workbench::{GoOn, KeptRun, Record, Snapshots, Workbench, run_ideal};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden").join(name)

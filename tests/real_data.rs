@@ -2,15 +2,14 @@
 
 use std::path::Path;
 
+use lenslet_studio::evaluation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 use lenslet_studio::formats::read_stack;
 use lenslet_studio::forward::{Design, Simulator};
 use lenslet_studio::information::{Estimate, Protocol};
 use lenslet_studio::optics::{Encoder, heuristic_layout};
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::sparsity::tamura_of_stack;
-use lenslet_studio::workbench::{
-    DensityModel, EstimateRequest, MeasurementFormat, WeightsFiles, estimate, measure_into,
-};
+use lenslet_studio::workbench::{MeasurementFormat, measure_into};
 
 const SETS: [(&str, &str); 3] = [
     ("MNIST", "idx:mnist/t10k-images-idx3-ubyte.gz"),

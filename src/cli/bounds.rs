@@ -8,10 +8,10 @@ use serde::Serialize;
 use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
+use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once};
 use crate::forward::{Design, notices_of};
 use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};
 use crate::objects::Progress;
-use crate::workbench::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once};
 
 /// Arguments of `bounds`.
 #[derive(Args, Debug)]

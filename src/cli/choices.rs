@@ -11,6 +11,7 @@ use clap::builder::{OsStringValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::output;
+use crate::evaluation::{EvaluationError, MeasuredSource};
 use crate::formats::{ImageFile, split_kind};
 use crate::forward::Design;
 use crate::information::Estimator;
@@ -18,7 +19,6 @@ use crate::objects::ObjectSource;
 use crate::optics::{
     Diffuser, Encoder, PsfImage, depth_layout, fit_lenslets, heuristic_layout, import_psf, psf_file, random_layout,
 };
-use crate::workbench::{EvaluationError, MeasuredSource};
 
 /// Mask named by `--mask`.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -10,6 +10,7 @@ use anyhow::{Context, anyhow, bail};
 use super::choices::about_objects;
 use super::output::{self, ProgressLine};
 use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
+use crate::evaluation::{EstimateProgress, EvaluationError, spoken};
 use crate::formats::check_writable;
 use crate::forward::Design;
 use crate::information::InformationError;
@@ -17,8 +18,8 @@ use crate::objects::Progress;
 use crate::plural::counted;
 use crate::workbench::study::{StudyDesign, StudySettings};
 use crate::workbench::{
-    DESIGN_FILES, EstimateProgress, EvaluationError, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start,
-    curve_of, design_outputs, run_ideal, score_in_patches, score_settings, score_whole, spoken, write_design,
+    DESIGN_FILES, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, design_outputs, run_ideal,
+    score_in_patches, score_settings, score_whole, write_design,
 };
 
 /// A run in its folder, from where it was stopped there, or from the mask that it had at a step before.

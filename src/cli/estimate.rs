@@ -12,13 +12,13 @@ use super::choices::{
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::output::ProgressLine;
 use super::{Failure, output};
-use crate::formats::check_writable;
-use crate::forward::Design;
-use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol, interval_behind};
-use crate::workbench::{
+use crate::evaluation::{
     Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
     estimate, has_name_of_fit, tells_of_unwritten_weights,
 };
+use crate::formats::check_writable;
+use crate::forward::Design;
+use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol, interval_behind};
 
 /// Largest number of trials.
 const MOST_TRIALS: usize = 10_000;

@@ -10,9 +10,10 @@ use clap::{Args, ValueEnum};
 
 use super::choices::BudgetChoice;
 use super::{Failure, output};
+use crate::evaluation::spoken;
 use crate::formats::{check_writable, read_bytes, write_safely};
 use crate::information::{Decoder, DecoderFit, FirstWeights, InformationError};
-use crate::workbench::{first_channel, first_scene, spoken};
+use crate::workbench::{first_channel, first_scene};
 
 /// Largest file of weights that is read, bytes.
 const LARGEST_WEIGHTS: u64 = 1 << 28;

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Failure;
-use crate::workbench::spoken;
+use crate::evaluation::spoken;
 
 /// Prints a result, followed by the end of a line.
 ///

@@ -11,10 +11,10 @@ use super::choices::{
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::ProgressLine;
 use super::{Failure, output};
+use crate::evaluation::spoken;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::sensor::Noise;
-use crate::workbench::spoken;
 use crate::workbench::study::{
     PublishedSet, Study, StudyCell, StudyDesign, StudyEvent, StudyObjects, StudyRecord, StudySettings, StudyStep,
 };

@@ -2,40 +2,23 @@
 //! It knows no window.
 
 mod background;
-mod bead_bounds;
-mod calibration;
 mod document;
-mod estimate_request;
 mod estimates;
-mod estimation;
-mod evaluation;
 mod export;
 mod first;
 mod ideal;
 mod jobs;
-mod kept_estimate;
 mod live;
-mod measured;
-mod measured_error;
-mod patch_source;
-mod progress;
 mod session;
 pub mod study;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
-pub use bead_bounds::lower_bound_at_once;
-pub use calibration::Calibration;
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};
 pub use document::file_preview::{FilePreview, FileUse, with_option};
 pub use document::samples::{SAMPLES, Sample};
-pub use estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
 pub use estimates::files::{EstimateOrder, FinishedEstimate};
 pub use estimates::queue::{Estimates, RunningEstimate};
-pub use estimation::{estimate, tells_of_unwritten_weights};
-pub use evaluation::{
-    EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics,
-};
 pub use export::colormap::Colormap;
 pub use export::commands::{estimate_command, images_command, bounds_command, reproduce_command, run_command};
 pub use export::design_files::{
@@ -50,14 +33,10 @@ pub use ideal::{
 };
 pub use jobs::job::{Job, Outcome};
 pub use jobs::worker::{Live, Stamped, Worker};
-pub use kept_estimate::has_name_of_fit;
 pub use live::bounds::{Draws, SensorBounds};
 pub use live::estimator::{LiveEstimate, LiveRecipe};
 pub use live::inspection::{Closer, CloserKey, CloserOrder};
 pub use live::position_gradients::Pull;
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
-pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
-pub use measured_error::MeasuredError;
-pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
 pub use session::Workbench;
 pub use session::snapshots::{Bits, FileChange, Snapshot, SnapshotNumbers, Snapshots};

@@ -6,6 +6,8 @@ pub mod snapshots;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::evaluation::measured::MeasuredOrder;
+use crate::evaluation::request::EstimateRequest;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
@@ -15,14 +17,12 @@ use crate::workbench::background::threads::{Threads, Wake};
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
-use crate::workbench::estimate_request::EstimateRequest;
 use crate::workbench::estimates::files::{EstimateOrder, FinishedEstimate};
 use crate::workbench::estimates::queue::Estimates;
 use crate::workbench::ideal::Designer;
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::jobs::worker::{Live, Wanted, Worker};
 use crate::workbench::live::inspection::CloserOrder;
-use crate::workbench::measured::MeasuredOrder;
 use crate::workbench::session::run_preview::WatchedRun;
 
 /// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.

@@ -3,8 +3,8 @@
 use super::home::at_home;
 use super::*;
 use egui_kittest::kittest::NodeT;
+use lenslet_studio::evaluation::DensityModel;
 use lenslet_studio::information::{EngineChoice, Estimator};
-use lenslet_studio::workbench::DensityModel;
 
 /// Steps frames until `done`, for at most so many seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {

@@ -6,11 +6,10 @@ use super::*;
 use egui::accesskit::Toggled;
 use egui_kittest::kittest::NodeT;
 use lenslet_studio::design::{Ideal, IdealSettings, Objective, Preset};
+use lenslet_studio::evaluation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 use lenslet_studio::information::Protocol;
 use lenslet_studio::optics::{heuristic_layout, random_layout};
-use lenslet_studio::workbench::{
-    DensityModel, EstimateRequest, KeptOrder, KeptRun, RankedStart, RunStatus, Start, WeightsFiles, estimate, run_ideal,
-};
+use lenslet_studio::workbench::{KeptOrder, KeptRun, RankedStart, RunStatus, Start, run_ideal};
 
 #[test]
 fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {

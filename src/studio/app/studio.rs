@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
 
+use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
@@ -36,7 +37,7 @@ use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
 use crate::studio::widgets::number_field::take_rejections;
-use crate::workbench::{Activity, ActivityState, EvaluationError, Outcome, Recovered, RunStatus, Snapshots, Workbench};
+use crate::workbench::{Activity, ActivityState, Outcome, Recovered, RunStatus, Snapshots, Workbench};
 
 /// The window's contents.
 pub struct Studio {

@@ -2,10 +2,11 @@
 
 use std::time::SystemTime;
 
+use crate::evaluation::spoken;
 use crate::studio::state::app_state::State;
 use crate::studio::state::messages::Severity;
 use crate::studio::widgets::modal;
-use crate::workbench::{Recovered, spoken};
+use crate::workbench::Recovered;
 
 /// Offers the unsaved designs one after the other. Undecided ones are offered again at the next start.
 pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {

@@ -3,6 +3,7 @@
 use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
+use crate::evaluation::{Calibration, FitPoint, FittedModel};
 use crate::information::{Estimate, Estimator, Protocol, between, rounded, with_interval};
 use crate::plural::counted;
 use crate::studio::panels::parts::camera_form;
@@ -13,9 +14,7 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::colours::{DENSITY, LOWER};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{
-    Calibration, Curve, FinishedEstimate, FitPoint, FittedModel, Stamped, estimate_command, images_command,
-};
+use crate::workbench::{Curve, FinishedEstimate, Stamped, estimate_command, images_command};
 
 /// Tooltip of the button that copies a command.
 const COPY_HINT: &str = "Copies the command line that reproduces this number";

@@ -2,10 +2,11 @@
 
 use egui::{ProgressBar, RichText, ScrollArea, Ui};
 
+use crate::evaluation::spoken;
 use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
-use crate::workbench::{Activity, ActivityState, spoken};
+use crate::workbench::{Activity, ActivityState};
 
 /// Height of a progress bar, points.
 const BAR: f32 = 16.0;

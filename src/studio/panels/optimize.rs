@@ -3,12 +3,13 @@
 use egui::{ComboBox, ProgressBar, Ui};
 
 use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
+use crate::evaluation::spoken;
 use crate::studio::panels::parts::run_results;
 use crate::studio::state::app_state::{State, Transition};
 use crate::studio::state::optimize_form::{StartMask, offered};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{DesignRun, RunStatus, spoken};
+use crate::workbench::{DesignRun, RunStatus};
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {

@@ -5,6 +5,7 @@ use std::collections::{BTreeSet, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::evaluation::Measurements;
 use crate::forward::Design;
 use crate::optics::Lenslet;
 use crate::studio::canvas::image_view::{ColourPalettes, ImageView};
@@ -24,8 +25,8 @@ use crate::studio::state::views::{InformationOverlay, LinkedCursor, MaskDrag, Mt
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::number_field::Edit;
 use crate::workbench::{
-    Closer, CloserKey, CloserOrder, Colormap, Command, DesignRun, Estimates, Live, LiveEstimate, LiveRecord,
-    Measurements, Recovered, Snapshots, Stamped, Workbench,
+    Closer, CloserKey, CloserOrder, Colormap, Command, DesignRun, Estimates, Live, LiveEstimate, LiveRecord, Recovered,
+    Snapshots, Stamped, Workbench,
 };
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use crate::evaluation::LiveInformation;
 use crate::information::{Bracket, Estimate, NamedBound, Protocol};
 use crate::studio::state::app_state::State;
-use crate::workbench::{FinishedEstimate, LiveEstimate, LiveInformation, RunBounds, Stamped};
+use crate::workbench::{FinishedEstimate, LiveEstimate, RunBounds, Stamped};
 
 /// All bounds of the shown design.
 pub struct BoundSummary<'a> {

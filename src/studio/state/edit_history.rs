@@ -1,7 +1,8 @@
 //! The information after each edit.
 
+use crate::evaluation::LiveInformation;
 use crate::forward::Design;
-use crate::workbench::{Curve, LiveInformation};
+use crate::workbench::Curve;
 
 /// Information after each edit.
 #[derive(Default)]

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use crate::evaluation::{Calibration, DensityModel, EstimateRequest, WeightsFiles};
 use crate::information::{EngineChoice, Estimator, Protocol};
 use crate::studio::widgets::file_preview::Preview;
-use crate::workbench::{Calibration, DensityModel, EstimateRequest, WeightsFiles};
 
 /// The form of a new estimate.
 pub struct EstimateForm {

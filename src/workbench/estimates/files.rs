@@ -7,13 +7,13 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::evaluation::measured::MeasuredOrder;
+use crate::evaluation::progress::FitPoint;
+use crate::evaluation::request::EstimateRequest;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
-use crate::workbench::estimate_request::EstimateRequest;
 use crate::workbench::jobs::worker::Live;
-use crate::workbench::measured::MeasuredOrder;
-use crate::workbench::progress::FitPoint;
 
 /// An estimate that was asked for.
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -8,16 +8,16 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
+use crate::evaluation::estimation::estimate;
+use crate::evaluation::progress::{EstimateProgress, FitPoint, thin_out};
+use crate::evaluation::request::{DensityModel, EstimateRequest};
+use crate::evaluation::scene::Scene;
 use crate::formats::{FormatError, create_folder};
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
-use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
-use crate::workbench::estimation::estimate;
-use crate::workbench::evaluation::Scene;
 use crate::workbench::jobs::worker::{Stamped, Wanted};
 use crate::workbench::live::estimator::{LiveEstimate, Refiner};
-use crate::workbench::progress::{EstimateProgress, FitPoint, thin_out};
 
 /// Orders that may wait.
 const MOST_ORDERS: usize = 50;

@@ -6,13 +6,13 @@
 use std::path::Path;
 
 use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
+use crate::evaluation::calibration::Calibration;
+use crate::evaluation::measured::MeasuredOrder;
+use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
-use crate::workbench::calibration::Calibration;
-use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
 use crate::workbench::ideal::ends_of;
-use crate::workbench::measured::MeasuredOrder;
 
 /// Longest JSON of a design in a command line, bytes.
 const LONGEST: usize = 40_000;
@@ -163,10 +163,10 @@ mod tests {
 
     use super::*;
     use crate::design::Objective;
+    use crate::evaluation::WeightsFiles;
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
-    use crate::workbench::WeightsFiles;
 
     fn request(model: DensityModel) -> EstimateRequest {
         EstimateRequest {

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use ndarray::Axis;
 use thiserror::Error;
 
+use crate::evaluation::scene::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::forward::{Design, DesignError, DesignFileError};
 use crate::optics::Spot;
-use crate::workbench::evaluation::EvaluationError;
 use crate::workbench::export::colormap::Colormap;
 
 /// Why an export was not written.

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayViewD, Axis};
 
+use crate::evaluation::scene::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::forward::Design;
 use crate::forward::Simulator;
 use crate::sparsity::tamura_of_stack;
-use crate::workbench::evaluation::EvaluationError;
 use crate::workbench::export::design_files::{DESIGN_FILE, ExportError, put_in_place};
 
 /// File format of measurement stacks.

@@ -6,15 +6,16 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
+use crate::evaluation::scene::Scene;
+use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::forward::Design;
 use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
+use crate::workbench::Live;
 use crate::workbench::estimates::files::is_estimate_of;
-use crate::workbench::evaluation::Scene;
 use crate::workbench::ideal::record::IdealRecord;
 use crate::workbench::ideal::score::judge_of;
 use crate::workbench::study::StudyRecord;
-use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, Live, WeightsFiles};
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -314,8 +315,8 @@ mod tests {
 
     use super::*;
     use crate::design::Preset;
+    use crate::evaluation::estimate;
     use crate::information::InformationError;
-    use crate::workbench::estimate;
 
     fn frame(step: usize, array: &LensletArray) -> Frame {
         Frame {

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 
 use crate::design::{Ideal, IdealSettings, merged_result};
+use crate::evaluation::EvaluationError;
 use crate::optics::{Encoder, LensletArray};
-use crate::workbench::EvaluationError;
 use crate::workbench::background::activity::{Activities, ActivityKind};
 use crate::workbench::background::threads::{Threads, Wake, lock};
 use crate::workbench::ideal::design_run::{DesignRun, RankedStart, RunStatus, Start};
@@ -296,13 +296,14 @@ mod tests {
 
     use super::*;
     use crate::design::{IdealEvent, IdealProgress, Objective, Preset};
+    use crate::evaluation::{DensityModel, EstimateRequest, estimate};
     use crate::forward::Design;
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
+    use crate::workbench::estimate_command;
     use crate::workbench::ideal::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
     use crate::workbench::ideal::run::run_ideal;
-    use crate::workbench::{DensityModel, EstimateRequest, estimate, estimate_command};
 
     #[test]
     fn results_are_scored_by_what_a_command_can_repeat() {

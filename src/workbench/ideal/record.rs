@@ -6,15 +6,16 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::design::{Frame, Ideal, IdealEvent, IdealSettings, Objective, OnIdeal, least_separation_px, merged_result};
+use crate::evaluation::EvaluationError;
 use crate::formats::{FormatError, write_json};
 use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::Progress;
 use crate::optics::Encoder;
+use crate::workbench::Curve;
 use crate::workbench::export::record::RUN;
 use crate::workbench::ideal::run::{GoOn, run_ideal};
 use crate::workbench::study::Machine;
-use crate::workbench::{Curve, EvaluationError};
 
 /// A run as it stands in its file. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::design::{Ideal, IdealSettings, Objective, OnIdeal};
+use crate::evaluation::EvaluationError;
+use crate::evaluation::scene::ceiling_of;
 use crate::formats::{
     DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
 };
@@ -15,8 +17,6 @@ use crate::forward::ForwardModel;
 use crate::forward::{forward_model, open_set_with};
 use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray, render_psf};
-use crate::workbench::EvaluationError;
-use crate::workbench::evaluation::ceiling_of;
 use crate::workbench::ideal::design_run::{RankedStart, Start};
 use crate::workbench::ideal::record::IdealRecord;
 use crate::workbench::ideal::score::is_about;

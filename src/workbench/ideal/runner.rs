@@ -6,6 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::evaluation::{EstimateProgress, EvaluationError};
 use crate::forward::Design;
 use crate::information::Estimate;
 use crate::optics::LensletArray;
@@ -16,7 +17,6 @@ use crate::workbench::ideal::record::IdealRecord;
 use crate::workbench::ideal::run::{GoOn, KeptOrder, KeptRun, run_ideal};
 use crate::workbench::ideal::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
 use crate::workbench::study::{Study, StudyCell, StudyError, StudyEvent};
-use crate::workbench::{EstimateProgress, EvaluationError};
 
 /// Time between two tellings of a fit's progress; moves of the mask are all told.
 const TELL_EVERY: Duration = Duration::from_millis(100);

@@ -3,16 +3,16 @@
 use std::time::Duration;
 
 use crate::design::Frame;
+use crate::evaluation::estimation::read;
+use crate::evaluation::progress::Watch;
+use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, estimate};
 use crate::forward::Design;
 use crate::forward::{forward_model, open_set};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
-use crate::workbench::estimation::read;
 use crate::workbench::ideal::design_run::score_request;
 use crate::workbench::ideal::record::{IdealRecord, patches_of};
-use crate::workbench::progress::Watch;
 use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
-use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, estimate};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";

@@ -7,13 +7,13 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::worker::{Live, Shared, Stamped, Wanted};
+use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneOptics};
 use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::{ObjectError, Progress};
 use crate::sensor::{Convolution, Noise};
 use crate::workbench::background::activity::{ActivityKind, Entry};
 use crate::workbench::background::threads::lock;
-use crate::workbench::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use crate::workbench::jobs::job::{Job, Outcome, measured_snapshot};
 
 /// Tells how far the reading of objects is.

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use ndarray::{Array2, Array3, ArrayD, Axis};
 
+use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneOptics};
 use crate::formats::write_png_rgb;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
-use crate::workbench::evaluation::{EvaluationError, Optics, Scene, SceneOptics};
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};

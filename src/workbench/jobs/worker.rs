@@ -10,11 +10,11 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use super::evaluator::Evaluator;
+use crate::evaluation::scene::{LiveInformation, Measurements, Optics, Scene};
 use crate::forward::Design;
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::estimates::queue::Estimator;
-use crate::workbench::evaluation::{LiveInformation, Measurements, Optics, Scene};
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::live::inspection::{Closer, CloserOrder};
 

@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 use ndarray::{Array2, Array3};
 use serde::{Deserialize, Serialize};
 
+use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::forward::Design;
 use crate::forward::forward_model;
 use crate::information::{
     CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PairedDifference, PatchBatch,
     PatchStream,
 };
-use crate::workbench::evaluation::{EvaluationError, Scene};
 use crate::workbench::live::bounds::{Beads, Draws, SensorBounds};
 use crate::workbench::live::position_gradients::{Pull, Pulls};
 use crate::workbench::live::problem::{SCORED, SCORED_LAST, Subject};
@@ -195,7 +195,7 @@ impl Refiner {
     /// Takes steps for as slow as this, seconds.
     #[cfg(test)]
     pub fn set_pace(&mut self, pace: f64) {
-        self.pace = Some((pace, (crate::workbench::evaluation::LIVE_PATCH, crate::workbench::evaluation::LIVE_PATCH)));
+        self.pace = Some((pace, (crate::evaluation::scene::LIVE_PATCH, crate::evaluation::scene::LIVE_PATCH)));
     }
 
     /// Refines the live estimate of a design until it settles, and compares it with what it was before the last edit. `publish` gets

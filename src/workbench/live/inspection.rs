@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
+use crate::evaluation::scene::Measurements;
 use crate::information::{CausalModel, InformationError, PowerSpectrum, information_over, power_spectrum};
-use crate::workbench::evaluation::Measurements;
 
 /// Of a larger picture the middle is taken, so that edits never wait long for its transform.
 const LARGEST_SIDE: usize = 512;

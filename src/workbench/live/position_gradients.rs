@@ -154,10 +154,10 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
+    use crate::evaluation::scene::Scene;
     use crate::forward::Design;
     use crate::forward::forward_model;
     use crate::optics::{Encoder, Lenslet};
-    use crate::workbench::evaluation::Scene;
     use crate::workbench::live::problem::Subject;
 
     #[test]

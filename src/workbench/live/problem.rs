@@ -4,6 +4,8 @@ use std::sync::{Arc, OnceLock};
 
 use ndarray::{Array3, Axis, s};
 
+use crate::evaluation::estimation::moments;
+use crate::evaluation::scene::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
 use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::information::MeasurementStream;
@@ -16,8 +18,6 @@ use crate::nn::Averaging;
 use crate::objects::Split;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise};
-use crate::workbench::estimation::moments;
-use crate::workbench::evaluation::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
 use crate::workbench::live::bounds::Beads;
 use crate::workbench::live::estimator::{LiveEstimate, LiveRecipe};
 

@@ -7,12 +7,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::formats::{FormatError, content_key, create_folder, json_of, write_json};
 use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::Progress;
 use crate::optics::Encoder;
-use crate::workbench::evaluation::{EvaluationError, Scene};
 use crate::workbench::export::record::LIVE_ESTIMATE;
 use crate::workbench::live::estimator::{LiveEstimate, LiveRecipe, repeated};
 
@@ -191,10 +191,10 @@ mod tests {
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
     use super::*;
+    use crate::evaluation::scene::{Optics, SceneOptics};
     use crate::objects::ObjectSource;
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
-    use crate::workbench::evaluation::{Optics, SceneOptics};
     use crate::workbench::export::record::{Record, RecordError};
     use crate::workbench::live::bounds::Draws;
     use crate::workbench::live::estimator::Refiner;

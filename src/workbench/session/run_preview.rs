@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::design::IdealSettings;
+use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::optics::{Encoder, LensletArray};
-use crate::workbench::evaluation::EvaluationError;
 use crate::workbench::ideal::{DesignRun, KeptRun, RunStatus, Start};
 use crate::workbench::session::Workbench;
 

@@ -10,13 +10,13 @@ use ndarray::{Array2, Axis};
 use serde::{Deserialize, Serialize};
 
 use crate::design::merged;
+use crate::evaluation::scene::Optics;
 use crate::formats::{DocumentFolder, DocumentKind, FileContent, FormatError, create_folder};
 use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::workbench::estimates::queue::Estimates;
-use crate::workbench::evaluation::Optics;
 use crate::workbench::export::design_files::Curve;
 use crate::workbench::jobs::worker::Live;
 

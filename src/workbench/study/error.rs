@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
-use crate::workbench::EvaluationError;
 
 /// A study that was refused or stopped. A cell that fails is none of these: it is recorded, and the study goes on.
 #[derive(Debug, Error)]

@@ -5,19 +5,19 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::evaluation::estimation::estimate_on_patches;
+use crate::evaluation::progress::Watch;
+use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, write_safely};
 use crate::forward::Design;
 use crate::forward::open_set;
 use crate::information::{Estimate, PairedDifference, TestPatches};
-use crate::workbench::estimation::estimate_on_patches;
-use crate::workbench::progress::Watch;
 use crate::workbench::study::error::StudyError;
 use crate::workbench::study::machine::Machine;
 use crate::workbench::study::plot::bracket_plot;
 use crate::workbench::study::record::{StudyCell, StudyRecord};
 use crate::workbench::study::settings::{PlannedCell, StudyKind, StudySettings};
 use crate::workbench::study::tables::{CSV_HEADER, csv_row, markdown};
-use crate::workbench::{EstimateProgress, EstimateRequest, EvaluationError};
 
 /// The file that holds a study; the others are made from it.
 pub const RECORD: &str = "study.json";

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::forward::Design;
 use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
 use crate::objects::ObjectSource;
@@ -13,7 +14,6 @@ use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
 use crate::workbench::study::error::StudyError;
 use crate::workbench::study::published::{Published, PublishedSet, heuristic_lenslets, published};
-use crate::workbench::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 
 /// Bead densities of the published grid.
 const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];

@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::forward::open_set;
@@ -16,7 +17,6 @@ use crate::workbench::study::error::StudyError;
 use crate::workbench::study::record::StudyRecord;
 use crate::workbench::study::run::{Study, StudyEvent};
 use crate::workbench::study::settings::{StudyDesign, StudyObjects, StudySettings};
-use crate::workbench::{EstimateProgress, EstimateRequest, EvaluationError};
 
 /// An estimate of this many bits per pixel.
 pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
@@ -135,7 +135,7 @@ fn a_study_that_is_stopped_keeps_its_finished_cells() {
 #[test]
 fn a_cell_that_fails_is_recorded_and_tried_again() {
     let folder = tempfile::tempdir().unwrap();
-    let fails = |design: &Design, _: &EstimateRequest, _: crate::workbench::Watch<'_>| -> Result<_, EvaluationError> {
+    let fails = |design: &Design, _: &EstimateRequest, _: crate::evaluation::Watch<'_>| -> Result<_, EvaluationError> {
         if design.objects.to_string() == "beads:0.02" {
             return Err(SensorError::PatchTooLarge { patch_rows: 32, patch_cols: 32, rows: 5, cols: 5 }.into());
         }
@@ -296,7 +296,7 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
         let more = if design.encoder.describe() == "1 lenslet" { 0.0 } else { -0.1 };
         (0..50).map(|patch| 0.3 + more + 0.01 * f64::from(patch) + 1e-4 * more * f64::from(patch % 2)).collect()
     };
-    let compute = |design: &Design, _: &EstimateRequest, _: crate::workbench::Watch<'_>| {
+    let compute = |design: &Design, _: &EstimateRequest, _: crate::evaluation::Watch<'_>| {
         let (estimate, _) = of(design, estimated(0.25, None));
         Ok((estimate, TestPatches { told: told(design), ..TestPatches::default() }))
     };

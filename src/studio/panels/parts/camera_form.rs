@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use egui::{ComboBox, Ui};
 
+use crate::evaluation::{Calibration, MeasuredOrder};
 use crate::information::Estimator;
 use crate::studio::state::app_state::State;
 use crate::studio::state::estimate_form::OF_IMAGES;
@@ -11,7 +12,7 @@ use crate::studio::state::messages::Severity;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{Calibration, FileUse, MeasuredOrder};
+use crate::workbench::FileUse;
 
 /// Shows the form.
 pub fn show(ui: &mut Ui, state: &mut State) {

@@ -1,7 +1,8 @@
 //! Progress of jobs as text.
 
+use crate::evaluation::spoken;
 use crate::studio::state::app_state::State;
-use crate::workbench::{Activity, spoken};
+use crate::workbench::Activity;
 
 /// Name and progress of the first active job, and the number of others.
 pub fn summary(state: &State) -> Option<String> {

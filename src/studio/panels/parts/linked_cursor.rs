@@ -3,13 +3,13 @@
 use egui::Ui;
 use ndarray::{ArrayView2, Axis, CowArray, Ix2};
 
+use crate::evaluation::{Measurements, Scene};
 use crate::sensor::field_offset;
 use crate::studio::canvas::image_view::Shown;
 use crate::studio::canvas::overlays;
 use crate::studio::state::app_state::State;
 use crate::studio::state::views::{CursorPlace, Side};
 use crate::studio::widgets::controls::name_widget;
-use crate::workbench::{Measurements, Scene};
 
 /// An object summed over its planes, shape (rows, cols).
 pub fn object_of(scene: &Scene, sample: usize) -> CowArray<'_, f32, Ix2> {

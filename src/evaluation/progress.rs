@@ -38,7 +38,7 @@ impl EstimateProgress {
 }
 
 /// Tells of what happens in one of several trials as of a part of them all; `seconds` are those of the fits so far.
-pub(super) fn in_trial<T>(
+pub(crate) fn in_trial<T>(
     (index, count): (usize, usize),
     seconds: &mut f64,
     watch: Watch<'_>,
@@ -83,12 +83,12 @@ pub enum FittedModel {
 pub type Watch<'a> = &'a mut (dyn FnMut(&EstimateProgress) -> ControlFlow<()> + Send);
 
 /// Tells of a step that is no fit.
-pub(super) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> Result<(), InformationError> {
+pub(crate) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> Result<(), InformationError> {
     notify(watch, &EstimateProgress { step: step.to_owned(), done, total, fit: None, understood: None })
 }
 
 /// Tells what was understood of the files that were read.
-pub(super) fn report_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
+pub(crate) fn report_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
     let understood = Some(understood.to_owned());
     notify(watch, &EstimateProgress { step: "Files are read".into(), done: 1, total: 1, fit: None, understood })
 }
@@ -173,7 +173,7 @@ pub fn spoken(time: Duration) -> String {
 const CURVE_POINTS: usize = 600;
 
 /// Drops every second point of a curve that has grown long.
-pub(super) fn thin_out(curve: &mut Vec<FitPoint>) {
+pub(crate) fn thin_out(curve: &mut Vec<FitPoint>) {
     if curve.len() > CURVE_POINTS {
         let mut index = 0;
         curve.retain(|_| {

@@ -5,20 +5,20 @@ use std::rc::Rc;
 
 use ndarray::{Array3, ArrayView3, Axis};
 
+use crate::evaluation::progress::{Watch, tell};
+use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::information::{InformationError, Protocol, SharedPictures, Trial};
 use crate::objects::{ObjectSet, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches};
-use crate::workbench::evaluation::EvaluationError;
-use crate::workbench::progress::{Watch, tell};
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
-pub(super) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
+pub(crate) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
 /// The point spread function as far as the objects have planes, shape (planes, rows, cols).
-pub(super) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
+pub(crate) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
     Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
 }
 
@@ -26,7 +26,7 @@ pub(super) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, 
 type Shown = ((usize, u64), Rc<SharedPictures>);
 
 /// Where patches come from.
-pub(super) struct PatchSource<'a> {
+pub(crate) struct PatchSource<'a> {
     pub design: &'a Design,
     pub imaging: &'a ForwardModel<'a>,
     /// For the PSF of the design.

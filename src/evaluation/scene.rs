@@ -325,7 +325,7 @@ fn bead_ceiling(set: &ObjectSet) -> Result<Option<(BeadCeiling, Array2<f64>)>, I
 
 /// The object-entropy ceiling of a patch, where the objects' entropy is known: that of the counts themselves, which takes
 /// longer than an edit may.
-pub(super) fn ceiling_of(
+pub(crate) fn ceiling_of(
     design: &Design,
     set: &ObjectSet,
     psf: ArrayView3<'_, f64>,

@@ -12,6 +12,13 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use crate::evaluation::calibration::Calibration;
+use crate::evaluation::checkpoint::{Identity, KeptEstimate};
+use crate::evaluation::estimation::network_trial;
+use crate::evaluation::measured_error::MeasuredError;
+use crate::evaluation::patch_source::LARGEST_PATCHES_BYTES;
+use crate::evaluation::progress::{Watch, in_trial, report_understood, tell};
+use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
     CausalRequest, Covariance, Estimate, FitKeeper, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
@@ -21,13 +28,6 @@ use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::seeds::SeedStream;
 use crate::sensor::{Noise, Patches, SensorError};
-use crate::workbench::calibration::Calibration;
-use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
-use crate::workbench::estimation::network_trial;
-use crate::workbench::kept_estimate::{Identity, KeptEstimate};
-use crate::workbench::measured_error::MeasuredError;
-use crate::workbench::patch_source::LARGEST_PATCHES_BYTES;
-use crate::workbench::progress::{Watch, in_trial, report_understood, tell};
 
 /// One image in this many is held out for the test patches.
 const TEST_SHARE: usize = 5;
@@ -114,7 +114,7 @@ pub struct MeasuredOrder {
 
 impl MeasuredOrder {
     /// The same by a path that means the same in every folder.
-    pub(super) fn absolute(&self) -> Self {
+    pub(crate) fn absolute(&self) -> Self {
         Self { source: self.source.absolute(), calibration: self.calibration }
     }
 

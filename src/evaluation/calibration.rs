@@ -3,8 +3,8 @@
 use ndarray::{Array3, ArrayView3, s};
 use serde::{Deserialize, Serialize};
 
+use crate::evaluation::measured_error::MeasuredError;
 use crate::sensor::Noise;
-use crate::workbench::measured_error::MeasuredError;
 
 /// Read noise hides grey levels so far apart, in its deviations.
 const MOST_STEP: f64 = 2.0;
@@ -30,7 +30,7 @@ impl Default for Calibration {
 }
 
 impl Calibration {
-    pub(super) fn check(&self) -> Result<(), MeasuredError> {
+    pub(crate) fn check(&self) -> Result<(), MeasuredError> {
         let wrong = |what, expected, found| Err(MeasuredError::Calibration { what, expected, found });
         if !(self.gain > 0.0 && self.gain.is_normal()) {
             return wrong("gain", "a number above 0, in grey levels per photon", self.gain);
@@ -42,7 +42,7 @@ impl Calibration {
     }
 
     /// Photons of images of grey levels, shape (n, rows, cols); rows and columns that fill no bin are left out.
-    pub(super) fn photons(&self, grey: ArrayView3<'_, f32>) -> Result<Array3<f32>, MeasuredError> {
+    pub(crate) fn photons(&self, grey: ArrayView3<'_, f32>) -> Result<Array3<f32>, MeasuredError> {
         let (count, rows, cols) = grey.dim();
         let bin = self.bin;
         if !(1..=rows.min(cols)).contains(&bin) {
@@ -56,7 +56,7 @@ impl Calibration {
     }
 
     /// What a reader must know of it.
-    pub(super) fn describe(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         let Self { gain, offset, bin } = *self;
         let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
         format!("photons are (grey level - {offset}) / {gain}{sum}")
@@ -69,7 +69,7 @@ impl Calibration {
 
     /// The noise by which whole grey levels bound information from above. Read noise that is too weak to hide them is left
     /// out, as [`Noise::bounding`] does it for whole counts: it only takes from what those tell.
-    pub(super) fn bounding(&self, noise: Noise) -> Noise {
+    pub(crate) fn bounding(&self, noise: Noise) -> Noise {
         match noise {
             Noise::ShotRead { sigma } if self.step() > MOST_STEP * sigma => Noise::Shot,
             other => other,
@@ -77,7 +77,7 @@ impl Calibration {
     }
 
     /// What a reader must know where whole grey levels are coarse beside the noise.
-    pub(super) fn warn_of_steps(&self, noise: Noise) -> Option<String> {
+    pub(crate) fn warn_of_steps(&self, noise: Noise) -> Option<String> {
         let (step, read) = (self.step(), MOST_STEP * noise.read_sigma().unwrap_or(0.0));
         // Shot noise hides steps of a photon.
         let hidden = if noise.has_shot_noise() { read.max(1.0) } else { read };

@@ -3,6 +3,11 @@
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 
+use crate::evaluation::checkpoint::KeptEstimate;
+use crate::evaluation::patch_source::seen_psf;
+use crate::evaluation::progress::{Watch, tell};
+use crate::evaluation::request::{DensityModel, EstimateRequest};
+use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::forward::forward_model;
@@ -13,11 +18,6 @@ use crate::information::{
 };
 use crate::objects::ObjectSet;
 use crate::seeds::SeedStream;
-use crate::workbench::estimate_request::{DensityModel, EstimateRequest};
-use crate::workbench::evaluation::EvaluationError;
-use crate::workbench::kept_estimate::KeptEstimate;
-use crate::workbench::patch_source::seen_psf;
-use crate::workbench::progress::{Watch, tell};
 
 /// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
 /// above, which is soon as good as it gets; the rest is that of the density model.
@@ -25,8 +25,8 @@ const DECODING: f64 = 0.25;
 const FOLLOWING_BELOW: f64 = 5.0 / 16.0;
 const FOLLOWING_ABOVE: f64 = 3.0 / 16.0;
 /// What they leave to a density model where the estimate bounds from above alone, and from both sides.
-pub(super) const DENSITY_ABOVE: f64 = 1.0 - FOLLOWING_ABOVE;
-pub(super) const DENSITY_BETWEEN: f64 = 1.0 - (DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE);
+pub(crate) const DENSITY_ABOVE: f64 = 1.0 - FOLLOWING_ABOVE;
+pub(crate) const DENSITY_BETWEEN: f64 = 1.0 - (DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE);
 
 /// Levels over which the posterior is followed beside fits of so many steps: as many steps for each, and the fewest and the
 /// most of them.
@@ -34,7 +34,7 @@ const STEPS_PER_LEVEL: usize = 4;
 const LEVELS: (usize, usize) = (64, 400);
 
 /// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
-pub(super) fn bead_channel(
+pub(crate) fn bead_channel(
     design: &Design,
     imaging: &ForwardModel<'_>,
     patch: (usize, usize),
@@ -91,7 +91,7 @@ fn told_at_once(
 ///
 /// # Errors
 /// When cancelled.
-pub(super) fn bounded_at_once(
+pub(crate) fn bounded_at_once(
     mut estimate: Estimate,
     (channel, request): (&BeadChannel, &EstimateRequest),
     seed: u64,
@@ -112,7 +112,7 @@ pub(super) fn bounded_at_once(
 }
 
 /// A share of a time; steps are not shared.
-pub(super) fn share_of(length: FitLength, share: f64) -> FitLength {
+pub(crate) fn share_of(length: FitLength, share: f64) -> FitLength {
     match length {
         FitLength::Time(time) => FitLength::Time(time.mul_f64(share)),
         steps @ FitLength::Steps(_) => steps,
@@ -120,7 +120,7 @@ pub(super) fn share_of(length: FitLength, share: f64) -> FitLength {
 }
 
 /// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
-pub(super) fn bead_bounds(
+pub(crate) fn bead_bounds(
     channel: &BeadChannel,
     (seed, length, fresh): (u64, FitLength, bool),
     kept: &mut KeptEstimate,
@@ -148,7 +148,7 @@ pub(super) fn bead_bounds(
 }
 
 /// What following the posterior tells from above beside a density model, where the program has a decoder to begin with.
-pub(super) fn bound_above(
+pub(crate) fn bound_above(
     channel: &BeadChannel,
     (seed, length): (u64, FitLength),
     kept: &mut KeptEstimate,

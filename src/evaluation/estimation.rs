@@ -6,6 +6,14 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use crate::evaluation::bead_bounds::{
+    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
+};
+use crate::evaluation::checkpoint::{Identity, KeptEstimate};
+use crate::evaluation::patch_source::{PatchSource, seen_psf};
+use crate::evaluation::progress::{EstimateProgress, Watch, in_trial, tell};
+use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
+use crate::evaluation::scene::{EvaluationError, ceiling_of};
 use crate::formats::json_of;
 use crate::forward::Design;
 use crate::forward::{ForwardModel, mean_measurement};
@@ -18,17 +26,9 @@ use crate::information::{
 use crate::objects::{ObjectSet, Progress, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::Patches;
-use crate::workbench::bead_bounds::{
-    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
-};
-use crate::workbench::estimate_request::{DensityModel, EstimateRequest, WeightsFiles};
-use crate::workbench::evaluation::{EvaluationError, ceiling_of};
-use crate::workbench::kept_estimate::{Identity, KeptEstimate};
-use crate::workbench::patch_source::{PatchSource, seen_psf};
-use crate::workbench::progress::{EstimateProgress, Watch, in_trial, tell};
 
 /// What decides an estimate of a design.
-pub(super) fn identity(design: &Design, objects_fingerprint: &String, request: &EstimateRequest) -> Identity {
+pub(crate) fn identity(design: &Design, objects_fingerprint: &String, request: &EstimateRequest) -> Identity {
     let content = json!({
         "design": json_of(design),
         "objects": objects_fingerprint,
@@ -63,7 +63,7 @@ pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) ->
 ///
 /// # Errors
 /// As [`estimate`].
-pub(super) fn estimate_on_patches(
+pub(crate) fn estimate_on_patches(
     design: &Design,
     request: &EstimateRequest,
     watch: Watch<'_>,
@@ -216,7 +216,7 @@ fn trial(
 }
 
 /// The objects of a design.
-pub(super) fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
+pub(crate) fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
     tell(watch, "Reading objects", 0, 1)?;
     let watch = RefCell::new(watch);
     let reading = |Progress { done, total, understood }: Progress| {
@@ -288,7 +288,7 @@ pub fn tells_of_unwritten_weights(note: &str) -> bool {
 
 /// The trial of a `PixelCNN` that is fitted, or of weights that are there; those of a fit are kept where it is smaller than the
 /// `smallest` trial before. Where they cannot be, the trial is worth having all the same and has a note.
-pub(super) fn network_trial(
+pub(crate) fn network_trial(
     request: &PixelCnnRequest<'_>,
     files: &WeightsFiles,
     smallest: Option<f64>,
@@ -335,7 +335,7 @@ fn causal(
 }
 
 /// Mean and autocovariance of the measurements, from those of the objects of a split and the PSF.
-pub(super) fn moments(
+pub(crate) fn moments(
     design: &Design,
     imaging: &ForwardModel<'_>,
     (split, patch): (Split, (usize, usize)),

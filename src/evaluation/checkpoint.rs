@@ -7,13 +7,13 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::evaluation::estimation::tells_of_unwritten_weights;
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
-use crate::workbench::estimation::tells_of_unwritten_weights;
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
 /// on. Without a file everything is computed as it comes.
-pub(super) struct KeptEstimate {
+pub(crate) struct KeptEstimate {
     path: Option<PathBuf>,
     /// Held while the estimate goes on, so that no other one keeps its parts there.
     _lock: Option<NameLock>,
@@ -28,7 +28,7 @@ const ESTIMATE_CHECKPOINT: DocumentKind =
     DocumentKind::unmarked_before("lenslet-studio/estimate-checkpoint", "the state of an estimate");
 
 /// What decides an estimate completely, apart from the version of the program's numbers.
-pub(super) struct Identity {
+pub(crate) struct Identity {
     /// The entries by fixed names, which no change of the code renames.
     pub content: Value,
     /// The texts by which the program told estimates apart before it had such entries. Files of that time know the estimate by one of
@@ -233,7 +233,7 @@ impl KeptEstimate {
 }
 
 /// Removes the files of an estimate, once its result is where it is to stay.
-pub(super) fn end(path: &Path) {
+pub(crate) fn end(path: &Path) {
     // Another estimate may have begun to go on with it.
     let Ok(_lock) = lock_name(path, &fit_file(path, LOCK)) else { return };
     // Those that stay behind are in nobody's way: the next estimate in this place begins by removing them.
@@ -337,14 +337,13 @@ mod tests {
     use ndarray::Array2;
 
     use super::*;
+    use crate::evaluation::estimation::identity;
+    use crate::evaluation::{DensityModel, EstimateRequest, Scene, WeightsFiles};
     use crate::formats::json_of;
     use crate::forward::Design;
     use crate::information::{DecoderKind, EngineChoice, Estimator, Protocol, TrialSettings};
     use crate::optics::{Encoder, PsfImage, heuristic_layout};
     use crate::sensor::Noise;
-    use crate::workbench::estimates::files::EstimateFolder;
-    use crate::workbench::estimation::identity;
-    use crate::workbench::{DensityModel, EstimateRequest, Scene, WeightsFiles};
 
     #[test]
     fn estimates_of_psf_images_that_differ_in_one_pixel_have_different_keys() {
@@ -374,25 +373,23 @@ mod tests {
             std::fs::copy(golden.join(name), &path).unwrap();
             path
         };
-        let estimates = folder.path().join("estimates");
-        std::fs::create_dir_all(estimates.join("pending")).unwrap();
-        let order = golden.join("window-v0/estimates/pending/order.json");
-        std::fs::copy(order, estimates.join("pending/order.json")).unwrap();
-        let (order, given_up) = EstimateFolder::open(estimates).interrupted().unwrap();
-        assert_eq!(given_up, None);
-        let objects = objects_of(&order.design);
+        let order = std::fs::read(golden.join("window-v0/estimates/pending/order.json")).unwrap();
+        let order: Value = serde_json::from_slice(&order).unwrap();
+        let design: Design = serde_json::from_value(order["order"]["design"].clone()).unwrap();
+        let request: EstimateRequest = serde_json::from_value(order["order"]["request"].clone()).unwrap();
+        let objects = objects_of(&design);
         let state = copied("window-v0/estimates/pending/state");
-        let kept = KeptEstimate::open(Some(&state), || identity(&order.design, &objects, &order.request)).unwrap();
+        let kept = KeptEstimate::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
         assert!(kept.parts.trials.len() == 1 && kept.parts.decoder.is_some() && kept.parts.earlier_key.is_some());
         drop(kept);
         // It was written again with its format and the key of today, and is the same estimate still.
         let text = std::fs::read_to_string(&state).unwrap();
         assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate-checkpoint\",\"format_version\":1,"));
-        let kept = KeptEstimate::open(Some(&state), || identity(&order.design, &objects, &order.request)).unwrap();
+        let kept = KeptEstimate::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
         assert!(kept.parts.trials.len() == 1 && kept.parts.earlier_key.is_some());
         drop(kept);
-        let other = EstimateRequest { patches_test: 1499, ..order.request.clone() };
-        assert!(KeptEstimate::open(Some(&state), || identity(&order.design, &objects, &other)).is_err());
+        let other = EstimateRequest { patches_test: 1499, ..request.clone() };
+        assert!(KeptEstimate::open(Some(&state), || identity(&design, &objects, &other)).is_err());
 
         // One that was stopped during its first fit, whose state has a key of its own.
         let path = copied("resume-v0");

@@ -6,11 +6,11 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::evaluation::checkpoint;
 use crate::formats::path_text;
 use crate::information::{
     Beginning, EngineChoice, Estimator, FitLength, InformationError, Protocol, check_causal_patch,
 };
-use crate::workbench::kept_estimate;
 
 /// Which density model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -82,7 +82,7 @@ impl DensityModel {
     }
 
     /// Refuses a patch, rows and columns in pixels, that is too large for it, where thousands would be drawn of any size.
-    pub(super) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
+    pub(crate) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
         match self {
             Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
             Self::Stationary | Self::Full | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
@@ -182,18 +182,18 @@ impl EstimateRequest {
     /// Removes what was kept, once the result is where it is to stay.
     pub fn end_kept(&self) {
         if let Some(path) = &self.keep {
-            kept_estimate::end(path);
+            checkpoint::end(path);
         }
     }
 
     /// How often it is repeated; what a bracket takes its bounds from is not.
-    pub(super) fn repetitions(&self) -> usize {
+    pub(crate) fn repetitions(&self) -> usize {
         if matches!(self.model, DensityModel::Bracket { .. }) { 1 } else { self.trials.max(1) }
     }
 
     /// Time for what is left of its fits at the most, where a time was asked for, after so much time and a share of all trials: of
     /// several some may have been there before.
-    pub(super) fn time_left(&self, elapsed: Duration, share: f64) -> Option<Duration> {
+    pub(crate) fn time_left(&self, elapsed: Duration, share: f64) -> Option<Duration> {
         let FitLength::Time(time) = self.model.length()? else { return None };
         let repetitions = self.repetitions() as u32;
         let all = time.saturating_mul(repetitions);
@@ -202,7 +202,7 @@ impl EstimateRequest {
     }
 
     /// All that decides the parts of an estimate, by names that stay; how many trials are taken decides none of them.
-    pub(super) fn identity(&self) -> Value {
+    pub(crate) fn identity(&self) -> Value {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
         let path = |file: &Option<PathBuf>| file.as_deref().map(path_text);
         json!({
@@ -220,7 +220,7 @@ impl EstimateRequest {
     }
 
     /// The texts that stood for the same before that: see [`Identity::earlier`](kept_estimate::Identity::earlier).
-    pub(super) fn earlier_identities(&self) -> Vec<String> {
+    pub(crate) fn earlier_identities(&self) -> Vec<String> {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
         let protocol = match protocol {
             Protocol::Default => "Default",
@@ -235,7 +235,7 @@ impl EstimateRequest {
     }
 
     /// What a causal density model begins with.
-    pub(super) fn beginning(&self) -> Beginning<'static> {
+    pub(crate) fn beginning(&self) -> Beginning<'static> {
         if self.fresh { Beginning::Drawn } else { Beginning::Shipped }
     }
 }

@@ -1,0 +1,22 @@
+//! The evaluation of one design: its measurements, its bounds, and estimates that take minutes.
+
+pub(crate) mod bead_bounds;
+pub(crate) mod calibration;
+pub(crate) mod checkpoint;
+pub(crate) mod estimation;
+pub(crate) mod measured;
+pub(crate) mod measured_error;
+pub(crate) mod patch_source;
+pub(crate) mod progress;
+pub(crate) mod request;
+pub(crate) mod scene;
+
+pub use bead_bounds::lower_bound_at_once;
+pub use calibration::Calibration;
+pub use checkpoint::has_name_of_fit;
+pub use estimation::{estimate, tells_of_unwritten_weights};
+pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
+pub use measured_error::MeasuredError;
+pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
+pub use request::{DensityModel, EstimateRequest, WeightsFiles};
+pub use scene::{EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics};
