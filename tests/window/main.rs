@@ -1,5 +1,4 @@
 //! The window, driven by the names that assistive technology sees.
-#![cfg(feature = "studio")]
 
 mod compare;
 mod dialogs;

@@ -9,7 +9,8 @@ use ndarray::{Array3, ArrayView2};
 use crate::formats::{self, CompleteFile, FormatError};
 
 /// A map from values to colours.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Colormap {
     /// Black to white.
     Gray,
