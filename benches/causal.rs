@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::information::{
-    Beginning, CausalFit, CausalModel, CausalShape, FitLength, InformationError, Moments, PatchBatch, PatchStream,
+    CausalFit, CausalModel, CausalShape, FitLength, InformationError, Init, Moments, PatchBatch, PatchStream,
 };
 use lenslet_studio::sensor::Noise;
 use ndarray::Array3;
@@ -43,7 +43,7 @@ fn training_step(criterion: &mut Criterion) {
     let batch = PatchBatch { noisy: Noise::Shot.draw(clean.view(), 1), clean: Some(clean) };
     let moments = Moments::of_patches(batch.noisy.view()).expect("patches that vary");
     let mut model =
-        CausalModel::new(CausalShape::default(), Noise::Shot, &batch, &moments, Beginning::Drawn, 1).expect("a model");
+        CausalModel::new(CausalShape::default(), Noise::Shot, &batch, &moments, Init::Random, 1).expect("a model");
     let (stream, shapes) = (Same(batch), causal_shapes());
     // A step as most of a fit are: unfitted densities expect little, and what they do not expect is summed in double precision.
     let first = CausalFit::new(FitLength::Steps(400), 1);

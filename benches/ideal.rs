@@ -12,7 +12,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Objective, Preset};
 use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{
-    CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitLength, HeldDensity, spot_slope,
+    CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitLength, FrozenDensity, bead_response_gradient,
 };
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
 use lenslet_studio::optics::{Limits, psf_gradient, random_layout, render_psf};
@@ -131,7 +131,7 @@ fn up_the_posterior(criterion: &mut Criterion) {
         let at_once = (scenes / settings.moves).max(2);
         bencher.iter(|| {
             for first in (0..scenes).step_by(at_once) {
-                spot_slope(&channel, decoder, (1, first, at_once)).expect("a slope");
+                bead_response_gradient(&channel, decoder, (1, first, at_once)).expect("a slope");
             }
         });
     });

@@ -5,7 +5,7 @@ mod study_stream;
 use std::ops::ControlFlow;
 
 use lenslet_studio::information::{
-    Beginning, CausalFit, CausalModel, CausalRequest, Estimator, FitKeeper, FitLength, InformationError, PatchBatch,
+    CausalFit, CausalModel, CausalRequest, Estimator, FitCheckpoint, FitLength, InformationError, Init, PatchBatch,
     PatchStream, causal_estimate, causal_model,
 };
 use lenslet_studio::studies::{GaussianField, KnownTruth, TwoRates};
@@ -37,8 +37,8 @@ fn request<'a>(
         moments: None,
         noise: study.noise(),
         length: FitLength::Steps(steps),
-        beginning: Beginning::Drawn,
-        estimator: Estimator::Full,
+        beginning: Init::Random,
+        estimator: Estimator::Causal,
         seed: 4,
     }
 }
@@ -112,7 +112,7 @@ fn a_fit_that_is_broken_off_late_has_not_learnt_by_heart_either() {
 #[derive(Default)]
 struct InMemory(std::sync::Mutex<Option<Vec<u8>>>);
 
-impl FitKeeper for InMemory {
+impl FitCheckpoint for InMemory {
     fn key(&self) -> &'static str {
         "this fit"
     }
@@ -140,7 +140,7 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
     let study = KnownTruth::TwoRates(TwoRates { side_px: 8, ..TwoRates::default() });
     let stream = StudyStream(&study);
     let test = stream.draw(20, 3).unwrap();
-    let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+    let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
         let request = CausalRequest {
             stream: &stream,
             test: &test,
@@ -149,8 +149,8 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
             moments: None,
             noise: study.noise(),
             length: FitLength::Steps(150),
-            beginning: Beginning::Drawn,
-            estimator: Estimator::Full,
+            beginning: Init::Random,
+            estimator: Estimator::Causal,
             seed: 4,
         };
         let mut steps = 0;

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{
-    BeadCeiling, BeadChannel, Decoder, DecoderFit, DecoderKind, InformationError, LowerBound, PosteriorBound,
-    PosteriorFit, QuickLowerBound, decoder_lower_bound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
-    savings_gain,
+    AisBound, AisSettings, BeadChannel, BeadEntropyBound, Decoder, DecoderFit, DecoderKind, InformationError,
+    LowerBound, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, decoder_lower_bound,
+    paired_gain,
 };
 use lenslet_studio::objects::{ObjectOptions, ObjectSet};
 use lenslet_studio::optics::{heuristic_layout, render_psf};
@@ -113,7 +113,7 @@ fn every_noise_and_volumes_stay_below_the_ceiling() {
     spot[[1, 2, 0]] = 80.0;
     for noise in [Noise::Shot, Noise::Read { sigma: 4.0 }, Noise::ShotRead { sigma: 2.0 }] {
         let channel = BeadChannel { spot: spot.clone(), probability: 0.05, bias: 10.0, noise, patch: (6, 7) };
-        let ceiling = BeadCeiling::new(0.05).unwrap().evaluate(spot.view(), 10.0, (6, 7), noise).unwrap();
+        let ceiling = BeadEntropyBound::new(0.05).unwrap().evaluate(spot.view(), 10.0, (6, 7), noise).unwrap();
         let (bound, _) = fitted(&channel, DecoderKind::Factorised, 150, 1);
         println!("{noise}: {:.4} of at most {:.4}", bound.bits_per_pixel, ceiling.bits_per_pixel);
         assert_eq!(bound.sites, ceiling.footprint_pixels);
@@ -144,12 +144,12 @@ fn a_short_fit_undoes_nothing_that_a_decoder_knows() {
     let psf = render_psf(&heuristic_layout(9), 1).unwrap();
     let channel = imaging.bead_channel(psf.view(), (32, 32)).unwrap();
     let shipped = Decoder::shipped().unwrap();
-    let told = |decoder: &Decoder| decoder_savings(decoder, &channel, (5, 256), 0..512, &|| true).unwrap();
+    let told = |decoder: &Decoder| decoder_information(decoder, &channel, (5, 256), 0..512, &|| true).unwrap();
     let fitted = |rate: f64| {
         let fit = DecoderFit { rate, max_test: 1, ..DecoderFit::of_steps(120, DecoderKind::Autoregressive, 3) };
         let (_, decoder) =
             decoder_lower_bound(&channel, &fit, Some(shipped), None, &mut |_| ControlFlow::Continue(())).unwrap();
-        savings_gain(&told(shipped), &told(&decoder))
+        paired_gain(&told(shipped), &told(&decoder))
     };
     let ((on, half_width), (anew, _)) = (fitted(DecoderFit::RATE_ON), fitted(DecoderFit::RATE));
     println!("{on} {half_width} {anew}");
@@ -224,20 +224,20 @@ fn the_decoder_of_the_program_bounds_at_once_what_it_was_never_fitted_to() {
         [(Noise::Shot, 10.0), (Noise::ShotRead { sigma: 3.0 }, 25.0), (Noise::Read { sigma: 5.0 }, 10.0)]
     {
         let channel = BeadChannel { spot: three_lenslets(), probability: 0.02, bias, noise, patch: (20, 24) };
-        let bound = QuickLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap().unwrap();
-        let ceiling = BeadCeiling::new(channel.probability).unwrap();
+        let bound = PretrainedLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap().unwrap();
+        let ceiling = BeadEntropyBound::new(channel.probability).unwrap();
         let ceiling = ceiling.evaluate(channel.spot.view(), bias, channel.patch, noise).unwrap().bits_per_pixel;
         assert!(bound.interval_95[0] <= ceiling, "{noise}: {bound:?} {ceiling}");
         assert!(bound.bits_per_pixel > 0.6 * ceiling, "{noise}: {bound:?} {ceiling}");
         assert_eq!(bound.samples, 512);
         // Equal seeds give equal bits.
-        assert_eq!(Some(bound), QuickLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap());
+        assert_eq!(Some(bound), PretrainedLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap());
     }
     let channel = toy(Noise::Shot);
     let (truth, error) = exact(&channel, 4000);
-    let bound = QuickLowerBound::new(&channel, (2048, 0.0), 5, &|| true).unwrap().unwrap();
+    let bound = PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &|| true).unwrap().unwrap();
     assert!(bound.interval_95[0] <= truth + 3.0 * error, "{bound:?} {truth}");
-    let stopped = QuickLowerBound::new(&channel, (2048, 0.0), 5, &|| false);
+    let stopped = PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &|| false);
     assert!(matches!(stopped, Err(InformationError::Cancelled)), "{stopped:?}");
 }
 
@@ -270,25 +270,18 @@ fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
     let spot = array![[[6.0, 10.0, 6.0], [10.0, 16.0, 10.0], [6.0, 10.0, 6.0]]];
     let channel = BeadChannel { spot, probability: 0.06, bias: 10.0, noise: Noise::Shot, patch: (8, 8) };
     let decoder = Decoder::shipped().unwrap();
-    let followed =
-        |samples, half_width, seed| PosteriorFit { samples, half_width, ..PosteriorFit::of_levels(16, seed) };
+    let followed = |samples, half_width, seed| AisSettings { samples, half_width, ..AisSettings::of_levels(16, seed) };
     let go_on = |_: &_| ControlFlow::Continue(());
     let at_once = |samples, half_width, seed| {
-        let bound = QuickLowerBound::new(&channel, (samples, half_width), seed, &|| true).unwrap().unwrap();
+        let bound = PretrainedLowerBound::new(&channel, (samples, half_width), seed, &|| true).unwrap().unwrap();
         (bound.bits_per_pixel, bound.interval_95, bound.samples)
     };
-    let told = |bound: PosteriorBound| (bound.bits_per_pixel, bound.interval_95, bound.samples);
+    let told = |bound: AisBound| (bound.bits_per_pixel, bound.interval_95, bound.samples);
     let below = |samples, half_width, seed| {
-        told(
-            posterior_lower_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on })
-                .unwrap(),
-        )
+        told(ais_lower_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on }).unwrap())
     };
     let above = |samples, half_width, seed| {
-        told(
-            posterior_upper_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on })
-                .unwrap(),
-        )
+        told(ais_upper_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on }).unwrap())
     };
     let bounds: [(&str, Bound<'_>); 3] = [("decoder", &at_once), ("from below", &below), ("from above", &above)];
     for (name, bound) in bounds {

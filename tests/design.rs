@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use lenslet_studio::design::{GradientScene, information_gradient};
 use lenslet_studio::information::{
-    Beginning, CausalFit, CausalModel, CausalShape, FitLength, InformationError, Moments, PatchBatch, PatchStream,
+    CausalFit, CausalModel, CausalShape, FitLength, InformationError, Init, Moments, PatchBatch, PatchStream,
 };
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{LensletArray, heuristic_layout, render_psf};
@@ -35,8 +35,7 @@ impl PatchStream for Measured<'_> {
 fn fitted(stream: &Measured<'_>, steps: usize) -> CausalModel {
     let sample = stream.draw(256, 1).unwrap();
     let moments = Moments::of_patches(sample.noisy.view()).unwrap();
-    let mut model =
-        CausalModel::new(CausalShape::default(), Noise::Shot, &sample, &moments, Beginning::Drawn, 2).unwrap();
+    let mut model = CausalModel::new(CausalShape::default(), Noise::Shot, &sample, &moments, Init::Random, 2).unwrap();
     let fit = CausalFit::new(FitLength::Steps(steps), 3);
     fit.fit(&mut model, stream, &mut |_| ControlFlow::Continue(())).unwrap();
     model

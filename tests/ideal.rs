@@ -264,7 +264,8 @@ fn information_is_told_of_held_out_objects_only() {
     let value = |split| {
         let objects = set.objects(split, 128, SeedStream::HeldOutObjects.derive(3)).unwrap();
         let encoded = convolver.measure(objects.view(), 10.0).unwrap();
-        let clean = Patches::one_each(encoded.dim(), (8, 8), SeedStream::HeldOutPlaces.derive(3)).unwrap().cut(encoded.view());
+        let clean =
+            Patches::one_each(encoded.dim(), (8, 8), SeedStream::HeldOutPlaces.derive(3)).unwrap().cut(encoded.view());
         let noisy = Noise::Shot.draw(clean.view(), SeedStream::HeldOutNoise.derive(3));
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
         let (bits, _) =

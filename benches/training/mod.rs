@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use lenslet_studio::information::{FitProgress, OnProgress};
-use lenslet_studio::nn::{Write, product, product_of_transposed, product_with_transposed};
+use lenslet_studio::nn::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 use rayon::prelude::*;
 
 /// (inputs, outputs) of all products of the forward pass of the causal density model for one pixel.
@@ -55,11 +55,11 @@ pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize, g
             product(input, kernel, (pixels, inputs, outputs), output, Write::Add);
             if gradients == Gradients::All {
                 let by_kernel = &mut by_kernel[..inputs * outputs];
-                product_of_transposed(input, output, (inputs, pixels, outputs), by_kernel, Write::Replace);
+                matmul_transposed_lhs(input, output, (inputs, pixels, outputs), by_kernel, Write::Replace);
             }
             if gradients != Gradients::None {
                 let by_input = &mut by_input[..pixels * inputs];
-                product_with_transposed(output, kernel, (pixels, outputs, inputs), by_input, Write::Replace);
+                matmul_transposed_rhs(output, kernel, (pixels, outputs, inputs), by_input, Write::Replace);
             }
         }
         black_box((&output, &by_kernel, &by_input));

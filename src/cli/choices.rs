@@ -196,11 +196,8 @@ pub enum EstimatorChoice {
     #[value(name = "pixelcnn")]
     PixelCnn,
     /// Causal density model, fitted for 60 s or the --budget to patches drawn as the fit proceeds.
-    #[value(alias = "live")]
+    #[value(aliases = ["live", "full"])]
     Causal,
-    /// Former name of `causal` with a budget of 30 minutes.
-    #[value(hide = true)]
-    Full,
     /// Lower and upper bounds: causal model, Gaussian bound, entropy bound, decoder and annealed importance sampling, in
     /// 5 minutes or the --budget.
     Bracket,
@@ -214,8 +211,7 @@ impl EstimatorChoice {
             Self::GaussianFull => Estimator::GaussianFull,
             Self::GaussianAnalytic => Estimator::GaussianAnalytic,
             Self::PixelCnn => Estimator::PixelCnn,
-            Self::Causal => Estimator::Live,
-            Self::Full => Estimator::Full,
+            Self::Causal => Estimator::Causal,
             Self::Bracket => Estimator::Bracket,
         }
     }
@@ -252,7 +248,7 @@ impl InitArgs {
     /// One sentence where they are asked for and the estimator has no pretrained weights.
     pub fn is_random(&self, estimator: Estimator) -> anyhow::Result<bool> {
         let is_random = self.fresh || self.init == InitChoice::Random;
-        if is_random && !estimator.begins_with_weights() {
+        if is_random && !estimator.has_pretrained_weights() {
             bail!(
                 "--init is for --estimator causal or bracket, as the others have no pretrained weights; leave it out"
             );

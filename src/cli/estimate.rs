@@ -126,9 +126,9 @@ impl Arguments {
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;
         let estimator = self.estimator.estimator();
         // These support the default protocol only.
-        let ours = estimator.begins_with_weights();
+        let ours = estimator.has_pretrained_weights();
         let budget = self.budget.map(|choice| choice.0);
-        if budget.is_some() && estimator.usual_budget().is_none() {
+        if budget.is_some() && estimator.default_budget().is_none() {
             return Err(anyhow::anyhow!("--budget is for --estimator pixelcnn, causal or bracket; leave it out").into());
         }
         if self.engine.is_some() && estimator != Estimator::PixelCnn {
@@ -146,7 +146,7 @@ impl Arguments {
             )
             .into());
         }
-        if self.resume.is_some() && estimator.usual_budget().is_none() {
+        if self.resume.is_some() && estimator.default_budget().is_none() {
             let advice = "--resume is for --estimator pixelcnn, causal or bracket; leave it out";
             return Err(anyhow::anyhow!(advice).into());
         }

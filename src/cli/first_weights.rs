@@ -12,7 +12,7 @@ use super::choices::BudgetChoice;
 use super::{Failure, output};
 use crate::evaluation::spoken;
 use crate::formats::{check_writable, read_bytes, write_safely};
-use crate::information::{Decoder, DecoderFit, FirstWeights, InformationError};
+use crate::information::{Decoder, DecoderFit, InformationError, PretrainedWeights};
 use crate::workbench::{first_channel, first_scene};
 
 /// Largest file of weights that is read, bytes.
@@ -89,8 +89,8 @@ impl Arguments {
                     return Err(anyhow!("--unrolled is for decoders; leave it out").into());
                 }
                 let mut weights = match &start {
-                    Some(bytes) => FirstWeights::from_bytes(bytes).with_context(of_start)?,
-                    None => FirstWeights::new(seed),
+                    Some(bytes) => PretrainedWeights::from_bytes(bytes).with_context(of_start)?,
+                    None => PretrainedWeights::new(seed),
                 };
                 let fitted = weights.fit(&|number| first_scene(seed, number), (budget, seed), &mut |now, snapshot| {
                     let (steps, scenes, bits) = (now.steps, now.scenes, now.bits);

@@ -358,7 +358,7 @@ fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
 
 /// Default time of a cell, seconds.
 fn budget_seconds(estimator: EstimatorChoice) -> Option<f64> {
-    estimator.estimator().usual_budget().map(|budget| budget.as_secs_f64())
+    estimator.estimator().default_budget().map(|budget| budget.as_secs_f64())
 }
 
 /// Heuristic layouts by their counts, or the default ones.

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::error::IdealError;
 use crate::forward::ForwardModel;
-use crate::information::HeldDensity;
+use crate::information::FrozenDensity;
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 use crate::seeds::SeedStream;
@@ -48,7 +48,7 @@ pub struct DesignGradient {
 pub fn information_gradient(
     array: &LensletArray,
     scene: &GradientScene<'_>,
-    model: &dyn HeldDensity,
+    model: &dyn FrozenDensity,
 ) -> Result<DesignGradient, IdealError> {
     let planes = scene.objects.len_of(Axis(1));
     let psf = render_psf(array, planes)?;
@@ -86,7 +86,7 @@ impl ForwardModel<'_> {
         array: &LensletArray,
         draw: &GradientDraw,
         patch: (usize, usize),
-        model: &dyn HeldDensity,
+        model: &dyn FrozenDensity,
     ) -> Result<DesignGradient, IdealError> {
         let &GradientDraw { split, objects, patches: count, seed } = draw;
         let objects = self.set.objects(split, objects, seed)?;

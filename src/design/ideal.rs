@@ -20,7 +20,7 @@ use super::state::{Doing, Frame, IdealEvent, IdealProgress, IdealState};
 use super::watched::Watched;
 use crate::formats::{content_key, json_of};
 use crate::forward::ForwardModel;
-use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, QuickLowerBound};
+use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, PretrainedLowerBound};
 use crate::nn::read_detail;
 use crate::objects::Split;
 use crate::optics::{LensletArray, Limits, Spot, render_psf};
@@ -81,7 +81,8 @@ impl<'a> Ideal<'a> {
             Objective::Posterior => Box::new(PosteriorGuide::new(imaging, &array, as_seen)?),
         };
         let (start, state) = (array.clone(), IdealState::new(array, settings.steps));
-        let held_out = imaging.set.objects(Split::Test, TAMURA_IMAGES, SeedStream::HeldOutObjects.derive(settings.seed))?;
+        let held_out =
+            imaging.set.objects(Split::Test, TAMURA_IMAGES, SeedStream::HeldOutObjects.derive(settings.seed))?;
         Ok(Self { imaging, start, limits, settings, patch, held_out, guide, state })
     }
 
@@ -320,12 +321,12 @@ impl<'a> Ideal<'a> {
     }
 
     /// What a decoder tells of fresh scenes through a mask, where the prior of the objects is known.
-    fn lower(&self, array: &LensletArray, watch: &Watched<'_>) -> Result<Option<QuickLowerBound>, IdealError> {
+    fn lower(&self, array: &LensletArray, watch: &Watched<'_>) -> Result<Option<PretrainedLowerBound>, IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let Some(channel) = self.imaging.bead_channel(psf.view(), self.patch) else { return Ok(None) };
         let seed = SeedStream::RunLowerBound.derive(self.settings.seed);
         let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
-        Ok(QuickLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
+        Ok(PretrainedLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &go_on)?)
     }
 }
 

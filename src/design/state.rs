@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::movement::Momentum;
 use super::settings::{IdealSettings, Objective};
-use crate::information::QuickLowerBound;
+use crate::information::PretrainedLowerBound;
 use crate::optics::LensletArray;
 
 /// The mask at the beginning of a round, and what it was worth on held-out objects.
@@ -25,7 +25,7 @@ pub struct Frame {
     pub interval_95: [f64; 2],
     /// Bound from below beside the upper one, in every fifth frame and the last, where the prior of the objects is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lower: Option<QuickLowerBound>,
+    pub lower: Option<PretrainedLowerBound>,
     /// Bits per pixel by a density model that had begun anew for this mask, where one was asked: of all frames these can be
     /// compared, since models that were fitted longer bound more tightly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -258,8 +258,11 @@ mod tests {
         let array = LensletArray { rows: 32, cols: 32, lenslets: Vec::new() };
         let frame = |bits_per_pixel: f64, lower: Option<f64>| {
             let around = |bits: f64| [bits - 0.01, bits + 0.01];
-            let lower =
-                lower.map(|bits| QuickLowerBound { bits_per_pixel: bits, interval_95: around(bits), samples: 256 });
+            let lower = lower.map(|bits| PretrainedLowerBound {
+                bits_per_pixel: bits,
+                interval_95: around(bits),
+                samples: 256,
+            });
             Frame {
                 step: 0,
                 array: array.clone(),

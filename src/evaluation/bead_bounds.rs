@@ -12,9 +12,9 @@ use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::forward::forward_model;
 use crate::information::{
-    BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength, InformationError, NamedBound,
-    PosteriorBound, PosteriorFit, Protocol, QuickLowerBound, decoder_lower_bound, posterior_lower_bound,
-    posterior_upper_bound,
+    AisBound, AisSettings, BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
+    InformationError, NamedBound, PretrainedLowerBound, Protocol, ais_lower_bound, ais_upper_bound,
+    decoder_lower_bound,
 };
 use crate::objects::ObjectSet;
 use crate::seeds::SeedStream;
@@ -78,8 +78,8 @@ fn told_at_once(
 ) -> Result<Option<NamedBound>, EvaluationError> {
     let watch = RefCell::new(watch);
     let go_on = || tell(*watch.borrow_mut(), "Bounding from below", 0, 1).is_ok();
-    let bound = QuickLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), &go_on)?;
-    Ok(bound.map(|QuickLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
+    let bound = PretrainedLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), &go_on)?;
+    Ok(bound.map(|PretrainedLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
         from: "decoder that comes with the program".into(),
         bits_per_pixel,
         interval_95,
@@ -104,7 +104,7 @@ pub(crate) fn bounded_at_once(
         _ => IN_A_MOMENT,
     };
     match told_at_once(channel, (scenes, seed), watch) {
-        Ok(below) => return Ok(below.into_iter().fold(estimate, Estimate::bounded_below)),
+        Ok(below) => return Ok(below.into_iter().fold(estimate, Estimate::with_lower_bound)),
         Err(error) if error.is_cancelled() => return Err(error),
         Err(error) => estimate.notes.push(format!("no lower bound: {error}")),
     }
@@ -141,9 +141,9 @@ pub(crate) fn bead_bounds(
     let follow = |share: f64, stream: SeedStream| posterior_fit(seed, share_of(length, share), stream);
     let (below, above) = (follow(FOLLOWING_BELOW, SeedStream::AisLower), follow(FOLLOWING_ABOVE, SeedStream::AisUpper));
     let below =
-        kept.below(|keeper| posterior_lower_bound(channel, &below, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
+        kept.below(|keeper| ais_lower_bound(channel, &below, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
     let above =
-        kept.above(|keeper| posterior_upper_bound(channel, &above, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
+        kept.above(|keeper| ais_upper_bound(channel, &above, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
     Ok(BeadBounds { decoder: bound, below, above })
 }
 
@@ -153,17 +153,17 @@ pub(crate) fn bound_above(
     (seed, length): (u64, FitLength),
     kept: &mut KeptEstimate,
     watch: Watch<'_>,
-) -> Result<Option<PosteriorBound>, InformationError> {
+) -> Result<Option<AisBound>, InformationError> {
     let Some(decoder) = Decoder::shipped() else { return Ok(None) };
     let fit = posterior_fit(seed, share_of(length, FOLLOWING_ABOVE), SeedStream::AisUpper);
-    kept.above(|keeper| posterior_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
+    kept.above(|keeper| ais_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
 }
 
 /// How the posterior is followed on one side for this length.
-fn posterior_fit(seed: u64, length: FitLength, stream: SeedStream) -> PosteriorFit {
+fn posterior_fit(seed: u64, length: FitLength, stream: SeedStream) -> AisSettings {
     let seed = stream.derive(seed);
     match length {
-        FitLength::Time(budget) => PosteriorFit::within(budget, seed),
-        FitLength::Steps(steps) => PosteriorFit::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),
+        FitLength::Time(budget) => AisSettings::within(budget, seed),
+        FitLength::Steps(steps) => AisSettings::of_levels((steps / STEPS_PER_LEVEL).clamp(LEVELS.0, LEVELS.1), seed),
     }
 }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::evaluation::estimation::tells_of_unwritten_weights;
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
-use crate::information::{Decoder, FitKeeper, InformationError, LowerBound, NUMBERS_VERSION, PosteriorBound, Trial};
+use crate::information::{AisBound, Decoder, FitCheckpoint, InformationError, LowerBound, NUMBERS_VERSION, Trial};
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
 /// on. Without a file everything is computed as it comes.
@@ -47,8 +47,8 @@ struct Parts {
     trials: Vec<Trial>,
     /// What a decoder told, and its weights as a safetensors file.
     decoder: Option<(LowerBound, Vec<u8>)>,
-    below: Option<PosteriorBound>,
-    above: Option<PosteriorBound>,
+    below: Option<AisBound>,
+    above: Option<AisBound>,
     /// Time for all that came before the part that goes on, seconds.
     #[serde(default)]
     seconds: f64,
@@ -120,7 +120,7 @@ impl KeptEstimate {
     pub fn trial<E: From<InformationError>>(
         &mut self,
         index: usize,
-        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<Trial, E>,
+        compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<Trial, E>,
     ) -> Result<Trial, E> {
         if let Some(trial) = self.parts.trials.get(index) {
             return Ok(trial.clone());
@@ -150,7 +150,7 @@ impl KeptEstimate {
     /// As [`KeptEstimate::trial`].
     pub fn decoder(
         &mut self,
-        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<(LowerBound, Decoder), InformationError>,
+        compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<(LowerBound, Decoder), InformationError>,
     ) -> Result<(LowerBound, Decoder), InformationError> {
         if let Some((bound, bytes)) = &self.parts.decoder {
             return Ok((bound.clone(), Decoder::from_bytes(bytes)?));
@@ -170,8 +170,8 @@ impl KeptEstimate {
     /// As [`KeptEstimate::trial`].
     pub fn below(
         &mut self,
-        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<PosteriorBound, InformationError>,
-    ) -> Result<PosteriorBound, InformationError> {
+        compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<AisBound, InformationError>,
+    ) -> Result<AisBound, InformationError> {
         self.bound(BELOW, |parts| &mut parts.below, compute)
     }
 
@@ -181,17 +181,17 @@ impl KeptEstimate {
     /// As [`KeptEstimate::trial`].
     pub fn above(
         &mut self,
-        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<PosteriorBound, InformationError>,
-    ) -> Result<PosteriorBound, InformationError> {
+        compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<AisBound, InformationError>,
+    ) -> Result<AisBound, InformationError> {
         self.bound(ABOVE, |parts| &mut parts.above, compute)
     }
 
     fn bound(
         &mut self,
         part: &str,
-        place: fn(&mut Parts) -> &mut Option<PosteriorBound>,
-        compute: impl FnOnce(Option<&dyn FitKeeper>) -> Result<PosteriorBound, InformationError>,
-    ) -> Result<PosteriorBound, InformationError> {
+        place: fn(&mut Parts) -> &mut Option<AisBound>,
+        compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<AisBound, InformationError>,
+    ) -> Result<AisBound, InformationError> {
         if let Some(bound) = place(&mut self.parts) {
             return Ok(bound.clone());
         }
@@ -285,7 +285,7 @@ fn fit_file(path: &Path, part: &str) -> PathBuf {
     name.into()
 }
 
-fn keeper(fit: Option<&KeptFit>) -> Option<&dyn FitKeeper> {
+fn keeper(fit: Option<&KeptFit>) -> Option<&dyn FitCheckpoint> {
     fit.map(|fit| fit as _)
 }
 
@@ -309,7 +309,7 @@ struct KeptFit {
     key: String,
 }
 
-impl FitKeeper for KeptFit {
+impl FitCheckpoint for KeptFit {
     fn key(&self) -> &str {
         &self.key
     }
@@ -400,7 +400,7 @@ mod tests {
         let encoder = Encoder::Lenslets(heuristic_layout(2));
         let design = Design { encoder, seed: 3, ..Design::default() };
         let request = EstimateRequest {
-            model: DensityModel::new(Estimator::Full, None, EngineChoice::default()).of_steps(30_000),
+            model: DensityModel::new(Estimator::Causal, None, EngineChoice::default()).of_steps(30_000),
             protocol: Protocol::Default,
             patch: Some((8, 8)),
             patches_train: 10_000,
@@ -443,7 +443,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("kept");
         let open = |what: &str| KeptEstimate::open(Some(&path), || named(what));
-        let bound = |bits_per_pixel| PosteriorBound {
+        let bound = |bits_per_pixel| AisBound {
             bits_per_pixel,
             interval_95: [0.1, 1.0 / 3.0],
             patch: [4, 4],
@@ -483,7 +483,7 @@ mod tests {
         first.decoder(|_| Ok((told.clone(), decoder.clone()))).unwrap();
         let trial = || {
             let settings = TrialSettings {
-                estimator: Estimator::Live,
+                estimator: Estimator::Causal,
                 protocol: Protocol::Default,
                 noise: Noise::Shot,
                 patch: (4, 4),
@@ -516,7 +516,7 @@ mod tests {
         assert_eq!((resumed, half.exists()), (Ok(bound(0.1)), false));
         let (found, weights) = again.decoder(|_| Err(InformationError::Empty)).unwrap();
         assert_eq!((found, weights.weights()), (told, decoder.weights()));
-        let unasked = |_: Option<&dyn FitKeeper>| -> Result<Trial, InformationError> { panic!("it is there") };
+        let unasked = |_: Option<&dyn FitCheckpoint>| -> Result<Trial, InformationError> { panic!("it is there") };
         assert_eq!(
             (again.trial(0, unasked), again.smallest()),
             (trial(), trial().ok().map(|one| one.bits_per_pixel()))

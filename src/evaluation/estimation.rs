@@ -19,7 +19,7 @@ use crate::forward::Design;
 use crate::forward::{ForwardModel, mean_measurement};
 use crate::forward::{forward_model, notices_of, open_set_with};
 use crate::information::{
-    CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitKeeper, FitLength, GaussianRequest,
+    CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitCheckpoint, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
     Trial, TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
@@ -152,19 +152,21 @@ pub(crate) fn estimate_on_patches(
                 analytic(&source, request, design.seed, watch)?
             } else {
                 let fitted = fitted(&source, request, Covariance::Stationary, design.seed, watch)?;
-                source.sharing(fitted, request.patches_test, design.seed)?
+                source.with_clustered_interval(fitted, request.patches_test, design.seed)?
             };
             let ask = (design.seed, length, request.fresh);
             let beads = channel.as_ref().map(|channel| bead_bounds(channel, ask, &mut kept, watch));
-            Estimate::bracketed(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
+            Estimate::from_bracket(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
         (DensityModel::Causal { length, .. }, Some(channel)) => {
             match bound_above(channel, (design.seed, length), &mut kept, watch)? {
-                Some(above) => Estimate::at_most(&trials, Some(&above), provenance)?,
+                Some(above) => Estimate::from_upper_bounds(&trials, Some(&above), provenance)?,
                 None => Estimate::new(&trials, provenance)?,
             }
         }
-        (DensityModel::Causal { .. }, None) if refusal.is_some() => Estimate::at_most(&trials, None, provenance)?,
+        (DensityModel::Causal { .. }, None) if refusal.is_some() => {
+            Estimate::from_upper_bounds(&trials, None, provenance)?
+        }
         _ => Estimate::new(&trials, provenance)?,
     };
     if let Some(channel) = &channel {
@@ -195,7 +197,7 @@ fn trial(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     density_share: f64,
-    (seed, keeper, smallest): (u64, Option<&dyn FitKeeper>, Option<f64>),
+    (seed, keeper, smallest): (u64, Option<&dyn FitCheckpoint>, Option<f64>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let causal = |estimator, length, watch: Watch<'_>| {
@@ -203,16 +205,16 @@ fn trial(
     };
     let trial = match request.model {
         DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, watch)?,
-        DensityModel::Full => fitted(source, request, Covariance::Full, seed, watch)?,
+        DensityModel::GaussianFull => fitted(source, request, Covariance::Full, seed, watch)?,
         // It is that of all images, of which its patches are a fair draw.
         DensityModel::Analytic => return analytic(source, request, seed, watch),
         DensityModel::PixelCnn { budget, engine } => {
             network(source, request, (budget, engine, smallest), (seed, keeper), watch)?
         }
-        DensityModel::Causal { estimator, length } => causal(estimator, length, watch)?,
+        DensityModel::Causal { length } => causal(Estimator::Causal, length, watch)?,
         DensityModel::Bracket { length } => causal(Estimator::Bracket, length, watch)?,
     };
-    source.sharing(trial, request.patches_test, seed)
+    source.with_clustered_interval(trial, request.patches_test, seed)
 }
 
 /// The objects of a design.
@@ -234,7 +236,13 @@ fn fitted(
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
-    let (_, train) = source.draw(train, request.patches_train, SeedStream::TrainingPatches.derive(seed), "Training patches", watch)?;
+    let (_, train) = source.draw(
+        train,
+        request.patches_train,
+        SeedStream::TrainingPatches.derive(seed),
+        "Training patches",
+        watch,
+    )?;
     let (clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     tell(watch, "Fitting", 0, 1)?;
     Ok(gaussian_estimate(&GaussianRequest {
@@ -252,14 +260,20 @@ fn network(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     (budget, engine, smallest): (Option<Duration>, EngineChoice, Option<f64>),
-    (seed, keeper): (u64, Option<&dyn FitKeeper>),
+    (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
     // Where nothing is fitted nothing is drawn to be.
     let training = match request.weights.from {
         Some(_) => None,
-        None => Some(source.draw(train, request.patches_train, SeedStream::TrainingPatches.derive(seed), "Training patches", watch)?),
+        None => Some(source.draw(
+            train,
+            request.patches_train,
+            SeedStream::TrainingPatches.derive(seed),
+            "Training patches",
+            watch,
+        )?),
     };
     let (test_clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     let network = PixelCnnRequest {
@@ -302,7 +316,7 @@ pub(crate) fn network_trial(
         && smallest.is_none_or(|smallest| trial.bits_per_pixel() < smallest)
         && let Err(error) = fitted.save(file)
     {
-        return Ok(trial.noting(format!("{WEIGHTS_NOT_WRITTEN}{error}")));
+        return Ok(trial.with_note(format!("{WEIGHTS_NOT_WRITTEN}{error}")));
     }
     Ok(trial)
 }
@@ -311,11 +325,12 @@ fn causal(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     (estimator, length): (Estimator, FitLength),
-    (seed, keeper): (u64, Option<&dyn FitKeeper>),
+    (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, (_, test)) = (source.imaging.set.fitting_parts().0, source.splits());
-    let (stream, validation) = source.imaging.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
+    let (stream, validation) =
+        source.imaging.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
     let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {

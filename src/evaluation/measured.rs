@@ -21,8 +21,8 @@ use crate::evaluation::progress::{Watch, in_trial, report_understood, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
-    CausalRequest, Covariance, Estimate, FitKeeper, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
-    PatchStream, PixelCnnRequest, Protocol, Provenance, SharedPictures, Trial, causal_estimate, gaussian_estimate,
+    CausalRequest, Covariance, Estimate, FitCheckpoint, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
+    PatchStream, PixelCnnRequest, Protocol, Provenance, SharedImages, Trial, causal_estimate, gaussian_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -326,11 +326,11 @@ impl MeasuredImages {
         noise: Noise,
         patch: (usize, usize),
         (test, train): (&[usize], &[usize]),
-        ((test_seed, seed), keeper, smallest): ((u64, u64), Option<&dyn FitKeeper>, Option<f64>),
+        ((test_seed, seed), keeper, smallest): ((u64, u64), Option<&dyn FitCheckpoint>, Option<f64>),
         watch: Watch<'_>,
     ) -> Result<Trial, MeasuredError> {
         let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
-        if let DensityModel::Causal { estimator, length } = request.model {
+        if let DensityModel::Causal { length } = request.model {
             // Images are few, so that long fits would learn them by heart.
             let (validation, train) =
                 train.split_at(if train.len() > 1 { train.len().div_ceil(VALIDATION_SHARE) } else { 0 });
@@ -338,7 +338,8 @@ impl MeasuredImages {
             let validation = match validation {
                 [] => None,
                 images => {
-                    let (noisy, _) = self.cut(images, patch, VALIDATION_PATCHES, SeedStream::CausalFit.derive(seed), "the fit")?;
+                    let (noisy, _) =
+                        self.cut(images, patch, VALIDATION_PATCHES, SeedStream::CausalFit.derive(seed), "the fit")?;
                     Some(PatchBatch { noisy, clean: None })
                 }
             };
@@ -351,15 +352,17 @@ impl MeasuredImages {
                 noise,
                 length,
                 beginning: request.beginning(),
-                estimator,
+                estimator: crate::information::Estimator::Causal,
                 seed,
             };
             let (trial, _) = causal_estimate(&fit, &mut |fit| watch(&fit.into()))?;
-            return Ok(trial.sharing(&shown));
+            return Ok(trial.with_clustered_interval(&shown));
         }
         let train = match request.weights.from {
             Some(_) => None,
-            None => Some(self.cut(train, patch, request.patches_train, SeedStream::TrainingPatches.derive(seed), "the fit")?.0),
+            None => Some(
+                self.cut(train, patch, request.patches_train, SeedStream::TrainingPatches.derive(seed), "the fit")?.0,
+            ),
         };
         tell(watch, "Fitting", 0, 1)?;
         let (test, protocol) = (test.view(), request.protocol);
@@ -368,7 +371,7 @@ impl MeasuredImages {
             |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
         Ok(match request.model {
             DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
-            DensityModel::Full => gaussian_estimate(&gaussian(Covariance::Full))?,
+            DensityModel::GaussianFull => gaussian_estimate(&gaussian(Covariance::Full))?,
             DensityModel::PixelCnn { budget, engine } => {
                 let (train_clean, test_clean, start) = (None, None, None);
                 let network = PixelCnnRequest {
@@ -390,7 +393,7 @@ impl MeasuredImages {
                 return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });
             }
         }
-        .sharing(&shown))
+        .with_clustered_interval(&shown))
     }
 
     /// Patches at random places of the given images, and which image each shows.
@@ -401,7 +404,7 @@ impl MeasuredImages {
         count: usize,
         seed: u64,
         model: &'static str,
-    ) -> Result<(Array3<f32>, SharedPictures), MeasuredError> {
+    ) -> Result<(Array3<f32>, SharedImages), MeasuredError> {
         let (rows, cols) = patch;
         let pixels = rows.saturating_mul(cols);
         if count == 0 {
@@ -413,7 +416,7 @@ impl MeasuredImages {
         }
         let part = self.photons.select(Axis(0), images);
         let places = Patches::draw(part.dim(), patch, count, seed)?;
-        let shown = SharedPictures::one_each(places.corners().iter().map(|&(image, ..)| image as u32));
+        let shown = SharedImages::one_each(places.corners().iter().map(|&(image, ..)| image as u32));
         Ok((places.cut(part.view()), shown))
     }
 }

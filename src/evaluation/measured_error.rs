@@ -65,7 +65,7 @@ pub enum MeasuredError {
         found: usize,
     },
     /// A bound that needs a design.
-    #[error("{estimator} needs objects that are known; choose gaussian, gaussian-full, pixelcnn, live or full")]
+    #[error("{estimator} needs objects that are known; choose gaussian, gaussian-full, pixelcnn or causal")]
     NeedsObjects {
         /// Name of the estimator.
         estimator: Estimator,

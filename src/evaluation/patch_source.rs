@@ -9,7 +9,7 @@ use crate::evaluation::progress::{Watch, tell};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::forward::ForwardModel;
-use crate::information::{InformationError, Protocol, SharedPictures, Trial};
+use crate::information::{InformationError, Protocol, SharedImages, Trial};
 use crate::objects::{ObjectSet, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches};
@@ -23,7 +23,7 @@ pub(crate) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, 
 }
 
 /// The number of test patches and their seed, and the base images that they show.
-type Shown = ((usize, u64), Rc<SharedPictures>);
+type Shown = ((usize, u64), Rc<SharedImages>);
 
 /// Where patches come from.
 pub(crate) struct PatchSource<'a> {
@@ -76,14 +76,14 @@ impl<'a> PatchSource<'a> {
         }
     }
 
-    /// A trial with an interval that counts the base images which its test patches share ([`Trial::sharing`]).
-    pub fn sharing(&self, trial: Trial, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
+    /// A trial with an interval that counts the base images which its test patches share ([`Trial::with_clustered_interval`]).
+    pub fn with_clustered_interval(&self, trial: Trial, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
         let pictures = self.pictures(patches, seed)?;
-        Ok(pictures.iter().fold(trial, |trial, pictures| trial.sharing(pictures)))
+        Ok(pictures.iter().fold(trial, |trial, pictures| trial.with_clustered_interval(pictures)))
     }
 
     /// The base images that so many test patches of a trial show, where their objects have any.
-    pub fn pictures(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedPictures>>, EvaluationError> {
+    pub fn pictures(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedImages>>, EvaluationError> {
         let (set, (_, split)) = (self.imaging.set, self.splits());
         if set.base_images().is_none() {
             return Ok(None);
@@ -107,9 +107,9 @@ impl<'a> PatchSource<'a> {
         split: Split,
         patches: usize,
         seed: u64,
-    ) -> Result<SharedPictures, EvaluationError> {
+    ) -> Result<SharedImages, EvaluationError> {
         let (rows, cols) = self.convolver.plan().measurement_shape();
-        let mut shared = SharedPictures::default();
+        let mut shared = SharedImages::default();
         for (index, first) in (0..patches).step_by(self.imaging.set.batch()).enumerate() {
             let Batch { first: object, object_seed, place_seed } = self.part(split, index, seed);
             let places =

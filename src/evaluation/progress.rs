@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::information::{DecoderProgress, FitProgress, InformationError, PosteriorProgress};
+use crate::information::{AisProgress, DecoderProgress, FitProgress, InformationError};
 
 /// What an estimate is doing and how far it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -142,8 +142,8 @@ impl From<&DecoderProgress> for EstimateProgress {
     }
 }
 
-impl From<&PosteriorProgress> for EstimateProgress {
-    fn from(found: &PosteriorProgress) -> Self {
+impl From<&AisProgress> for EstimateProgress {
+    fn from(found: &AisProgress) -> Self {
         let bits =
             if found.samples == 0 { String::new() } else { format!(", {:.3} bits per pixel", found.bits_per_pixel) };
         let seconds = |time: Duration| time.as_secs_f64().ceil() as usize;
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn following_the_posterior_tells_the_time_that_is_left() {
-        let found = |samples, remaining| PosteriorProgress {
+        let found = |samples, remaining| AisProgress {
             samples,
             most: 40,
             elapsed: Duration::from_secs(3),

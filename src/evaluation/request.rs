@@ -8,9 +8,7 @@ use serde_json::{Value, json};
 
 use crate::evaluation::checkpoint;
 use crate::formats::path_text;
-use crate::information::{
-    Beginning, EngineChoice, Estimator, FitLength, InformationError, Protocol, check_causal_patch,
-};
+use crate::information::{EngineChoice, Estimator, FitLength, InformationError, Init, Protocol, check_causal_patch};
 
 /// Which density model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,8 +16,8 @@ use crate::information::{
 pub enum DensityModel {
     /// Stationary Gaussian, fitted to patches.
     Stationary,
-    /// Gaussian of full covariance, fitted to patches.
-    Full,
+    /// Full-covariance Gaussian, fitted to patches.
+    GaussianFull,
     /// Gaussian of the covariance that objects and PSF have; patches serve the noise entropy alone.
     Analytic,
     /// The published autoregressive network, fitted to patches.
@@ -32,8 +30,6 @@ pub enum DensityModel {
     /// The causal density model over clean levels, fitted to fresh patches for this long; of beads, whose prior is known, the
     /// smallest of it, the ceiling and posterior sampling, which gets three sixteenths of the time.
     Causal {
-        /// [`Estimator::Live`] or [`Estimator::Full`].
-        estimator: Estimator,
         /// Time of each trial, or steps of its fit.
         length: FitLength,
     },
@@ -47,15 +43,15 @@ pub enum DensityModel {
 
 impl DensityModel {
     /// The model of an estimator, fitted for `budget`. Without one a PixelCNN is fitted for as long as its protocol says,
-    /// the others for their [usual](Estimator::usual_budget) time; estimators that are not fitted for a time ignore it.
+    /// the others for their [usual](Estimator::default_budget) time; estimators that are not fitted for a time ignore it.
     pub fn new(estimator: Estimator, budget: Option<Duration>, engine: EngineChoice) -> Self {
-        let length = FitLength::Time(budget.or(estimator.usual_budget()).unwrap_or_default());
+        let length = FitLength::Time(budget.or(estimator.default_budget()).unwrap_or_default());
         match estimator {
             Estimator::GaussianStationary => Self::Stationary,
-            Estimator::GaussianFull => Self::Full,
+            Estimator::GaussianFull => Self::GaussianFull,
             Estimator::GaussianAnalytic => Self::Analytic,
             Estimator::PixelCnn => Self::PixelCnn { budget, engine },
-            Estimator::Live | Estimator::Full => Self::Causal { estimator, length },
+            Estimator::Causal => Self::Causal { length },
             Estimator::Bracket => Self::Bracket { length },
         }
     }
@@ -66,7 +62,7 @@ impl DensityModel {
     pub fn of_steps(self, steps: usize) -> Self {
         let length = FitLength::Steps(steps);
         match self {
-            Self::Causal { estimator, .. } => Self::Causal { estimator, length },
+            Self::Causal { .. } => Self::Causal { length },
             Self::Bracket { .. } => Self::Bracket { length },
             other => other,
         }
@@ -75,7 +71,7 @@ impl DensityModel {
     /// Length of its fits, where that was asked for.
     pub fn length(&self) -> Option<FitLength> {
         match self {
-            Self::Stationary | Self::Full | Self::Analytic => None,
+            Self::Stationary | Self::GaussianFull | Self::Analytic => None,
             Self::PixelCnn { budget, .. } => budget.map(FitLength::Time),
             Self::Causal { length, .. } | Self::Bracket { length } => Some(*length),
         }
@@ -85,7 +81,7 @@ impl DensityModel {
     pub(crate) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
         match self {
             Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
-            Self::Stationary | Self::Full | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
+            Self::Stationary | Self::GaussianFull | Self::Analytic | Self::PixelCnn { .. } => Ok(()),
         }
     }
 
@@ -93,7 +89,7 @@ impl DensityModel {
     fn identity(&self) -> Value {
         let name = match self {
             Self::Stationary => "gaussian",
-            Self::Full => "gaussian-full",
+            Self::GaussianFull => "gaussian-full",
             Self::Analytic => "gaussian-analytic",
             Self::PixelCnn { .. } => "pixelcnn",
             Self::Causal { .. } => "causal",
@@ -115,7 +111,7 @@ impl DensityModel {
         };
         match *self {
             Self::Stationary => vec!["Stationary".to_owned()],
-            Self::Full => vec!["Full".to_owned()],
+            Self::GaussianFull => vec!["Full".to_owned()],
             Self::Analytic => vec!["Analytic".to_owned()],
             Self::PixelCnn { budget, engine } => {
                 let engine = match engine {
@@ -124,7 +120,7 @@ impl DensityModel {
                 };
                 vec![format!("PixelCnn {{ budget: {budget:?}, engine: {engine} }}")]
             }
-            Self::Causal { length: of, .. } => {
+            Self::Causal { length: of } => {
                 let named = |name| format!("Causal {{ estimator: {name}, length: {} }}", length(of));
                 ["Live", "Full"].map(named).into()
             }
@@ -136,10 +132,10 @@ impl DensityModel {
     pub fn estimator(&self) -> Estimator {
         match self {
             Self::Stationary => Estimator::GaussianStationary,
-            Self::Full => Estimator::GaussianFull,
+            Self::GaussianFull => Estimator::GaussianFull,
             Self::Analytic => Estimator::GaussianAnalytic,
             Self::PixelCnn { .. } => Estimator::PixelCnn,
-            Self::Causal { estimator, .. } => *estimator,
+            Self::Causal { .. } => Estimator::Causal,
             Self::Bracket { .. } => Estimator::Bracket,
         }
     }
@@ -158,7 +154,7 @@ pub struct EstimateRequest {
     pub patches_train: usize,
     /// Held-out patches to score.
     pub patches_test: usize,
-    /// Whether fits of live, full and bracket begin with nothing, instead of the weights that come with the program.
+    /// Whether fits of causal and bracket begin with nothing, instead of the weights that come with the program.
     pub fresh: bool,
     /// Repetitions; trial t uses seed + t.
     pub trials: usize,
@@ -235,8 +231,8 @@ impl EstimateRequest {
     }
 
     /// What a causal density model begins with.
-    pub(crate) fn beginning(&self) -> Beginning<'static> {
-        if self.fresh { Beginning::Drawn } else { Beginning::Shipped }
+    pub(crate) fn beginning(&self) -> Init<'static> {
+        if self.fresh { Init::Random } else { Init::Pretrained }
     }
 }
 
@@ -261,10 +257,10 @@ mod tests {
         let left = |estimator, trials, elapsed, share| {
             request(estimator, trials).time_left(minutes(elapsed), share).map(|left| left.as_secs_f64() / 60.0)
         };
-        assert_eq!(left(Estimator::Full, 1, 4, 0.9), Some(6.0));
-        assert_eq!(left(Estimator::Full, 5, 10, 0.2), Some(40.0));
+        assert_eq!(left(Estimator::Causal, 1, 4, 0.9), Some(6.0));
+        assert_eq!(left(Estimator::Causal, 5, 10, 0.2), Some(40.0));
         // Four trials were there before.
-        assert!((left(Estimator::Full, 5, 1, 0.82).unwrap() - 9.0).abs() < 1e-6);
+        assert!((left(Estimator::Causal, 5, 1, 0.82).unwrap() - 9.0).abs() < 1e-6);
         // A bracket has one, of several parts.
         assert_eq!(left(Estimator::Bracket, 5, 4, 0.9), Some(6.0));
         assert_eq!(left(Estimator::GaussianFull, 5, 4, 0.9), None);

@@ -14,7 +14,7 @@ use crate::forward::ForwardError;
 use crate::forward::{Design, DesignError};
 use crate::forward::{bead_response, mean_measurement};
 use crate::information::{
-    AnalyticGaussian, BeadCeiling, Ceiling, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
+    AnalyticGaussian, BeadEntropyBound, EntropyBound, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Progress, Split};
 use crate::optics::{Mtf, modulation_transfer};
@@ -191,7 +191,7 @@ pub struct SceneOptics {
     spectra: ObjectSpectra,
     analytic: AnalyticGaussian,
     /// Ceilings and the spot of one bead, where the objects are beads that leave something to learn.
-    beads: Option<(BeadCeiling, Array2<f64>)>,
+    beads: Option<(BeadEntropyBound, Array2<f64>)>,
     patch: (usize, usize),
 }
 
@@ -218,7 +218,7 @@ pub struct LiveInformation {
     /// 95 % interval of the bound: of the mean noise entropy over the live measurements.
     pub interval_95: [f64; 2],
     /// Object-entropy ceiling, where the objects' entropy is known.
-    pub ceiling: Option<Ceiling>,
+    pub ceiling: Option<EntropyBound>,
     /// Rows and columns of the patch that both refer to.
     pub patch: (usize, usize),
 }
@@ -318,9 +318,9 @@ impl SceneOptics {
 }
 
 /// Tables for the ceiling of a set of objects; `None` where their entropy is not known, or is 0 (a bead on every pixel).
-fn bead_ceiling(set: &ObjectSet) -> Result<Option<(BeadCeiling, Array2<f64>)>, InformationError> {
+fn bead_ceiling(set: &ObjectSet) -> Result<Option<(BeadEntropyBound, Array2<f64>)>, InformationError> {
     let prior = set.bead_prior().filter(|prior| prior.probability < 1.0);
-    prior.map(|prior| Ok((BeadCeiling::new(prior.probability)?, prior.spot))).transpose()
+    prior.map(|prior| Ok((BeadEntropyBound::new(prior.probability)?, prior.spot))).transpose()
 }
 
 /// The object-entropy ceiling of a patch, where the objects' entropy is known: that of the counts themselves, which takes
@@ -330,7 +330,7 @@ pub(crate) fn ceiling_of(
     set: &ObjectSet,
     psf: ArrayView3<'_, f64>,
     patch: (usize, usize),
-) -> Result<Option<Ceiling>, InformationError> {
+) -> Result<Option<EntropyBound>, InformationError> {
     let seen = psf.slice_move(ndarray::s![..set.planes(), .., ..]);
     let beads = bead_ceiling(set)?;
     let ceiling = beads.map(|(table, spot)| {

@@ -12,7 +12,7 @@ use crate::nn::{
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/fit", version: 1 };
 
 /// Keeps the state of one fit.
-pub trait FitKeeper: Sync {
+pub trait FitCheckpoint: Sync {
     /// Says which fit it is; a state of another one is refused.
     fn key(&self) -> &str;
 
@@ -90,7 +90,7 @@ pub(in crate::information) struct KeptFit {
 
 /// The kept state of a fit, put into weights and optimizer that were made ready for the same one; none where nothing is kept.
 pub(in crate::information) fn restore_fit(
-    keeper: &dyn FitKeeper,
+    keeper: &dyn FitCheckpoint,
     weights: &mut [f32],
     optimizer: &mut Optimizer,
 ) -> Result<Option<KeptFit>, InformationError> {
@@ -99,7 +99,7 @@ pub(in crate::information) fn restore_fit(
 }
 
 /// Why what was kept cannot be read, and where it lies.
-pub(in crate::information) fn unread(keeper: &dyn FitKeeper, error: &dyn std::fmt::Display) -> InformationError {
+pub(in crate::information) fn unread(keeper: &dyn FitCheckpoint, error: &dyn std::fmt::Display) -> InformationError {
     InformationError::WeightsFile { path: keeper.place(), reason: error.to_string() }
 }
 
@@ -137,7 +137,7 @@ fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
 pub(in crate::information) struct InMemory(pub std::sync::Mutex<Option<Vec<u8>>>);
 
 #[cfg(test)]
-impl FitKeeper for InMemory {
+impl FitCheckpoint for InMemory {
     fn key(&self) -> &'static str {
         "this fit"
     }

@@ -138,7 +138,7 @@ fn former_names_of_commands_and_flags_are_read() {
         ("look --lenslets heuristic:2", "bounds --mask heuristic:2"),
         ("look --lenslets psf:one.npy@8", "bounds --mask psf:one.npy --resample 8"),
         (
-            &*format!("estimate --estimator live --fresh {sizes}"),
+            &*format!("estimate --estimator causal --fresh {sizes}"),
             &*format!("estimate --estimator causal --init random {sizes}"),
         ),
     ] {

@@ -262,7 +262,7 @@ fn brackets_hold_bounds_from_both_sides_and_are_drawn() {
 fn fitted_estimators_take_their_budget() {
     let bench = Bench::new();
     let line = "study grid --patch 6 --patches-train 100 --patches-test 20 --objects beads:0.05 --lenslets 2";
-    for estimator in ["live", "full", "pixelcnn"] {
+    for estimator in ["causal", "pixelcnn"] {
         let study = bench.json(&format!("{line} --estimator {estimator} --budget 0.2s --out {estimator}"));
         assert_eq!(study["settings"]["estimator"], estimator);
         assert_eq!(study["settings"]["budget_seconds"], 0.2);

@@ -156,7 +156,7 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
     wait_for(&mut window, "both estimates", |window| studio(window).bench().estimates().finished.len() == 2);
     let models: Vec<DensityModel> =
         studio(&window).bench().estimates().finished.iter().map(|found| found.value.order.request.model).collect();
-    let full = |steps| DensityModel::new(Estimator::Full, None, EngineChoice::default()).of_steps(steps);
+    let full = |steps| DensityModel::new(Estimator::Causal, None, EngineChoice::default()).of_steps(steps);
     assert_eq!(models, [full(60), full(50)]);
     wait_for(&mut window, "the end", |_| !pending.exists() && !waiting.exists());
 

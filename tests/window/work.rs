@@ -80,7 +80,7 @@ fn copied_commands_give_the_same_numbers_bit_for_bit() {
     let finished = studio(&window).bench().estimates().finished;
     let estimate = &finished[0].value.estimate;
     let line = copied(&mut window, "Copy command of estimate 1");
-    assert!(line.contains("--estimator full --patch 32x32 --steps 12"), "{line}");
+    assert!(line.contains("--estimator causal --patch 32x32 --steps 12"), "{line}");
     let repeated = run_line(&line);
     assert_eq!(repeated["bits_per_pixel"].as_f64(), Some(estimate.bits_per_pixel), "whatever the number of threads");
 }

@@ -10,8 +10,8 @@ use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
 use crate::information::{AnalyticMoments, MeasurementStream};
 use crate::information::{
-    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, HeldDensity, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, Protocol, check_causal_patch, score_while,
+    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, FrozenDensity, InformationError, NoiseEntropy,
+    PatchBatch, PatchStream, Protocol, check_causal_patch, score_with_progress,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
@@ -87,12 +87,12 @@ impl<'a> DensityGuide<'a> {
 const ASKED_EVERY: usize = 64;
 
 /// A model whose gradient of thousands of patches can be given up on the way.
-struct HeldWhile<'a> {
-    model: &'a dyn HeldDensity,
+struct Cancellable<'a> {
+    model: &'a dyn FrozenDensity,
     go_on: &'a dyn Fn() -> bool,
 }
 
-impl HeldDensity for HeldWhile<'_> {
+impl FrozenDensity for Cancellable<'_> {
     fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,
@@ -157,12 +157,12 @@ impl Guide for DensityGuide<'_> {
         let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
         let test = PatchBatch { noisy, clean: Some(clean) };
         let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let (information, _) = score_while(&self.model, &self.entropy, &test, watch)?;
+        let (information, _) = score_with_progress(&self.model, &self.entropy, &test, watch)?;
         self.held_out.value(&information)
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
-        let held = HeldWhile { model: &self.model, go_on };
+        let held = Cancellable { model: &self.model, go_on };
         Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 
@@ -208,7 +208,7 @@ mod tests {
     /// Knows the mean of what it is given.
     struct Mean;
 
-    impl HeldDensity for Mean {
+    impl FrozenDensity for Mean {
         fn information_gradient(
             &self,
             clean: ArrayView3<'_, f32>,
@@ -232,13 +232,13 @@ mod tests {
                 asked.get() <= most
             }
         };
-        let held = HeldWhile { model: &Mean, go_on: &go_on(3) };
+        let held = Cancellable { model: &Mean, go_on: &go_on(3) };
         let (bits, gradient) = held.information_gradient(clean.view(), normals.view()).unwrap();
         let (whole, by_whole) = Mean.information_gradient(clean.view(), normals.view()).unwrap();
         assert!((bits - whole).abs() < 1e-12 * whole.abs());
         assert!(gradient.iter().zip(&by_whole).all(|(one, other)| (one - other).abs() < 1e-15));
         assert_eq!(asked.get(), 3);
-        let held = HeldWhile { model: &Mean, go_on: &go_on(5) };
+        let held = Cancellable { model: &Mean, go_on: &go_on(5) };
         let left = held.information_gradient(clean.view(), normals.view());
         assert!(matches!(left, Err(InformationError::Cancelled)) && asked.get() == 6);
     }

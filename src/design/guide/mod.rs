@@ -15,7 +15,7 @@ pub(super) use posterior::{BLOCK, PosteriorGuide, bound};
 use super::error::IdealError;
 use super::gradient::GradientDraw;
 use crate::forward::ForwardModel;
-use crate::information::{CausalModel, DecoderRefit, SharedPictures, paired_interval};
+use crate::information::{CausalModel, DecoderRefit, SharedImages, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, render_psf};
 use crate::seeds::SeedStream;
@@ -100,7 +100,7 @@ struct HeldOut {
     /// Shape (n, planes, rows, cols).
     objects: Array4<f32>,
     /// Which base images the patches show.
-    shared: SharedPictures,
+    shared: SharedImages,
     patch: (usize, usize),
     seed: u64,
 }
@@ -127,7 +127,8 @@ impl HeldOut {
     ) -> Result<(Array3<f32>, Array3<f32>), IdealError> {
         let psf = render_psf(array, imaging.set.planes())?;
         let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
-        let clean = Patches::one_each(encoded.dim(), self.patch, SeedStream::HeldOutPlaces.derive(self.seed))?.cut(encoded.view());
+        let clean = Patches::one_each(encoded.dim(), self.patch, SeedStream::HeldOutPlaces.derive(self.seed))?
+            .cut(encoded.view());
         let noisy = imaging.noise.draw(clean.view(), SeedStream::HeldOutNoise.derive(self.seed));
         Ok((clean, noisy))
     }
@@ -135,6 +136,6 @@ impl HeldOut {
     /// Mean and 95 % interval of what a model says of each patch, bits per pixel.
     fn value(&self, information: &[f64]) -> Result<Valued, IdealError> {
         let mean = information.iter().sum::<f64>() / information.len() as f64;
-        Ok((mean, self.shared.widened(information, mean, paired_interval(information, self.seed)?)))
+        Ok((mean, self.shared.inflate_interval(information, mean, paired_interval(information, self.seed)?)))
     }
 }

@@ -6,7 +6,7 @@ use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
 use crate::information::MeasurementStream;
 use crate::information::{
-    DataScale, FitProgress, HeldPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnFit, PixelCnnShape, Protocol,
+    DataScale, FitProgress, FrozenPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnFit, PixelCnnShape, Protocol,
     TrainingPatches, dequantised,
 };
 use crate::objects::Split;
@@ -88,7 +88,7 @@ impl Guide for PixelCnnGuide<'_> {
     }
 
     fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
-        let held = HeldPixelCnn { network: &self.network, noise: self.imaging.noise, go_on };
+        let held = FrozenPixelCnn { network: &self.network, noise: self.imaging.noise, go_on };
         Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 

@@ -9,7 +9,8 @@ use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
 use crate::information::{
-    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, QuickLowerBound, decoder_savings, spot_slope,
+    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, PretrainedLowerBound, bead_response_gradient,
+    decoder_information,
 };
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 use crate::seeds::SeedStream;
@@ -111,13 +112,13 @@ impl PosteriorGuide<'_> {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<f64>, IdealError> {
         let channel = channel(self.imaging, array, self.patch)?;
-        Ok(decoder_savings(&self.decoder, &channel, (seed, block), scenes, go_on)?)
+        Ok(decoder_information(&self.decoder, &channel, (seed, block), scenes, go_on)?)
     }
 }
 
 /// Information and its 95 % interval by what all scenes of a value tell.
 pub(in crate::design) fn bound(savings: Vec<f64>) -> Valued {
-    let bound = QuickLowerBound::of_savings(savings);
+    let bound = PretrainedLowerBound::of_savings(savings);
     (bound.bits_per_pixel, bound.interval_95)
 }
 
@@ -183,7 +184,7 @@ impl ForwardModel<'_> {
         decoder: &Decoder,
     ) -> Result<Vec<LensletGradient>, IdealError> {
         let bead = &self.set.bead_prior().ok_or_else(no_prior)?.spot;
-        let by_spot = spot_slope(&channel(self, array, patch)?, decoder, (seed, 0, patches))?;
+        let by_spot = bead_response_gradient(&channel(self, array, patch)?, decoder, (seed, 0, patches))?;
         Ok(psf_gradient(array, by_psf(by_spot.view(), bead).view())?)
     }
 }

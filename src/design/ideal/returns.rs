@@ -6,7 +6,7 @@ use super::audit::SLOWEST;
 use crate::design::error::IdealError;
 use crate::design::state::{Doing, Frame, IdealEvent};
 use crate::design::watched::Watched;
-use crate::information::savings_gain;
+use crate::information::paired_gain;
 use crate::optics::LensletArray;
 
 /// Loss beyond which a mask is given up for the best one, bits per pixel.
@@ -64,7 +64,7 @@ impl Ideal<'_> {
                 let go_on = || watch.tell(&self.state, Some((Doing::Measuring, 1.0))).is_continue();
                 posterior.value_savings(array, 0..posterior.scenes(), &go_on)
             };
-            let (loss, half_width) = savings_gain(&savings(&last.array)?, &savings(&best.array)?);
+            let (loss, half_width) = paired_gain(&savings(&last.array)?, &savings(&best.array)?);
             if loss < MOST_LOSS.max(half_width) {
                 return Ok(());
             }

@@ -17,7 +17,7 @@ use crate::design::movement::project;
 use crate::design::settings::IdealSettings;
 use crate::design::state::{Doing, IdealEvent};
 use crate::design::watched::Watched;
-use crate::information::savings_gain;
+use crate::information::paired_gain;
 use crate::optics::{Lenslet, LensletArray, Limits};
 use crate::seeds::SeedStream;
 
@@ -73,7 +73,7 @@ impl Ideal<'_> {
         let Some(best) = tried.pop() else { return Ok(()) };
         let before = savings(&state.array, (0..compared, 2, BLOCK), (done + compared) as f64 / all)?;
         let after = savings(&best.array, (0..compared, 2, BLOCK), 1.0)?;
-        let (gain, half_width) = savings_gain(&before, &after);
+        let (gain, half_width) = paired_gain(&before, &after);
         if gain > half_width {
             self.state.array = best.array;
             self.state.momentum.forget(best.lenslet);

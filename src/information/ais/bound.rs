@@ -17,11 +17,11 @@ use super::state::Measured;
 use crate::information::decoder::channel::BeadChannel;
 use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::pass::Pass;
-use crate::information::decoder::problem::Scene;
+use crate::information::decoder::problem::Problem;
 use crate::information::decoder::samples::{Purpose, Reveal, Sample};
 use crate::information::entropy::likelihood::log_likelihood;
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::statistics::area_sums::AreaSums;
 use crate::information::statistics::student_t::student_95;
 use crate::information::stopwatch::Stopwatch;
@@ -61,7 +61,7 @@ const WALKS: u64 = 0x7f << 56;
 
 /// How carefully the posterior is followed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PosteriorFit {
+pub struct AisSettings {
     /// Groups of sites that are asked for one by one, given the others; more are looser but need fewer levels. The lower
     /// bound always asks for all at once.
     pub groups: usize,
@@ -79,7 +79,7 @@ pub struct PosteriorFit {
     pub seed: u64,
 }
 
-impl PosteriorFit {
+impl AisSettings {
     /// The usual fit within a budget of time.
     pub fn within(budget: Duration, seed: u64) -> Self {
         Self { levels: None, budget: Some(budget), ..Self::of_levels(USUAL_LEVELS, seed) }
@@ -110,7 +110,7 @@ impl PosteriorFit {
 
 /// How far a bound has come; sent after every few samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PosteriorProgress {
+pub struct AisProgress {
     /// Samples followed.
     pub samples: usize,
     /// Most samples there will be.
@@ -125,7 +125,7 @@ pub struct PosteriorProgress {
 
 /// A bound on the information between beads and noisy measurements by following the posterior.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PosteriorBound {
+pub struct AisBound {
     /// The bound, bits per pixel of the patch.
     pub bits_per_pixel: f64,
     /// 95 % interval (low, high), bits per pixel, from the standard error over samples (Student's t).
@@ -147,7 +147,7 @@ pub struct PosteriorBound {
 }
 
 /// Hears of progress, on any thread, and answers whether to go on.
-pub type OnPosterior<'a> = &'a mut (dyn FnMut(&PosteriorProgress) -> ControlFlow<()> + Send);
+pub type OnAis<'a> = &'a mut (dyn FnMut(&AisProgress) -> ControlFlow<()> + Send);
 
 /// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it. The noise is
 /// that of [`bounding`](crate::sensor::Noise::bounding). A bound whose samples `keeper` has goes on from them; where it is of a number
@@ -155,13 +155,13 @@ pub type OnPosterior<'a> = &'a mut (dyn FnMut(&PosteriorProgress) -> ControlFlow
 ///
 /// # Errors
 /// For what is no channel or no fit, where what is kept cannot be read or written or is of another bound, and when cancelled: `on_progress` is called every 50 ms and may break off.
-pub fn posterior_upper_bound(
+pub fn ais_upper_bound(
     channel: &BeadChannel,
-    fit: &PosteriorFit,
+    fit: &AisSettings,
     decoder: &Decoder,
-    keeper: Option<&dyn FitKeeper>,
-    on_progress: OnPosterior<'_>,
-) -> Result<PosteriorBound, InformationError> {
+    keeper: Option<&dyn FitCheckpoint>,
+    on_progress: OnAis<'_>,
+) -> Result<AisBound, InformationError> {
     let bounding = BeadChannel { noise: channel.noise.bounding(), ..channel.clone() };
     bound(&bounding, fit, (decoder, Side::Above), keeper, on_progress)
 }
@@ -170,15 +170,15 @@ pub fn posterior_upper_bound(
 /// asked for at once by one walker, whatever the fit says.
 ///
 /// # Errors
-/// As [`posterior_upper_bound`].
-pub fn posterior_lower_bound(
+/// As [`ais_upper_bound`].
+pub fn ais_lower_bound(
     channel: &BeadChannel,
-    fit: &PosteriorFit,
+    fit: &AisSettings,
     decoder: &Decoder,
-    keeper: Option<&dyn FitKeeper>,
-    on_progress: OnPosterior<'_>,
-) -> Result<PosteriorBound, InformationError> {
-    let fit = PosteriorFit { groups: 1, walkers: 1, ..fit.clone() };
+    keeper: Option<&dyn FitCheckpoint>,
+    on_progress: OnAis<'_>,
+) -> Result<AisBound, InformationError> {
+    let fit = AisSettings { groups: 1, walkers: 1, ..fit.clone() };
     bound(channel, &fit, (decoder, Side::Below), keeper, on_progress)
 }
 
@@ -190,11 +190,11 @@ enum Side {
 
 fn bound(
     channel: &BeadChannel,
-    fit: &PosteriorFit,
+    fit: &AisSettings,
     (decoder, side): (&Decoder, Side),
-    keeper: Option<&dyn FitKeeper>,
-    on_progress: OnPosterior<'_>,
-) -> Result<PosteriorBound, InformationError> {
+    keeper: Option<&dyn FitCheckpoint>,
+    on_progress: OnAis<'_>,
+) -> Result<AisBound, InformationError> {
     fit.check()?;
     let followed = keeper.map(|keeper| Followed::restore(keeper, fit.samples)).transpose()?.flatten();
     let (levels, mut nats, before) = match followed {
@@ -202,7 +202,7 @@ fn bound(
         None => (fit.levels, Vec::new(), Duration::ZERO),
     };
     let time = Stopwatch::after(before);
-    let scene = Scene::new(channel)?;
+    let scene = Problem::new(channel)?;
     let known = (nats.len(), mean_and_half_width(&nats, 0.0, scene.pixels()).0);
     let watch = Watch::new(on_progress, known, (fit.samples, fit.budget), time);
     let follower = Follower::new(channel, &scene, fit, decoder, &watch)?;
@@ -222,7 +222,7 @@ fn bound(
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);
         let enough = nats.len() >= FEWEST_SAMPLES && (late || half_width <= fit.half_width);
         if enough || nats.len() >= fit.samples {
-            return Ok(PosteriorBound {
+            return Ok(AisBound {
                 bits_per_pixel: mean,
                 interval_95: [mean - half_width, mean + half_width],
                 patch: channel.patch.into(),
@@ -255,8 +255,8 @@ fn mean_and_half_width(nats: &[f64], least: f64, pixels: usize) -> (f64, f64) {
 
 /// What all samples share.
 struct Follower<'a> {
-    scene: &'a Scene,
-    fit: &'a PosteriorFit,
+    scene: &'a Problem,
+    fit: &'a AisSettings,
     decoder: &'a Decoder,
     watch: &'a Watch<'a>,
     free: Pool<Pass<'a>>,
@@ -269,8 +269,8 @@ struct Follower<'a> {
 impl<'a> Follower<'a> {
     fn new(
         channel: &BeadChannel,
-        scene: &'a Scene,
-        fit: &'a PosteriorFit,
+        scene: &'a Problem,
+        fit: &'a AisSettings,
         decoder: &'a Decoder,
         watch: &'a Watch<'a>,
     ) -> Result<Self, InformationError> {

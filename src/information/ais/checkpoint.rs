@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::fit_checkpoint::unread;
 
 /// What was followed so far.
@@ -23,7 +23,7 @@ pub(super) struct Followed {
 
 impl Followed {
     /// What is kept of a bound of at most so many samples, if anything.
-    pub fn restore(keeper: &dyn FitKeeper, most: usize) -> Result<Option<Self>, InformationError> {
+    pub fn restore(keeper: &dyn FitCheckpoint, most: usize) -> Result<Option<Self>, InformationError> {
         let Some(bytes) = keeper.load()? else { return Ok(None) };
         let followed: Self = serde_json::from_slice(&bytes).map_err(|error| unread(keeper, &error))?;
         if followed.key != keeper.key() {
@@ -37,7 +37,7 @@ impl Followed {
 
     /// Keeps what was followed over so many levels in the time.
     pub fn keep(
-        keeper: &dyn FitKeeper,
+        keeper: &dyn FitCheckpoint,
         (levels, nats): (usize, &[f64]),
         elapsed: Duration,
     ) -> Result<(), InformationError> {

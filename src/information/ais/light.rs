@@ -2,7 +2,7 @@
 
 use ndarray::Array3;
 
-use crate::information::decoder::problem::Scene;
+use crate::information::decoder::problem::Problem;
 
 /// Pixels that are worked on together; every run is a multiple of it.
 pub(super) const LANES: usize = 8;
@@ -47,7 +47,7 @@ pub(super) struct Light {
 
 impl Light {
     /// The light of a spot of shape (planes, rows, cols).
-    pub fn new(spot: &Array3<f64>, scene: &Scene) -> Self {
+    pub fn new(spot: &Array3<f64>, scene: &Problem) -> Self {
         let (_, rows, cols) = spot.dim();
         let total: f64 = spot.sum();
         let bias = f64::from(scene.bias);

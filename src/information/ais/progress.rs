@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use super::bound::{OnPosterior, PosteriorProgress};
+use super::bound::{AisProgress, OnAis};
 use crate::information::stopwatch::Stopwatch;
 
 /// Time between two calls.
@@ -20,8 +20,8 @@ pub(super) struct Watch<'a> {
 }
 
 struct Told<'a> {
-    on_progress: OnPosterior<'a>,
-    progress: PosteriorProgress,
+    on_progress: OnAis<'a>,
+    progress: AisProgress,
     /// Time by which so many samples were followed.
     noted: Duration,
     /// When that was last told.
@@ -32,13 +32,13 @@ impl<'a> Watch<'a> {
     /// Of a bound whose time is taken, with the samples that were followed before, what they came to in bits per pixel, and the most
     /// samples and the most time there will be.
     pub fn new(
-        on_progress: OnPosterior<'a>,
+        on_progress: OnAis<'a>,
         (samples, bits_per_pixel): (usize, f64),
         (most, budget): (usize, Option<Duration>),
         time: Stopwatch,
     ) -> Self {
         let (elapsed, remaining) = (Duration::ZERO, None);
-        let progress = PosteriorProgress { samples, most, elapsed, remaining, bits_per_pixel };
+        let progress = AisProgress { samples, most, elapsed, remaining, bits_per_pixel };
         Self {
             told: Mutex::new(Told { on_progress, progress, noted: time.elapsed(), at: Instant::now() }),
             stopped: AtomicBool::new(false),
@@ -82,8 +82,8 @@ impl<'a> Watch<'a> {
 }
 
 /// Time left: of a budget, or by how long the samples had taken by when they were `noted`; none before the first.
-fn remaining(progress: &PosteriorProgress, budget: Option<Duration>, noted: Duration) -> Option<Duration> {
-    let &PosteriorProgress { samples, most, elapsed, .. } = progress;
+fn remaining(progress: &AisProgress, budget: Option<Duration>, noted: Duration) -> Option<Duration> {
+    let &AisProgress { samples, most, elapsed, .. } = progress;
     let all = match budget {
         Some(budget) => budget,
         None => Duration::try_from_secs_f64(noted.as_secs_f64() * most as f64 / samples as f64).ok()?,
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn the_time_that_is_left_falls_between_two_samples() {
         let seconds = Duration::from_secs;
-        let progress = |samples, elapsed| PosteriorProgress {
+        let progress = |samples, elapsed| AisProgress {
             samples,
             most: 40,
             elapsed: seconds(elapsed),

@@ -6,7 +6,7 @@
 //! for every group of sites, so that walks end with the exact law of the noise there ([`State::correction`]).
 
 use super::light::{LANES, Light};
-use crate::information::decoder::problem::Scene;
+use crate::information::decoder::problem::Problem;
 use crate::information::decoder::samples::Sample;
 use crate::information::entropy::likelihood::{ln_normal, ln_poisson, log_likelihood};
 use crate::nn::{logarithm, vectorised};
@@ -34,7 +34,7 @@ pub(super) struct Measured {
 
 impl Measured {
     /// The measurement of a sample whose beads at `known` sites are no question.
-    pub fn new(scene: &Scene, light: &Light, sample: &Sample, known: impl Fn(usize) -> bool) -> Self {
+    pub fn new(scene: &Problem, light: &Light, sample: &Sample, known: impl Fn(usize) -> bool) -> Self {
         let inside = light.image(&vec![1.0; scene.pixels()], 0.0);
         let mut clean = vec![light.background as f32; inside.len()];
         for site in (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0 && known(site)) {

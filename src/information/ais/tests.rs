@@ -6,7 +6,7 @@ use ndarray::array;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::bound::{PosteriorBound, PosteriorFit, PosteriorProgress, posterior_lower_bound, posterior_upper_bound};
+use super::bound::{AisBound, AisProgress, AisSettings, ais_lower_bound, ais_upper_bound};
 use super::chain::Walk;
 use super::checkpoint::Followed;
 use super::light::Light;
@@ -14,10 +14,10 @@ use super::proposals::{Effort, Guess, Steps};
 use super::state::{Measured, State};
 use crate::information::decoder::channel::BeadChannel;
 use crate::information::decoder::layers::Decoder;
-use crate::information::decoder::problem::Scene;
+use crate::information::decoder::problem::Problem;
 use crate::information::decoder::samples::{Purpose, Reveal, Sample};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::fit_checkpoint::InMemory;
 use crate::sensor::Noise;
 
@@ -29,7 +29,7 @@ fn toy(noise: Noise) -> BeadChannel {
     BeadChannel { spot, probability: 0.3, bias: 4.0, noise, patch: (1, 8) }
 }
 
-fn sample(scene: &Scene, index: usize) -> Sample {
+fn sample(scene: &Problem, index: usize) -> Sample {
     let mut sample = Sample::default();
     sample.draw(scene, (3, Purpose::Posterior, index), |_| Reveal::Nothing, &mut scene.light.blur_workspace());
     sample
@@ -39,13 +39,13 @@ fn sample(scene: &Scene, index: usize) -> Sample {
 fn light_that_arithmetic_leaves_in_the_dark_is_part_of_the_channel() {
     // A clean image with photons where no bead sends any, as a transform may leave them, and a count there.
     let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
-    let fit = PosteriorFit { samples: 64, ..PosteriorFit::of_levels(16, 1) };
+    let fit = AisSettings { samples: 64, ..AisSettings::of_levels(16, 1) };
     let decoder = Decoder::shipped().unwrap();
-    let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let bound = ais_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(bound.bits_per_pixel > 0.2 && bound.interval_95[0] > 0.0, "{bound:?}");
-    let below = posterior_lower_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let below = ais_lower_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(below.interval_95[0] <= bound.interval_95[1], "{below:?}");
-    let scene = Scene::new(&channel).unwrap();
+    let scene = Problem::new(&channel).unwrap();
     let sample = sample(&scene, 1);
     assert_eq!(sample.clean.len(), sample.noisy.len());
     let likely = |(&y, &x): (&f32, &f32)| y == 0.0 || x > 0.0;
@@ -57,7 +57,7 @@ fn sites_of(object: usize) -> impl Iterator<Item = usize> {
 }
 
 /// Log of prior times likelihood of all objects.
-fn all_logs(scene: &Scene, light: &Light, measured: &Measured) -> Vec<f64> {
+fn all_logs(scene: &Problem, light: &Light, measured: &Measured) -> Vec<f64> {
     let (lit, dark) = (scene.probability.ln(), (1.0 - scene.probability).ln());
     let log = |object: usize| {
         let beads = sites_of(object).count() as f64;
@@ -87,7 +87,7 @@ fn a_gain_is_a_difference_of_log_likelihoods() {
         let level = |(z, r, c): (usize, usize, usize)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * brightness;
         let spot = ndarray::Array3::from_shape_fn((2, 3, 11), level);
         let channel = BeadChannel { spot, probability: 0.15, bias, noise, patch: (6, 5) };
-        let scene = Scene::new(&channel).unwrap();
+        let scene = Problem::new(&channel).unwrap();
         let light = Light::new(&channel.checked_spot().unwrap(), &scene);
         let sample = sample(&scene, 1);
         let measured = Measured::new(&scene, &light, &sample, |site| site % 3 == 0);
@@ -114,7 +114,7 @@ fn light_that_is_not_followed_could_tell_nothing() {
         let spot = crate::information::test_beads::bead_spot(4, probability) * brightness;
         let channel = BeadChannel { spot, probability, patch: (24, 20), ..toy(Noise::Shot) };
         let spot = channel.checked_spot().unwrap();
-        let light = Light::new(&spot, &Scene::new(&channel).unwrap());
+        let light = Light::new(&spot, &Problem::new(&channel).unwrap());
         let energy = |photons: f64| photons * photons;
         let followed: f64 = light.photons.iter().map(|&photons| energy(f64::from(photons))).sum();
         let left = spot.iter().copied().map(energy).sum::<f64>() - followed;
@@ -131,7 +131,7 @@ fn the_light_of_the_true_beads_is_that_of_the_sample() {
         ..toy(Noise::Read { sigma: 1e-3 })
     };
     let channel = BeadChannel { probability: 0.02, ..channel };
-    let scene = Scene::new(&channel).unwrap();
+    let scene = Problem::new(&channel).unwrap();
     let light = Light::new(&channel.checked_spot().unwrap(), &scene);
     let sample = sample(&scene, 2);
     let mut clean = light.image(&vec![light.background as f32; scene.pixels()], 0.0);
@@ -148,7 +148,7 @@ fn the_light_of_the_true_beads_is_that_of_the_sample() {
 fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
     for noise in NOISES {
         let channel = toy(noise);
-        let scene = Scene::new(&channel).unwrap();
+        let scene = Problem::new(&channel).unwrap();
         let spot = channel.checked_spot().unwrap();
         let (light, steps) = (Light::new(&spot, &scene), Steps::new(&spot));
         let measured = Measured::new(&scene, &light, &sample(&scene, 4), |_| false);
@@ -206,22 +206,22 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
     }
 }
 
-fn fit(groups: usize, levels: usize) -> PosteriorFit {
-    PosteriorFit { groups, walkers: 2, levels: Some(levels), samples: 200, half_width: 0.0, budget: None, seed: 6 }
+fn fit(groups: usize, levels: usize) -> AisSettings {
+    AisSettings { groups, walkers: 2, levels: Some(levels), samples: 200, half_width: 0.0, budget: None, seed: 6 }
 }
 
-fn bounds(channel: &BeadChannel, fit: &PosteriorFit) -> [PosteriorBound; 2] {
+fn bounds(channel: &BeadChannel, fit: &AisSettings) -> [AisBound; 2] {
     let decoder = Decoder::shipped().unwrap();
-    let on = &mut |_: &PosteriorProgress| ControlFlow::Continue(());
+    let on = &mut |_: &AisProgress| ControlFlow::Continue(());
     [
-        posterior_lower_bound(channel, fit, decoder, None, on).unwrap(),
-        posterior_upper_bound(channel, fit, decoder, None, on).unwrap(),
+        ais_lower_bound(channel, fit, decoder, None, on).unwrap(),
+        ais_upper_bound(channel, fit, decoder, None, on).unwrap(),
     ]
 }
 
 /// The information of a toy by enumeration, bits per pixel, and its standard error.
 fn truth_of(channel: &BeadChannel) -> (f64, f64) {
-    let scene = Scene::new(channel).unwrap();
+    let scene = Problem::new(channel).unwrap();
     let light = Light::new(&channel.checked_spot().unwrap(), &scene);
     let values: Vec<f64> = (0..4000)
         .map(|index| {
@@ -262,7 +262,7 @@ fn bounds_enclose_the_truth_and_close_in_on_it() {
             grouped.bits_per_pixel
         );
         // Three standard errors of both.
-        let spread = |bound: &PosteriorBound| 3.0 * error + (bound.interval_95[1] - bound.interval_95[0]) * 0.77;
+        let spread = |bound: &AisBound| 3.0 * error + (bound.interval_95[1] - bound.interval_95[0]) * 0.77;
         // Shot plus read noise is a little off in the model of the walks.
         let model = if matches!(noise, Noise::ShotRead { .. }) { 0.01 } else { 0.0 };
         for below in [&coarse_low, &low] {
@@ -281,16 +281,16 @@ fn bounds_enclose_the_truth_and_close_in_on_it() {
 #[test]
 fn equal_seeds_give_equal_bits_on_any_number_of_threads() {
     let channel = toy(Noise::Shot);
-    let fit = PosteriorFit { samples: 24, ..fit(3, 10) };
+    let fit = AisSettings { samples: 24, ..fit(3, 10) };
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| bounds(&channel, &fit)).map(|bound| PosteriorBound { seconds: 0.0, ..bound })
+        pool.install(|| bounds(&channel, &fit)).map(|bound| AisBound { seconds: 0.0, ..bound })
     };
     let one = on(1);
     assert_eq!(one, on(3));
     let text = serde_json::to_string(&one[1]).unwrap();
-    assert_eq!(serde_json::from_str::<PosteriorBound>(&text).unwrap(), one[1]);
-    let other = bounds(&channel, &PosteriorFit { seed: 7, ..fit });
+    assert_eq!(serde_json::from_str::<AisBound>(&text).unwrap(), one[1]);
+    let other = bounds(&channel, &AisSettings { seed: 7, ..fit });
     assert_ne!(one[1].bits_per_pixel, other[1].bits_per_pixel);
 }
 
@@ -299,33 +299,33 @@ fn a_bound_stops_when_asked_and_keeps_within_its_time() {
     let channel = toy(Noise::Shot);
     let decoder = Decoder::shipped().unwrap();
     let mut calls = 0;
-    let stopped = posterior_upper_bound(&channel, &fit(2, 5), decoder, None, &mut |_| {
+    let stopped = ais_upper_bound(&channel, &fit(2, 5), decoder, None, &mut |_| {
         calls += 1;
         if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
     // In the middle of a walk, too: all of its levels would take hours.
-    let endless = PosteriorFit::of_levels(1 << 24, 1);
-    let stopped = posterior_lower_bound(&channel, &endless, decoder, None, &mut |_| ControlFlow::Break(()));
+    let endless = AisSettings::of_levels(1 << 24, 1);
+    let stopped = ais_lower_bound(&channel, &endless, decoder, None, &mut |_| ControlFlow::Break(()));
     assert_eq!(stopped, Err(InformationError::Cancelled));
     let budget = std::time::Duration::from_millis(600);
-    let fit = PosteriorFit { samples: usize::MAX, half_width: 0.0, ..PosteriorFit::within(budget, 1) };
-    let bound = posterior_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let fit = AisSettings { samples: usize::MAX, half_width: 0.0, ..AisSettings::within(budget, 1) };
+    let bound = ais_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(bound.seconds >= 0.6 && bound.seconds < 6.0 && bound.levels > 1, "{bound:?}");
 }
 
 #[test]
 fn a_bound_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
     let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
-    let fit = PosteriorFit { samples: 24, ..fit(3, 10) };
-    for bound in [posterior_lower_bound, posterior_upper_bound] {
-        let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+    let fit = AisSettings { samples: 24, ..fit(3, 10) };
+    for bound in [ais_lower_bound, ais_upper_bound] {
+        let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
             let mut told = Vec::new();
             let result = bound(&channel, &fit, decoder, keeper, &mut |progress| {
                 told.push(progress.samples);
                 if progress.samples < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             });
-            (result.map(|bound| PosteriorBound { seconds: 0.0, ..bound }), told)
+            (result.map(|bound| AisBound { seconds: 0.0, ..bound }), told)
         };
         let whole = run(None, usize::MAX).0.unwrap();
         let keeper = InMemory::default();
@@ -335,7 +335,7 @@ fn a_bound_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() 
         assert_eq!((resumed.unwrap(), told[0] >= 8), (whole, true), "{told:?}");
     }
     let broken = InMemory(Some(b"a letter".to_vec()).into());
-    let refusal = posterior_upper_bound(&channel, &fit, decoder, Some(&broken), &mut |_| ControlFlow::Continue(()));
+    let refusal = ais_upper_bound(&channel, &fit, decoder, Some(&broken), &mut |_| ControlFlow::Continue(()));
     let message = refusal.unwrap_err().to_string();
     assert!(message.contains("memory"), "{message}");
 }
@@ -347,8 +347,8 @@ fn levels_that_a_time_was_found_to_allow_stay_when_a_bound_goes_on() {
     let (kept, elapsed) = ([0.25, 0.5, 0.75, 1.0].repeat(4), std::time::Duration::from_hours(2));
     Followed::keep(&keeper, (77, &kept), elapsed).unwrap();
     // Its time is over: one more block, and that is it.
-    let fit = PosteriorFit { half_width: 0.0, ..PosteriorFit::within(std::time::Duration::from_hours(1), 6) };
-    let bound = posterior_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
+    let fit = AisSettings { half_width: 0.0, ..AisSettings::within(std::time::Duration::from_hours(1), 6) };
+    let bound = ais_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
     let bound = bound.unwrap();
     assert_eq!((bound.levels, bound.samples), (77, 20));
     assert!(bound.seconds >= 7200.0, "{bound:?}");
@@ -356,17 +356,17 @@ fn levels_that_a_time_was_found_to_allow_stay_when_a_bound_goes_on() {
 
 #[test]
 fn what_is_no_fit_is_refused_in_a_sentence() {
-    let refused = |fit: &PosteriorFit, part: &str| {
+    let refused = |fit: &AisSettings, part: &str| {
         let decoder = Decoder::shipped().unwrap();
-        let result = posterior_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut |_| ControlFlow::Continue(()));
+        let result = ais_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut |_| ControlFlow::Continue(()));
         let message = result.unwrap_err().to_string();
         assert!(message.contains(part), "{message}");
     };
     refused(&fit(0, 5), "groups");
-    refused(&PosteriorFit { walkers: 0, ..fit(1, 5) }, "walkers");
+    refused(&AisSettings { walkers: 0, ..fit(1, 5) }, "walkers");
     refused(&fit(1, 0), "levels");
-    refused(&PosteriorFit { samples: 1, ..fit(1, 5) }, "two samples");
-    let none = posterior_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
+    refused(&AisSettings { samples: 1, ..fit(1, 5) }, "two samples");
+    let none = ais_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
         ControlFlow::Continue(())
     });
     assert!(none.is_err());

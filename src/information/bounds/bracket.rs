@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::information::ais::bound::PosteriorBound;
+use crate::information::ais::bound::AisBound;
 use crate::information::decoder::bound::LowerBound;
 
 /// A bound on the information from one side, bits per pixel, and where it comes from.
@@ -23,9 +23,9 @@ pub struct BeadBounds {
     /// What a fitted decoder tells of fresh samples.
     pub decoder: LowerBound,
     /// From below, by following the posterior back from the true beads.
-    pub below: PosteriorBound,
+    pub below: AisBound,
     /// From above, by following it from the decoder's guess.
-    pub above: PosteriorBound,
+    pub above: AisBound,
 }
 
 impl BeadBounds {
@@ -43,8 +43,8 @@ impl BeadBounds {
     }
 }
 
-impl From<&PosteriorBound> for NamedBound {
-    fn from(bound: &PosteriorBound) -> Self {
+impl From<&AisBound> for NamedBound {
+    fn from(bound: &AisBound) -> Self {
         // Nobody knows less than nothing.
         let known = |bits: f64| if bits < 0.0 { 0.0 } else { bits };
         let (bits_per_pixel, interval_95) = (known(bound.bits_per_pixel), bound.interval_95.map(known));
@@ -55,7 +55,7 @@ impl From<&PosteriorBound> for NamedBound {
 /// What is known of the information of one encoder for one kind of scene, from both sides.
 ///
 /// No density model can tell a poor encoder from a poor fit; the bracket can, because what it holds is proven: the
-/// truth lies between the larger of a decoder's saving ([`LowerBound`]) and posterior sampling ([`PosteriorBound`]), and the
+/// truth lies between the larger of a decoder's saving ([`LowerBound`]) and posterior sampling ([`AisBound`]), and the
 /// smallest of a density model's cross-entropy, the Gaussian bound, the entropy ceiling of the objects and posterior
 /// sampling.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 use super::channel::BeadChannel;
 use super::fit::{DecoderFit, DecoderProgress, Run};
 use super::gradient::Passes;
-use super::information_gain::Savings;
+use super::information_gain::InformationGain;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
-use super::problem::Scene;
+use super::problem::Problem;
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::sensor::Noise;
 
 /// Lower bound on the mutual information between beads and noisy measurements, by a trained decoder.
@@ -66,11 +66,11 @@ pub fn decoder_lower_bound(
     channel: &BeadChannel,
     fit: &DecoderFit,
     start: Option<&Decoder>,
-    keeper: Option<&dyn FitKeeper>,
+    keeper: Option<&dyn FitCheckpoint>,
     on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
 ) -> Result<(LowerBound, Decoder), InformationError> {
     fit.check()?;
-    let scene = Scene::new(channel)?;
+    let scene = Problem::new(channel)?;
     let mut decoder = match start {
         Some(start) if start.unrolled() == fit.unrolled => start.clone(),
         Some(start) => {
@@ -118,13 +118,13 @@ pub fn decoder_lower_bound(
 
 /// Blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
 fn test(
-    scene: &Scene,
+    scene: &Problem,
     (fit, run): (&DecoderFit, &Run<'_>),
     passes: &Passes<'_>,
     decoder: &Decoder,
     on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
-) -> Result<Savings, InformationError> {
-    let mut savings = Savings::default();
+) -> Result<InformationGain, InformationError> {
+    let mut savings = InformationGain::default();
     let mut on_scored = |tested| on_progress(&run.progress(Some(tested)));
     loop {
         savings.add_block(scene, passes, decoder, (fit.kind, fit.seed), &mut on_scored)?;
@@ -178,7 +178,7 @@ mod tests {
         let spot = array![[[9.0, 14.0, 5.0]]];
         let channel = BeadChannel { spot, probability: 0.1, bias: 4.0, noise: Noise::Shot, patch: (2, 8) };
         let fit = DecoderFit { unrolled: 2, max_test: 64, ..DecoderFit::of_steps(12, DecoderKind::Autoregressive, 2) };
-        let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+        let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
             let mut told = Vec::new();
             let result = decoder_lower_bound(&channel, &fit, None, keeper, &mut |progress| {
                 told.push(*progress);

@@ -10,13 +10,13 @@ use super::channel::BeadChannel;
 use super::gradient::Passes;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
-use super::problem::Scene;
+use super::problem::Problem;
 use super::samples::Reveal;
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::fit_checkpoint::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
 use crate::information::stopwatch::Stopwatch;
-use crate::nn::{Averaging, Optimizer, Rule, rate_schedule};
+use crate::nn::{Averaging, Optimizer, Rule, learning_rate_factor};
 
 /// Share of a budget that is kept for the test.
 const TEST_SHARE: f64 = 0.06;
@@ -125,8 +125,8 @@ pub struct DecoderProgress {
 /// The state of one fit.
 pub(super) struct Run<'a> {
     fit: &'a DecoderFit,
-    scene: &'a Scene,
-    keeper: Option<&'a dyn FitKeeper>,
+    scene: &'a Problem,
+    keeper: Option<&'a dyn FitCheckpoint>,
     watch: Stopwatch,
     course: Course,
 }
@@ -207,7 +207,7 @@ impl Course {
     fn step(
         &mut self,
         fit: &DecoderFit,
-        scene: &Scene,
+        scene: &Problem,
         (decoder, passes): (&mut Decoder, &mut Passes<'_>),
         done: f64,
     ) -> Result<(), InformationError> {
@@ -218,7 +218,7 @@ impl Course {
             DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
         };
         self.steps += 1;
-        if self.mover.step(decoder, &passes.gradient, 1.0, fit.rate * rate_schedule(done))? {
+        if self.mover.step(decoder, &passes.gradient, 1.0, fit.rate * learning_rate_factor(done))? {
             let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
             self.saved_per_site += RUNNING.max(1.0 / self.steps as f64) * (saved - self.saved_per_site);
         }
@@ -226,7 +226,7 @@ impl Course {
     }
 
     /// Keeps where the fit of a decoder stands after `elapsed` in all.
-    fn keep(&self, keeper: &dyn FitKeeper, decoder: &Decoder, elapsed: Duration) -> Result<(), InformationError> {
+    fn keep(&self, keeper: &dyn FitCheckpoint, decoder: &Decoder, elapsed: Duration) -> Result<(), InformationError> {
         let Mover { optimizer, refused, mean_norm, .. } = &self.mover;
         let details = vec![
             (MEAN_NORM, mean_norm.to_string()),
@@ -238,7 +238,7 @@ impl Course {
     }
 
     /// Goes on from what is kept of the same fit, if anything; returns the time that was taken for it.
-    fn restore(&mut self, keeper: &dyn FitKeeper, decoder: &mut Decoder) -> Result<Duration, InformationError> {
+    fn restore(&mut self, keeper: &dyn FitCheckpoint, decoder: &mut Decoder) -> Result<Duration, InformationError> {
         let Some(kept) = restore_fit(keeper, &mut decoder.weights, &mut self.mover.optimizer)? else {
             return Ok(Duration::ZERO);
         };
@@ -272,7 +272,7 @@ impl DecoderRefit {
         watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
     ) -> Result<(), InformationError> {
         let Self { fit, decoder, course } = self;
-        let scene = Scene::new(channel)?;
+        let scene = Problem::new(channel)?;
         let mut passes = Passes::new(&scene, decoder);
         while course.steps < steps.min(fit.steps) {
             let done = course.share(fit);
@@ -299,9 +299,9 @@ impl<'a> Run<'a> {
     /// A fit from the weights of a decoder, or from what is kept of the same fit, whose weights the decoder gets then.
     pub fn new(
         fit: &'a DecoderFit,
-        scene: &'a Scene,
+        scene: &'a Problem,
         decoder: &mut Decoder,
-        keeper: Option<&'a dyn FitKeeper>,
+        keeper: Option<&'a dyn FitCheckpoint>,
     ) -> Result<Self, InformationError> {
         let mut course = Course::new(decoder);
         let before = keeper.map(|keeper| course.restore(keeper, decoder)).transpose()?;

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::layers::Decoder;
 use super::pass::Pass;
-use super::problem::Scene;
+use super::problem::Problem;
 use super::samples::{Purpose, Reveal};
-use crate::nn::{Pool, sum_in_order};
+use crate::nn::{Pool, ordered_sum};
 
 /// What one sample told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,7 +20,7 @@ pub(in crate::information) struct Outcome {
 
 /// Memory of the threads, kept from step to step.
 pub(in crate::information) struct Passes<'a> {
-    scene: &'a Scene,
+    scene: &'a Problem,
     steps: usize,
     free: Pool<Pass<'a>>,
     parts: Vec<Vec<f32>>,
@@ -30,7 +30,7 @@ pub(in crate::information) struct Passes<'a> {
 
 impl<'a> Passes<'a> {
     /// For decoders like this one.
-    pub fn new(scene: &'a Scene, decoder: &Decoder) -> Self {
+    pub fn new(scene: &'a Problem, decoder: &Decoder) -> Self {
         let gradient = vec![0.0; decoder.layout.count()];
         Self { scene, steps: decoder.unrolled(), free: Pool::default(), parts: Vec::new(), gradient }
     }
@@ -60,7 +60,7 @@ impl<'a> Passes<'a> {
         });
         let outcomes = outcomes.collect();
         let parts: Vec<&[f32]> = self.parts.iter().map(Vec::as_slice).collect();
-        sum_in_order(&parts, &mut self.gradient);
+        ordered_sum(&parts, &mut self.gradient);
         outcomes
     }
 
@@ -94,6 +94,6 @@ fn decode(pass: &mut Pass<'_>, decoder: &Decoder) -> Outcome {
     Outcome { saved_bits: saved * pass.sample.weight, saved_bits_per_site: saved / free }
 }
 
-fn lend<'a, T>(free: &Pool<Pass<'a>>, scene: &'a Scene, steps: usize, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
+fn lend<'a, T>(free: &Pool<Pass<'a>>, scene: &'a Problem, steps: usize, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
     free.with(|_| true, || Pass::new(scene, steps), work)
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::channel::BeadChannel;
 use super::gradient::Passes;
 use super::layers::Decoder;
-use super::problem::Scene;
+use super::problem::Problem;
 use super::samples::{Purpose, Reveal};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
@@ -23,13 +23,13 @@ use crate::sensor::Noise;
 ///
 /// # Errors
 /// For what is no channel.
-pub fn spot_slope(
+pub fn bead_response_gradient(
     channel: &BeadChannel,
     decoder: &Decoder,
     (seed, first, count): (u64, usize, usize),
 ) -> Result<Array3<f64>, InformationError> {
     // Where the spot is dark it may become bright.
-    let scene = Scene::of(channel, channel.whole_spot()?)?;
+    let scene = Problem::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
     let seen: Vec<(Vec<f32>, Vec<f32>)> = (0..count)
         .into_par_iter()
@@ -206,7 +206,7 @@ mod tests {
             };
             let (_, decoder) =
                 decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(())).unwrap();
-            let found = spot_slope(&channel, &decoder, (7, 0, 200_000)).unwrap();
+            let found = bead_response_gradient(&channel, &decoder, (7, 0, 200_000)).unwrap();
             let exact = exact_slopes([9.0, 4.0], noise);
             println!("{noise}: {found} {exact:?}");
             for (found, exact) in found.iter().zip(exact) {

@@ -19,7 +19,7 @@ use super::channel::BeadChannel;
 use super::gradient::Passes;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
-use super::problem::Scene;
+use super::problem::Problem;
 use super::samples::Reveal;
 use crate::information::error::InformationError;
 
@@ -30,11 +30,11 @@ const REPORT: usize = 16;
 /// Standard errors to either side of a 95 % interval.
 const NORMAL_95: f64 = 1.96;
 
-/// Savings over the prior, bits per pixel of the patch, one per test sample.
+/// InformationGain over the prior, bits per pixel of the patch, one per test sample.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Savings(pub Vec<f64>);
+pub(super) struct InformationGain(pub Vec<f64>);
 
-impl Savings {
+impl InformationGain {
     /// Number of test samples.
     pub fn count(&self) -> usize {
         self.0.len()
@@ -54,7 +54,7 @@ impl Savings {
     /// [`InformationError::Cancelled`] where it does.
     pub fn add_block(
         &mut self,
-        scene: &Scene,
+        scene: &Problem,
         passes: &Passes<'_>,
         decoder: &Decoder,
         (kind, seed): (DecoderKind, u64),
@@ -73,7 +73,7 @@ impl Savings {
 
 /// The savings of some of the test samples, each `block` of them spread evenly over k.
 fn scored(
-    scene: &Scene,
+    scene: &Problem,
     passes: &Passes<'_>,
     decoder: &Decoder,
     (kind, seed, block): (DecoderKind, u64, usize),
@@ -90,20 +90,20 @@ fn scored(
 
 /// What a decoder as it is saves over the prior on a range of the fresh test samples of a seed, bits per pixel each. Their mean
 /// is a lower bound once all of a multiple of `block` are there, which spreads evenly over the orders in which sites are told (from 64 on
-/// its interval is no wider for that; [`QuickLowerBound::of_savings`](super::QuickLowerBound::of_savings)).
+/// its interval is no wider for that; [`PretrainedLowerBound::of_savings`](super::PretrainedLowerBound::of_savings)).
 ///
 /// # Errors
 /// For what is no channel; cancelled where `go_on`, which is asked every few samples, says so.
 //
 // Beads are drawn at all sites of the whole spot, however much of it is dark, so that masks on one grid are asked for the same ones.
-pub fn decoder_savings(
+pub fn decoder_information(
     decoder: &Decoder,
     channel: &BeadChannel,
     (seed, block): (u64, usize),
     range: Range<usize>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Vec<f64>, InformationError> {
-    let scene = Scene::of(channel, channel.whole_spot()?)?;
+    let scene = Problem::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
     let mut savings = Vec::with_capacity(range.len());
     for first in range.clone().step_by(REPORT) {
@@ -118,8 +118,8 @@ pub fn decoder_savings(
 
 /// How much more is saved on the same samples after a change than before, bits per pixel, and half the width of the 95 % interval of
 /// that: what both find hard or easy alike is no error of the difference.
-pub fn savings_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
-    Savings(before.iter().zip(after).map(|(before, after)| after - before).collect()).mean_and_half_width()
+pub fn paired_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
+    InformationGain(before.iter().zip(after).map(|(before, after)| after - before).collect()).mean_and_half_width()
 }
 
 /// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
@@ -150,7 +150,7 @@ mod tests {
             let normal: f64 = random.sample(rand_distr::StandardNormal);
             (i % BLOCK) as f64 * 0.02 + normal
         });
-        let (mean, half_width) = Savings(values.collect()).mean_and_half_width();
+        let (mean, half_width) = InformationGain(values.collect()).mean_and_half_width();
         assert!((mean - 2.55).abs() < 0.03, "{mean}");
         assert!((half_width / (1.96 / 128.0) - 1.0).abs() < 0.05, "{half_width}");
     }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::information::error::InformationError;
-use crate::nn::{Bordered, Initial, ParameterLayout, Window};
+use crate::nn::{Initial, PaddedImages, ParameterLayout, Window};
 
 /// Channels that a site keeps from step to step, and numbers it is told in every step.
 pub(in crate::information) const HIDDEN: usize = 16;
@@ -124,7 +124,7 @@ pub(in crate::information) struct Windows {
 }
 
 impl Windows {
-    pub fn new(sites: Bordered) -> Self {
+    pub fn new(sites: PaddedImages) -> Self {
         let window = |offsets: Vec<isize>, inputs: usize, outputs: usize| Window {
             offsets,
             range: sites.covered(),

@@ -6,7 +6,7 @@ use super::features::{
     update, update_backward,
 };
 use super::layers::{Decoder, FEATURES, INPUTS, Windows};
-use super::problem::Scene;
+use super::problem::Problem;
 use super::samples::Sample;
 use super::update::{Activations, LayerScratch, Layers};
 use crate::sensor::BlurWorkspace;
@@ -24,7 +24,7 @@ struct Kept {
 
 /// Memory of one thread.
 pub(in crate::information) struct Pass<'a> {
-    scene: &'a Scene,
+    scene: &'a Problem,
     windows: Windows,
     noise: PixelVariance,
     kept: Vec<Kept>,
@@ -51,7 +51,7 @@ pub(in crate::information) struct Pass<'a> {
 
 impl<'a> Pass<'a> {
     /// Memory for decoders of `steps` steps.
-    pub fn new(scene: &'a Scene, steps: usize) -> Self {
+    pub fn new(scene: &'a Problem, steps: usize) -> Self {
         let (sites, pixels) = (scene.site_count(), scene.pixels());
         let kept = || Kept {
             evidence: Evidence::new(sites),
@@ -200,9 +200,9 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 
-    fn scene(noise: Noise) -> Scene {
+    fn scene(noise: Noise) -> Problem {
         let spot = Array3::from_shape_fn((2, 3, 4), |(z, r, c)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * 4.0);
-        Scene::new(&BeadChannel { spot, probability: 0.15, bias: 6.0, noise, patch: (6, 5) }).unwrap()
+        Problem::new(&BeadChannel { spot, probability: 0.15, bias: 6.0, noise, patch: (6, 5) }).unwrap()
     }
 
     fn loss(pass: &mut Pass<'_>, decoder: &Decoder, weights: &[f32]) -> f64 {

@@ -11,9 +11,9 @@ use super::channel::BeadChannel;
 use super::fit::{Mover, revealed_in_training};
 use super::gradient::Passes;
 use super::layers::Decoder;
-use super::problem::Scene;
+use super::problem::Problem;
 use crate::information::error::InformationError;
-use crate::nn::rate_schedule;
+use crate::nn::learning_rate_factor;
 
 /// Those that come with the program.
 const SHIPPED: &[u8] = include_bytes!("../../../assets/first_decoder.safetensors");
@@ -26,7 +26,7 @@ const BATCH: usize = 2;
 
 /// How far a fit to many channels has come.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct FirstProgress {
+pub struct DecoderPretrainProgress {
     /// Steps so far.
     pub steps: usize,
     /// Channels so far.
@@ -38,7 +38,8 @@ pub struct FirstProgress {
 }
 
 /// Hears of every step, gets what makes the decoder as it would be if the fit ended there, and answers whether to go on.
-pub type OnFirstStep<'a> = &'a mut dyn FnMut(&FirstProgress, &dyn Fn() -> Decoder) -> ControlFlow<()>;
+pub type OnDecoderPretrainStep<'a> =
+    &'a mut dyn FnMut(&DecoderPretrainProgress, &dyn Fn() -> Decoder) -> ControlFlow<()>;
 
 impl Decoder {
     /// The decoder whose weights come with the program, fitted to beads through many encoders; none where the program was
@@ -67,15 +68,15 @@ impl Decoder {
         &mut self,
         channel: &dyn Fn(u64) -> Result<BeadChannel, InformationError>,
         (length, seed, rate): (Duration, u64, f64),
-        on_progress: OnFirstStep<'_>,
+        on_progress: OnDecoderPretrainStep<'_>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut mover = Mover::new(self);
-        let mut progress = FirstProgress::default();
+        let mut progress = DecoderPretrainProgress::default();
         loop {
-            let scenes = (0..CHANNELS as u64).map(|index| Scene::new(&channel(progress.channels + index)?));
-            let scenes: Vec<Scene> = scenes.collect::<Result<_, _>>()?;
+            let scenes = (0..CHANNELS as u64).map(|index| Problem::new(&channel(progress.channels + index)?));
+            let scenes: Vec<Problem> = scenes.collect::<Result<_, _>>()?;
             progress.channels += CHANNELS as u64;
             let mut passes: Vec<Passes<'_>> = scenes.iter().map(|scene| Passes::new(scene, self)).collect();
             for _ in 0..STEPS {
@@ -91,7 +92,7 @@ impl Decoder {
                 let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
                 // Sparse scenes have less to tell; without this they would count for less.
                 let prior = scene.prior_nats().max(1e-6);
-                if !mover.step(self, &passes.gradient, prior, rate * rate_schedule(done))? {
+                if !mover.step(self, &passes.gradient, prior, rate * learning_rate_factor(done))? {
                     continue;
                 }
                 progress.steps += 1;

@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 use super::bound::decoder_lower_bound;
 use super::channel::BeadChannel;
 use super::fit::DecoderFit;
-use super::information_gain::Savings;
+use super::information_gain::InformationGain;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
 use crate::information::error::InformationError;
 
 /// A bound from below by a decoder as it is, without any fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct QuickLowerBound {
+pub struct PretrainedLowerBound {
     /// Bits per pixel of the patch.
     pub bits_per_pixel: f64,
     /// 95 % interval over fresh samples.
@@ -23,7 +23,7 @@ pub struct QuickLowerBound {
     pub samples: usize,
 }
 
-impl QuickLowerBound {
+impl PretrainedLowerBound {
     /// Tests the decoder that comes with the program on at most so many samples, or until half the width of the interval (bits per pixel) is this
     /// small; none where the program has no decoder.
     ///
@@ -48,9 +48,9 @@ impl QuickLowerBound {
         Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
     }
 
-    /// The bound that [savings](super::decoder_savings) make.
+    /// The bound that [savings](super::decoder_information) make.
     pub fn of_savings(savings: Vec<f64>) -> Self {
-        let savings = Savings(savings);
+        let savings = InformationGain(savings);
         let (mean, half_width) = savings.mean_and_half_width();
         let interval_95 = [(mean - half_width).max(0.0), (mean + half_width).max(0.0)];
         Self { bits_per_pixel: mean.max(0.0), interval_95, samples: savings.count() }

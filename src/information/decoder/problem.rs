@@ -5,7 +5,7 @@ use ndarray::Array3;
 use super::channel::BeadChannel;
 use crate::information::error::InformationError;
 use crate::information::statistics::area_sums::AreaSums;
-use crate::nn::Bordered;
+use crate::nn::PaddedImages;
 use crate::sensor::{Convolution, Convolver, Noise};
 
 /// Squared photons per photon of variance below which a bead is not worth decoding: it tells less than 2e-6 bit.
@@ -16,9 +16,9 @@ const LEAST_SHARE: f64 = 1e-12;
 const LEAST_LIGHT: f32 = 1e-4;
 
 /// What does not change between the samples of a channel. Sites are object pixels, in the order (planes, rows, cols).
-pub(in crate::information) struct Scene {
+pub(in crate::information) struct Problem {
     /// Planes, and rows and columns of each: all object pixels whose spot overlaps the patch.
-    pub sites: Bordered,
+    pub sites: PaddedImages,
     /// Rows and columns of the patch.
     pub patch: (usize, usize),
     /// Probability of a bead.
@@ -38,7 +38,7 @@ pub(in crate::information) struct Scene {
     pub decoded: Vec<usize>,
 }
 
-impl Scene {
+impl Problem {
     /// Plans the transforms of a channel.
     ///
     /// # Errors
@@ -47,7 +47,7 @@ impl Scene {
         Self::of(channel, channel.checked_spot()?)
     }
 
-    /// As [`Scene::new`], for a spot of the channel with or without its dark edges.
+    /// As [`Problem::new`], for a spot of the channel with or without its dark edges.
     pub fn of(channel: &BeadChannel, spot: Array3<f64>) -> Result<Self, InformationError> {
         let (planes, spot_rows, spot_cols) = spot.dim();
         let patch = channel.patch;
@@ -81,7 +81,7 @@ impl Scene {
             per_light[site] = 1.0 / on_patch[site].max(least);
         }
         Ok(Self {
-            sites: Bordered { images: planes, rows, cols },
+            sites: PaddedImages { images: planes, rows, cols },
             patch,
             probability: channel.probability,
             bias: channel.bias as f32,

@@ -4,7 +4,7 @@ use ndarray::ArrayView3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::problem::Scene;
+use super::problem::Problem;
 use crate::sensor::BlurWorkspace;
 
 /// What samples are drawn for. Streams of different purposes never meet.
@@ -25,7 +25,7 @@ pub(in crate::information) enum Reveal {
     Random { count: usize, weight: f64 },
 }
 
-/// One object and its measurement. Site arrays have the order of [`Scene::sites`].
+/// One object and its measurement. Site arrays have the order of [`Problem::sites`].
 #[derive(Clone, Debug, Default)]
 pub(in crate::information) struct Sample {
     /// 1 where there is a bead, else 0.
@@ -50,7 +50,7 @@ impl Sample {
     /// Draws sample `index` of a purpose.
     pub fn draw(
         &mut self,
-        scene: &Scene,
+        scene: &Problem,
         (seed, purpose, index): (u64, Purpose, usize),
         reveal: impl FnOnce(&mut ChaCha8Rng) -> Reveal,
         blur: &mut BlurWorkspace,
@@ -97,7 +97,7 @@ impl Sample {
     }
 
     /// Asks for the beads at some of the sites, and tells those at all others that are decoded.
-    pub fn ask(&mut self, scene: &Scene, asked: impl Fn(usize) -> bool) {
+    pub fn ask(&mut self, scene: &Problem, asked: impl Fn(usize) -> bool) {
         for &site in &scene.decoded {
             let free = asked(site);
             self.free[site] = f32::from(u8::from(free));

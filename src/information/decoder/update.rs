@@ -3,7 +3,8 @@
 use super::features::{Moves, carry, interleave, separate};
 use super::layers::{HIDDEN, INPUTS, OUTPUTS, StepLayers, Windows};
 use crate::nn::{
-    Bordered, column_sums, silu, silu_backward, silu_plus, transposed_kernel, window_product, window_product_by_kernel,
+    PaddedImages, column_sums, silu, silu_backward, silu_plus, transposed_kernel, window_product,
+    window_product_by_kernel,
 };
 
 /// What the backward pass needs of the layers of one step; (positions, channels).
@@ -16,7 +17,7 @@ pub(super) struct Activations {
 }
 
 impl Activations {
-    pub fn new(sites: Bordered) -> Self {
+    pub fn new(sites: PaddedImages) -> Self {
         let positions = sites.positions();
         Self {
             inputs: vec![0.0; positions * INPUTS],
@@ -43,7 +44,7 @@ pub(super) struct LayerScratch {
 }
 
 impl LayerScratch {
-    pub fn new(sites: Bordered) -> Self {
+    pub fn new(sites: PaddedImages) -> Self {
         let per_position = |count: usize| vec![0.0; sites.positions() * count];
         Self {
             first: per_position(HIDDEN),
@@ -62,7 +63,7 @@ impl LayerScratch {
 /// The layers of one step on the grid of sites.
 #[derive(Clone, Copy)]
 pub(super) struct Layers<'a> {
-    pub sites: Bordered,
+    pub sites: PaddedImages,
     pub windows: &'a Windows,
     pub step: &'a StepLayers,
     pub weights: &'a [f32],

@@ -6,7 +6,7 @@ use crate::information::error::InformationError;
 
 /// A density model of noisy patches with its weights held: the link between the information and the mask that makes the
 /// patches.
-pub trait HeldDensity {
+pub trait FrozenDensity {
     /// Information of noisy patches under the model, bits per pixel, and its gradient by the encoded patches, bits per
     /// pixel and photon; all of shape (n, rows, cols).
     ///

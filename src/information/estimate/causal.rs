@@ -8,15 +8,15 @@ use super::estimator::Estimator;
 use super::trial::{Trial, TrialSettings};
 use crate::information::density::causal::conditioning::Moments;
 use crate::information::density::causal::fit::{CausalFit, FitAids, FitLength, Fitted};
-use crate::information::density::causal::init::Beginning;
+use crate::information::density::causal::init::Init;
 use crate::information::density::causal::model::{CausalModel, check_causal_patch};
-use crate::information::density::causal::pretrained::FirstWeights;
-use crate::information::density::causal::score::score_while;
+use crate::information::density::causal::pretrained::PretrainedWeights;
+use crate::information::density::causal::score::score_with_progress;
 use crate::information::density::causal::shape::CausalShape;
 use crate::information::density::causal::stream::{PatchBatch, PatchStream};
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::plural::counted;
 use crate::sensor::Noise;
@@ -37,7 +37,7 @@ pub struct CausalRequest<'a> {
     /// best on them are kept.
     pub validation: Option<&'a PatchBatch>,
     /// Keeps the state of the fit, where it is to survive the program.
-    pub keeper: Option<&'a dyn FitKeeper>,
+    pub keeper: Option<&'a dyn FitCheckpoint>,
     /// Mean and autocovariance of the measurements where they are known; otherwise they are taken from patches.
     pub moments: Option<&'a Moments>,
     /// Noise of the measurements.
@@ -45,7 +45,7 @@ pub struct CausalRequest<'a> {
     /// Length of the fit.
     pub length: FitLength,
     /// What the model begins with.
-    pub beginning: Beginning<'a>,
+    pub beginning: Init<'a>,
     /// The name the estimate goes by.
     pub estimator: Estimator,
     /// Seed of first weights, patches, noise and bootstraps.
@@ -90,9 +90,9 @@ pub fn causal_estimate(
         on_progress(progress).map_continue(|()| None)
     })?;
     let from = match request.beginning {
-        Beginning::Shipped if FirstWeights::shipped().is_some() => ", from the weights that come with the program",
-        Beginning::Similar(_) => ", from the model of a similar design",
-        Beginning::Shipped | Beginning::Drawn => "",
+        Init::Pretrained if PretrainedWeights::shipped().is_some() => ", from the weights that come with the program",
+        Init::Warm(_) => ", from the model of a similar design",
+        Init::Pretrained | Init::Random => "",
     };
     let mut notes =
         vec![format!("fitted in {} of {}{from}", counted(steps, "step"), counted(fit.batch, "fresh patch"))];
@@ -134,7 +134,7 @@ fn score_in_parts(
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = request.test.noisy.len_of(Axis(0));
     let entropy = NoiseEntropy::new(request.noise, Protocol::Default)?;
-    score_while(model, &entropy, request.test, &mut |scored| {
+    score_with_progress(model, &entropy, request.test, &mut |scored| {
         on_progress(&FitProgress {
             epoch: 1,
             epochs: 1,
@@ -174,8 +174,8 @@ mod tests {
                 moments: None,
                 noise: Noise::Shot,
                 length: FitLength::Steps(1),
-                beginning: Beginning::Drawn,
-                estimator: Estimator::Live,
+                beginning: Init::Random,
+                estimator: Estimator::Causal,
                 seed: 1,
             };
             causal_model(&request).unwrap_err()

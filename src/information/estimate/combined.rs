@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::estimator::Estimator;
 use super::trial::Trial;
 use crate::formats::DocumentKind;
-use crate::information::ais::bound::PosteriorBound;
+use crate::information::ais::bound::AisBound;
 use crate::information::bounds::bracket::{BeadBounds, Bracket, NamedBound};
 use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::Protocol;
@@ -27,7 +27,7 @@ pub struct Provenance {
     pub objects_fingerprint: String,
     /// The encoder, for a reader.
     pub encoder: String,
-    /// A bound on the truth, bits per pixel, where the object entropy is known ([`super::Ceiling`]).
+    /// A bound on the truth, bits per pixel, where the object entropy is known ([`super::EntropyBound`]).
     pub ceiling: Option<f64>,
     /// Anything else a reader must know.
     pub notes: Vec<String>,
@@ -170,7 +170,7 @@ impl Estimate {
     ///
     /// # Errors
     /// As [`Estimate::new`].
-    pub fn bracketed(
+    pub fn from_bracket(
         trials: &[Trial],
         gaussian: &Trial,
         beads: Option<&BeadBounds>,
@@ -214,9 +214,9 @@ impl Estimate {
     ///
     /// # Errors
     /// As [`Estimate::new`].
-    pub fn at_most(
+    pub fn from_upper_bounds(
         trials: &[Trial],
-        above: Option<&PosteriorBound>,
+        above: Option<&AisBound>,
         provenance: Provenance,
     ) -> Result<Self, InformationError> {
         let bounds = above.map(NamedBound::from).into_iter().collect();
@@ -269,7 +269,7 @@ impl Estimate {
     /// The same estimate with one more bound from below, and with all bounds beside it where it had its own alone; the number
     /// itself stays what it is. Published numbers are no bounds, and stay without.
     #[must_use]
-    pub fn bounded_below(mut self, below: NamedBound) -> Self {
+    pub fn with_lower_bound(mut self, below: NamedBound) -> Self {
         if self.protocol == Protocol::Paper {
             return self;
         }
@@ -381,8 +381,8 @@ fn note_of_crossing(bracket: &Bracket) -> Option<String> {
 
 fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
     let (first, second) = (a.settings(), b.settings());
-    // Those that are fitted to fresh patches for a time get through as many as they do.
-    let is_counted = !matches!(first.estimator, Estimator::Live | Estimator::Full | Estimator::Bracket);
+    // The number of fresh patches of a timed fit depends on the machine.
+    let is_counted = !matches!(first.estimator, Estimator::Causal | Estimator::Bracket);
     let what = if first.estimator != second.estimator {
         "estimator"
     } else if a.engine() != b.engine() {

@@ -1,11 +1,11 @@
-//! The estimators by name.
+//! Names of the estimators and their default budgets.
 
 use std::fmt;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// The density model behind an estimate. The serialised names are stable.
+/// How an estimate is made. The serialised names are stable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {
@@ -18,27 +18,27 @@ pub enum Estimator {
     /// The published autoregressive network, fitted to patches.
     #[serde(rename = "pixelcnn")]
     PixelCnn,
-    /// Causal density model over clean levels, fitted for as long as one waits.
-    Live,
-    /// The same, fitted until it gains no more.
-    Full,
-    /// The smallest of a live estimate, the Gaussian bound and the ceiling, beside a decoder's lower bound.
+    /// Causal density model: a mixture of the noise around a grid of intensities. Files of older versions call it `live` or
+    /// `full`, by the length of its fit.
+    #[serde(alias = "live", alias = "full")]
+    Causal,
+    /// Lower bounds by a decoder and AIS; upper bounds by the causal model, the Gaussian bound, the object-entropy bound and
+    /// AIS.
     Bracket,
 }
 
 impl Estimator {
-    /// Whether it is of the program's own density model, which can begin with weights that come with the program.
-    pub fn begins_with_weights(self) -> bool {
-        matches!(self, Self::Live | Self::Full | Self::Bracket)
+    /// Whether fits start from pretrained weights by default.
+    pub fn has_pretrained_weights(self) -> bool {
+        matches!(self, Self::Causal | Self::Bracket)
     }
 
-    /// Time for a fit where nothing else is asked for; none for estimators that are not fitted for a time.
-    pub fn usual_budget(self) -> Option<Duration> {
+    /// Default time of a fit; `None` for estimators whose fit has no time budget.
+    pub fn default_budget(self) -> Option<Duration> {
         match self {
             Self::GaussianStationary | Self::GaussianFull | Self::GaussianAnalytic => None,
-            Self::Live => Some(Duration::from_mins(1)),
+            Self::Causal => Some(Duration::from_mins(1)),
             Self::PixelCnn | Self::Bracket => Some(Duration::from_mins(5)),
-            Self::Full => Some(Duration::from_mins(30)),
         }
     }
 }
@@ -50,8 +50,7 @@ impl fmt::Display for Estimator {
             Self::GaussianFull => "gaussian-full",
             Self::GaussianAnalytic => "gaussian-analytic",
             Self::PixelCnn => "pixelcnn",
-            Self::Live => "live",
-            Self::Full => "full",
+            Self::Causal => "causal",
             Self::Bracket => "bracket",
         })
     }

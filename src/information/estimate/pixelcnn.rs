@@ -15,7 +15,7 @@ use crate::information::density::pixelcnn::shape::PixelCnnShape;
 use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::information::statistics::dequantisation::{TEST_STREAM, dequantised, whole};
 use crate::plural::{counted, one_or_many};
@@ -43,7 +43,7 @@ pub struct PixelCnnRequest<'a> {
     /// A network to start from, such as that of a similar design.
     pub start: Option<&'a PixelCnn>,
     /// Keeps the state of the fit, where it is to survive the program.
-    pub keeper: Option<&'a dyn FitKeeper>,
+    pub keeper: Option<&'a dyn FitCheckpoint>,
     /// What computes the network.
     pub engine: EngineChoice,
     /// Seed of first weights, order, noise, dequantisation and bootstraps.

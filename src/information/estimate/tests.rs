@@ -11,18 +11,18 @@ fn a_bound_from_below_leaves_the_number_as_it_is() {
     let provenance = || Provenance { ceiling: Some(0.5), ..Provenance::default() };
     let estimate = Estimate::new(&[trial(0.75, 1, Protocol::Default)], provenance()).unwrap();
     assert!((estimate.bits_per_patch - 0.75 * 16.0 * 24.0).abs() < 1e-9);
-    let bounded = estimate.clone().bounded_below(below.clone());
+    let bounded = estimate.clone().with_lower_bound(below.clone());
     let bracket = bounded.bracket.clone().unwrap();
     assert_eq!((bounded.bits_per_pixel, bounded.lower()), (estimate.bits_per_pixel, Some(0.2)));
     assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.5, "ceiling"));
     let own = &bracket.upper_bounds[1];
     assert_eq!((own.from.as_str(), own.bits_per_pixel), ("gaussian-full", estimate.bits_per_pixel));
     let higher = NamedBound { bits_per_pixel: 0.4, ..below.clone() };
-    let both = bounded.bounded_below(higher);
+    let both = bounded.with_lower_bound(higher);
     assert_eq!((both.lower(), both.bracket.unwrap().lower_bounds.len()), (Some(0.4), 2));
     // Published numbers can lie below the truth, and are no bounds.
     let paper = Estimate::new(&[trial(0.75, 1, Protocol::Paper)], provenance()).unwrap();
-    assert_eq!(paper.clone().bounded_below(below), paper);
+    assert_eq!(paper.clone().with_lower_bound(below), paper);
 }
 
 fn trial(bits: f64, seed: u64, protocol: Protocol) -> Trial {
@@ -87,7 +87,7 @@ fn trials_that_are_fitted_for_a_time_take_as_many_patches_as_they_do() {
         let settings = TrialSettings { estimator, patches_train, ..*trial(0.5, 1, Protocol::Default).settings() };
         Trial::from_patches(settings, &[5.0 + bits; 3], &[5.0; 3], 0.5, Vec::new()).unwrap()
     };
-    let live = [of(Estimator::Live, 400, 0.4), of(Estimator::Live, 404, 0.3)];
+    let live = [of(Estimator::Causal, 400, 0.4), of(Estimator::Causal, 404, 0.3)];
     let estimate = Estimate::new(&live, provenance()).unwrap();
     assert_eq!((estimate.trials, estimate.patches_train), (2, 404), "those of the smallest");
     let network = [of(Estimator::PixelCnn, 400, 0.4), of(Estimator::PixelCnn, 404, 0.3)];
@@ -113,13 +113,13 @@ fn bounds_that_cross_by_chance_say_so() {
         bits_per_pixel: bits,
         interval_95: [bits - half_width, bits + half_width],
     };
-    assert_eq!([0.1, 0.46, 0.47].map(|bits| told(&below(0.44).bounded_below(bound(bits, 0.03)))), [0, 1, 1]);
+    assert_eq!([0.1, 0.46, 0.47].map(|bits| told(&below(0.44).with_lower_bound(bound(bits, 0.03)))), [0, 1, 1]);
     // Nor does chance explain everything.
-    let wrong = below(0.44).bounded_below(bound(0.46, 0.003));
+    let wrong = below(0.44).with_lower_bound(bound(0.46, 0.003));
     assert!(wrong.notes.iter().any(|note| note.contains("one of them is wrong")) && told(&wrong) == 0, "{wrong:?}");
-    assert_eq!(told(&crossed.bounded_below(bound(0.47, 0.03))), 1);
+    assert_eq!(told(&crossed.with_lower_bound(bound(0.47, 0.03))), 1);
     let none =
-        Estimate::new(&[trial(-0.01, 1, Protocol::Default)], provenance()).unwrap().bounded_below(bound(0.0, 0.0));
+        Estimate::new(&[trial(-0.01, 1, Protocol::Default)], provenance()).unwrap().with_lower_bound(bound(0.0, 0.0));
     assert!(told(&none) == 1 && none.notes.iter().any(|note| note.contains("is negative")), "{:?}", none.notes);
 }
 

@@ -8,7 +8,7 @@ use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::Protocol;
 use crate::information::error::InformationError;
 use crate::information::statistics::bootstrap::{bootstrap_interval, paired_interval};
-use crate::information::statistics::shared_images::SharedPictures;
+use crate::information::statistics::shared_images::SharedImages;
 use crate::plural::{counted, one_or_many};
 use crate::sensor::Noise;
 
@@ -123,11 +123,11 @@ impl Trial {
     /// The same trial, with an interval that counts pictures which several held-out patches show. The paper's protocol takes
     /// patches as independent, which a note says.
     #[must_use]
-    pub fn sharing(mut self, pictures: &SharedPictures) -> Self {
+    pub fn with_clustered_interval(mut self, pictures: &SharedImages) -> Self {
         let (found, patches) = (pictures.pictures(), self.patches_test);
         let published = self.settings.protocol == Protocol::Paper;
         if !published {
-            self.interval_95 = pictures.widened(&self.information, self.bits_per_pixel(), self.interval_95);
+            self.interval_95 = pictures.inflate_interval(&self.information, self.bits_per_pixel(), self.interval_95);
         }
         if found < patches && (published || found < FEW_PICTURES) {
             let note = format!(
@@ -143,7 +143,7 @@ impl Trial {
 
     /// The same trial, with something else that a reader must know.
     #[must_use]
-    pub fn noting(mut self, note: String) -> Self {
+    pub fn with_note(mut self, note: String) -> Self {
         self.notes.push(note);
         self
     }
@@ -159,7 +159,7 @@ impl Trial {
         self.entropy_y - self.entropy_y_given_x
     }
 
-    /// Its 95 % interval (low, high), bits per pixel; see [`paired_interval`], [`bootstrap_interval`] and [`Trial::sharing`] for
+    /// Its 95 % interval (low, high), bits per pixel; see [`paired_interval`], [`bootstrap_interval`] and [`Trial::with_clustered_interval`] for
     /// what it covers.
     pub fn interval_95(&self) -> [f64; 2] {
         self.interval_95

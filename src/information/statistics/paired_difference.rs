@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::bootstrap::paired_interval;
-use super::shared_images::SharedPictures;
+use super::shared_images::SharedImages;
 use crate::information::error::InformationError;
 
 /// What each test patch tells by a density model, and the pictures that it shows.
@@ -12,7 +12,7 @@ pub struct TestPatches {
     /// Bits per pixel of each patch.
     pub told: Vec<f64>,
     /// Base images of the patches; none where they have none in common.
-    pub pictures: SharedPictures,
+    pub pictures: SharedImages,
 }
 
 /// By how much one estimate is larger than another, bits per pixel.
@@ -27,7 +27,7 @@ pub struct PairedDifference {
 impl PairedDifference {
     /// Of what two estimates tell of each patch, `of` less `than`, where both were scored on the same patches: scenes and noise
     /// that are rich raise both alike, so that the interval of the difference ([`paired_interval`]) is narrower than those of the
-    /// two let one think. It is the wider for pictures in common ([`SharedPictures::widened`]), as `than` sees them, and covers
+    /// two let one think. It is the wider for pictures in common ([`SharedImages::inflate_interval`]), as `than` sees them, and covers
     /// the choice of test patches only, neither the fits nor the looseness of either model.
     ///
     /// None where the numbers of patches differ, or there are fewer than two.
@@ -42,7 +42,7 @@ impl PairedDifference {
         let differences: Vec<f64> = of.iter().zip(told).map(|(one, other)| one - other).collect();
         let mean = differences.iter().sum::<f64>() / differences.len() as f64;
         let interval = paired_interval(&differences, seed)?;
-        Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.widened(&differences, mean, interval) }))
+        Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.inflate_interval(&differences, mean, interval) }))
     }
 
     /// Whether it has a sign: its interval leaves out 0.
@@ -70,7 +70,7 @@ mod tests {
             of.push(scene + 0.01 + normal(0.02));
             than.push(scene + normal(0.02));
         }
-        (of, TestPatches { told: than, pictures: SharedPictures::default() })
+        (of, TestPatches { told: than, pictures: SharedImages::default() })
     }
 
     #[test]
@@ -105,8 +105,8 @@ mod tests {
             let [low, high] = PairedDifference::new(&of, than, 1).unwrap().unwrap().interval_95;
             high - low
         };
-        let shared = SharedPictures::one_each((0..200).map(|patch| patch % 10));
-        assert!(width(&than(shared)) > 2.0 * width(&than(SharedPictures::default())));
+        let shared = SharedImages::one_each((0..200).map(|patch| patch % 10));
+        assert!(width(&than(shared)) > 2.0 * width(&than(SharedImages::default())));
     }
 
     #[test]

@@ -15,11 +15,11 @@ const SINGULAR: f64 = 1e-9;
 
 /// Which pictures each patch shows, and how much of its light comes from each; the shares of a patch add up to 1.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct SharedPictures {
+pub struct SharedImages {
     shares: Vec<Vec<(u32, f64)>>,
 }
 
-impl SharedPictures {
+impl SharedImages {
     /// Of these patches, each with the numbers of its pictures and their shares; a picture that comes twice in a patch has the sum of
     /// both.
     pub fn new(shares: Vec<Vec<(u32, f64)>>) -> Self {
@@ -100,7 +100,7 @@ impl SharedPictures {
 
     /// A 95 % interval about `mean` of `values` that was made as if patches were independent, as wide as pictures in common
     /// make it: few pictures tell the variance of all with little certainty, as Student's t counts.
-    pub fn widened(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
+    pub fn inflate_interval(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
         let quantile = student_95(self.pictures() as f64 - 1.0);
         let added = quantile * self.added_variance(values).sqrt();
         [mean - (mean - low).hypot(added), mean + (high - mean).hypot(added)]
@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     /// Values about 0 of patches that show two of `pictures` pictures at random shares.
-    fn drawn(pictures: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedPictures, Vec<f64>) {
+    fn drawn(pictures: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedImages, Vec<f64>) {
         // Uniform numbers of variance 1.
         let mut uniform = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
         let effects: Vec<f64> = (0..pictures).map(|_| effect * uniform()).collect();
@@ -130,7 +130,7 @@ mod tests {
             rest + patch.iter().map(|&(picture, share)| share * effects[picture as usize]).sum::<f64>()
         };
         let values = shares.iter().zip(&rests).map(value).collect();
-        (SharedPictures::new(shares), values)
+        (SharedImages::new(shares), values)
     }
 
     #[test]
@@ -144,7 +144,7 @@ mod tests {
                 let mean = values.iter().sum::<f64>() / n;
                 let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
                 let half = student_95(n - 1.0) * (variance / n).sqrt();
-                let [low, high] = shared.widened(&values, mean, [mean - half, mean + half]);
+                let [low, high] = shared.inflate_interval(&values, mean, [mean - half, mean + half]);
                 assert!(low <= mean - half && high >= mean + half);
                 covered += usize::from(low < 0.0 && high > 0.0);
                 narrow += usize::from(mean.abs() < half);
@@ -157,23 +157,23 @@ mod tests {
     #[test]
     fn what_shares_nothing_or_tells_nothing_stays_as_it_is() {
         let values = [1.0, 4.0, 2.0, 3.0, 5.0];
-        assert_eq!(SharedPictures::one_each(0..5).added_variance(&values), 0.0);
-        assert_eq!(SharedPictures::one_each([7; 5]).added_variance(&values), 0.0);
-        assert_eq!(SharedPictures::default().added_variance(&values), 0.0);
-        assert_eq!(SharedPictures::one_each([7, 8, 7]).and(SharedPictures::one_each([9])).pictures(), 3);
+        assert_eq!(SharedImages::one_each(0..5).added_variance(&values), 0.0);
+        assert_eq!(SharedImages::one_each([7; 5]).added_variance(&values), 0.0);
+        assert_eq!(SharedImages::default().added_variance(&values), 0.0);
+        assert_eq!(SharedImages::one_each([7, 8, 7]).and(SharedImages::one_each([9])).pictures(), 3);
     }
 
     #[test]
     fn a_picture_that_comes_twice_in_a_patch_is_one() {
         let tiles = vec![vec![(1, 0.25), (2, 0.5), (1, 0.25)], vec![(3, 1.0)]];
-        assert_eq!(SharedPictures::new(tiles).shares(), [vec![(1, 0.5), (2, 0.5)], vec![(3, 1.0)]]);
+        assert_eq!(SharedImages::new(tiles).shares(), [vec![(1, 0.5), (2, 0.5)], vec![(3, 1.0)]]);
     }
 
     #[test]
     fn of_patches_with_one_picture_each_it_is_the_variance_between_pictures() {
         // Two patches of each of three pictures, equal to each other: as good as one of each.
         let values = [1.0, 1.0, 2.0, 2.0, 6.0, 6.0];
-        let shared = SharedPictures::one_each([0, 0, 1, 1, 2, 2]);
+        let shared = SharedImages::one_each([0, 0, 1, 1, 2, 2]);
         let independent = values.iter().map(|v| (v - 3.0f64).powi(2)).sum::<f64>() / 5.0 / 6.0;
         let between = (4.0 + 1.0 + 9.0) / 2.0 / 3.0;
         let found = independent + shared.added_variance(&values);

@@ -38,7 +38,7 @@ pub fn product(a: &[f32], b: &[f32], (rows, inner, cols): (usize, usize, usize),
 ///
 /// # Panics
 /// Where a length does not fit its shape.
-pub fn product_with_transposed(
+pub fn matmul_transposed_rhs(
     a: &[f32],
     b: &[f32],
     (rows, inner, cols): (usize, usize, usize),
@@ -54,7 +54,7 @@ pub fn product_with_transposed(
 ///
 /// # Panics
 /// Where a length does not fit its shape.
-pub fn product_of_transposed(
+pub fn matmul_transposed_lhs(
     a: &[f32],
     b: &[f32],
     (rows, inner, cols): (usize, usize, usize),
@@ -97,9 +97,9 @@ mod tests {
             out.fill(3.0);
             product(&a, &b, shape, &mut out, Write::Add);
             check(&out, 3.0);
-            product_with_transposed(&a, &transposed(&b, inner, cols), shape, &mut out, Write::Replace);
+            matmul_transposed_rhs(&a, &transposed(&b, inner, cols), shape, &mut out, Write::Replace);
             check(&out, 0.0);
-            product_of_transposed(&transposed(&a, rows, inner), &b, shape, &mut out, Write::Replace);
+            matmul_transposed_lhs(&transposed(&a, rows, inner), &b, shape, &mut out, Write::Replace);
             check(&out, 0.0);
         }
     }

@@ -15,7 +15,7 @@ pub fn part_range(samples: usize, parts: usize, index: usize) -> Range<usize> {
 const STRETCH: usize = 16_384;
 
 /// `total = parts[0] + parts[1] + ...`, each number summed in that order.
-pub fn sum_in_order(parts: &[&[f32]], total: &mut [f32]) {
+pub fn ordered_sum(parts: &[&[f32]], total: &mut [f32]) {
     total.par_chunks_mut(STRETCH).enumerate().for_each(|(index, total)| {
         let stretch = index * STRETCH..index * STRETCH + total.len();
         let Some((first, others)) = parts.split_first() else { return total.fill(0.0) };
@@ -50,9 +50,9 @@ mod tests {
     fn sums_run_over_all_parts() {
         let parts: Vec<Vec<f32>> = (0..3).map(|k| (0..40_000).map(|i| (i * (k + 1)) as f32).collect()).collect();
         let mut total = vec![7.0; 40_000];
-        sum_in_order(&parts.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut total);
+        ordered_sum(&parts.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut total);
         assert!(total.iter().enumerate().all(|(i, &sum)| (sum - (i * 6) as f32).abs() < 0.5));
-        sum_in_order(&[], &mut total);
+        ordered_sum(&[], &mut total);
         assert!(total.iter().all(|&sum| sum == 0.0));
     }
 }

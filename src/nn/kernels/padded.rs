@@ -7,7 +7,7 @@ use std::ops::Range;
 /// The zeros serve the row or image before and after them, so a 3x3 window reads one array without asking for edges. The
 /// array begins and ends with as many zeros as such a window reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bordered {
+pub struct PaddedImages {
     /// Number of images.
     pub images: usize,
     /// Rows of one image, px.
@@ -16,7 +16,7 @@ pub struct Bordered {
     pub cols: usize,
 }
 
-impl Bordered {
+impl PaddedImages {
     /// Pixels from one to the one below it.
     pub fn stride(self) -> usize {
         self.cols + 1
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn pixels_lie_between_zeros() {
-        let grid = Bordered { images: 2, rows: 3, cols: 2 };
+        let grid = PaddedImages { images: 2, rows: 3, cols: 2 };
         let mut values = vec![1.0; grid.positions() * 2];
         grid.clear_borders(2, &mut values);
         let covered = grid.covered();

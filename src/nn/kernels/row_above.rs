@@ -3,7 +3,7 @@
 //!
 //! All that a pixel sees lies in a row before its own, so no pixel depends, even by rounding, on those after it.
 
-use super::matmul::{Write, product, product_of_transposed, product_with_transposed};
+use super::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 use super::minimal_filter::{
     InputsToPoints, OutputsToPoints, POINTS, PointsToInputs, PointsToOutputs, PointsToTaps, TAPS, TapsToPoints,
     transform,
@@ -73,7 +73,7 @@ impl RowAbove {
             for point in 0..POINTS {
                 let (seen, by_given) = (part(inputs, point), part(outputs, point));
                 let by_point = part_mut(by_kernel, point);
-                product_of_transposed(seen, by_given, (self.inputs, count, self.outputs), by_point, Write::Replace);
+                matmul_transposed_lhs(seen, by_given, (self.inputs, count, self.outputs), by_point, Write::Replace);
             }
             let places = |row| (points_of(row, 1), taps_of(row));
             transform(PointsToTaps, self.inputs * self.outputs, by_kernel, gradient, Write::Replace, 1, places);
@@ -81,7 +81,7 @@ impl RowAbove {
         for point in 0..POINTS {
             let (by_seen, by_given) = (part_mut(inputs, point), part(outputs, point));
             let shape = (count, self.outputs, self.inputs);
-            product_with_transposed(by_given, part(kernel, point), shape, by_seen, Write::Replace);
+            matmul_transposed_rhs(by_given, part(kernel, point), shape, by_seen, Write::Replace);
         }
         transform(PointsToInputs, self.inputs, inputs, by_input, Write::Add, count, |n| {
             (points_of(n, count), tiles[n].seen)
@@ -143,11 +143,11 @@ mod tests {
             let given = (input.as_slice(), by_output.as_slice());
             layer.backward(grid, &points, given, Some(&mut by_kernel), &mut by_input, &mut memory);
             let mut expected = vec![0.0; kernel.len()];
-            product_of_transposed(&columns, &by_output, (wide, grid.pixels(), outputs), &mut expected, Write::Replace);
+            matmul_transposed_lhs(&columns, &by_output, (wide, grid.pixels(), outputs), &mut expected, Write::Replace);
             for (found, expected) in by_kernel.iter().zip(&expected) {
                 assert!((found - expected).abs() < 1e-5 * grid.pixels() as f32, "{layer:?} {found} {expected}");
             }
-            product_with_transposed(&by_output, &kernel, (grid.pixels(), outputs, wide), &mut columns, Write::Replace);
+            matmul_transposed_rhs(&by_output, &kernel, (grid.pixels(), outputs, wide), &mut columns, Write::Replace);
             let mut expected = vec![1.0; input.len()];
             taps.scatter_add(grid, inputs, &columns, &mut expected);
             for (found, expected) in by_input.iter().zip(&expected) {

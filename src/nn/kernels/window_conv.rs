@@ -215,13 +215,13 @@ impl ByKernel<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::padded::Bordered;
+    use super::super::padded::PaddedImages;
     use super::*;
     use crate::nn::test_numbers::numbers;
 
     #[test]
     fn products_are_sums_and_both_gradients_their_transposes() {
-        let grid = Bordered { images: 2, rows: 5, cols: 7 };
+        let grid = PaddedImages { images: 2, rows: 5, cols: 7 };
         let range = grid.covered();
         for (inputs, outputs, offsets) in [(16, 16, grid.window().to_vec()), (24, 16, vec![0]), (16, 24, vec![0])] {
             let bordered = |channels: usize, seed: usize| {

@@ -7,7 +7,7 @@
 //! rounding on all six inputs of its tile, so layers that are masked within rows cannot be computed like this.
 
 use super::bias::fill_bias;
-use super::matmul::{Write, product, product_of_transposed, product_with_transposed};
+use super::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 use super::minimal_filter::{
     InputsToPoints, OutputsToPoints, POINTS, PointsToInputs, PointsToOutputs, PointsToTaps, TAPS, TapsToPoints,
     transform,
@@ -108,9 +108,9 @@ impl Winograd {
             for point in 0..POINTS {
                 let (seen, by_given) = (part(inputs, point), part(outputs, point));
                 let (by_above, by_own) = part_mut(by_kernel, point).split_at_mut(self.inputs * self.outputs);
-                product_of_transposed(seen, by_given, (self.inputs, count, self.outputs), by_own, Write::Replace);
+                matmul_transposed_lhs(seen, by_given, (self.inputs, count, self.outputs), by_own, Write::Replace);
                 let (seen, by_given) = (&seen[..above * self.inputs], &by_given[shift * self.outputs..]);
-                product_of_transposed(seen, by_given, (self.inputs, above, self.outputs), by_above, Write::Replace);
+                matmul_transposed_lhs(seen, by_given, (self.inputs, above, self.outputs), by_above, Write::Replace);
             }
             transform(PointsToTaps, gradient.len() / (ROWS * TAPS), by_kernel, gradient, write, ROWS, |row| {
                 (points_of(row, ROWS), taps_of(row))
@@ -119,9 +119,9 @@ impl Winograd {
         for point in 0..POINTS {
             let (by_seen, by_given) = (part_mut(inputs, point), part(outputs, point));
             let (from_above, own) = rows_of_kernel(kernel, point);
-            product_with_transposed(by_given, own, (count, self.outputs, self.inputs), by_seen, Write::Replace);
+            matmul_transposed_rhs(by_given, own, (count, self.outputs, self.inputs), by_seen, Write::Replace);
             let (by_seen, by_given) = (&mut by_seen[..above * self.inputs], &by_given[shift * self.outputs..]);
-            product_with_transposed(by_given, from_above, (above, self.outputs, self.inputs), by_seen, Write::Add);
+            matmul_transposed_rhs(by_given, from_above, (above, self.outputs, self.inputs), by_seen, Write::Add);
         }
         by_input.fill(0.0);
         transform(PointsToInputs, self.inputs, inputs, by_input, Write::Add, count, |n| {
@@ -206,18 +206,12 @@ mod tests {
             layer.backward(grid, &points, (&input, &by_output), into, &mut by_input, &mut memory);
             let mut expected = vec![1.0; kernel.len()];
             let shape = (6 * inputs, grid.pixels(), outputs);
-            product_of_transposed(&columns, &by_output, shape, &mut expected, Write::Add);
+            matmul_transposed_lhs(&columns, &by_output, shape, &mut expected, Write::Add);
             for (found, expected) in by_kernel.iter().zip(&expected) {
                 assert!((found - expected).abs() < 1e-5 * grid.pixels() as f32, "{layer:?} {found} {expected}");
             }
             let mut back = columns;
-            product_with_transposed(
-                &by_output,
-                &kernel,
-                (grid.pixels(), outputs, 6 * inputs),
-                &mut back,
-                Write::Replace,
-            );
+            matmul_transposed_rhs(&by_output, &kernel, (grid.pixels(), outputs, 6 * inputs), &mut back, Write::Replace);
             let mut expected = vec![0.0; input.len()];
             layer.taps().scatter_add(grid, inputs, &back, &mut expected);
             for (found, expected) in by_input.iter().zip(&expected) {

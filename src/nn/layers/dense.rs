@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::nn::kernels::bias::{column_sums, fill_bias};
-use crate::nn::kernels::matmul::{Write, product, product_of_transposed, product_with_transposed};
+use crate::nn::kernels::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 
 /// Where the weights of a layer lie among all weights: a matrix of shape (inputs, outputs) and a bias of (outputs).
 #[derive(Clone, Debug)]
@@ -54,12 +54,12 @@ impl Layer {
     /// Gradient by the kernel alone.
     pub fn by_kernel(&self, input: &[f32], by_output: &[f32], gradient: &mut [f32], write: Write) {
         let shape = (self.inputs, input.len() / self.inputs, self.outputs);
-        product_of_transposed(input, by_output, shape, &mut gradient[self.kernel.clone()], write);
+        matmul_transposed_lhs(input, by_output, shape, &mut gradient[self.kernel.clone()], write);
     }
 
     /// Gradient by the input from the gradient by the output.
     pub fn by_input(&self, weights: &[f32], by_output: &[f32], by_input: &mut [f32], write: Write) {
         let shape = (by_output.len() / self.outputs, self.outputs, self.inputs);
-        product_with_transposed(by_output, &weights[self.kernel.clone()], shape, by_input, write);
+        matmul_transposed_rhs(by_output, &weights[self.kernel.clone()], shape, by_input, write);
     }
 }

@@ -6,12 +6,12 @@ const LEAST: f64 = 0.005;
 
 /// Factor of the rate when a share `done` (0 to 1) of the schedule is over: a linear rise, and a linear fall to nearly
 /// nothing (Defazio et al. 2023).
-pub fn rate_schedule(done: f64) -> f64 {
-    rate_rise(done).min(1.0 - done).max(LEAST)
+pub fn learning_rate_factor(done: f64) -> f64 {
+    warmup_factor(done).min(1.0 - done).max(LEAST)
 }
 
 /// The same without the fall, for a fit to what changes meanwhile.
-pub fn rate_rise(done: f64) -> f64 {
+pub fn warmup_factor(done: f64) -> f64 {
     (done / WARM_UP).clamp(LEAST, 1.0)
 }
 
@@ -21,11 +21,11 @@ mod tests {
 
     #[test]
     fn the_rate_rises_quickly_and_ends_low() {
-        assert!(rate_schedule(0.0) < 0.03);
-        assert!(rate_schedule(0.03) > 0.96);
-        assert!((rate_schedule(0.5) - 0.5).abs() < 1e-6);
-        assert!((rate_schedule(1.0) - 0.005).abs() < 1e-9);
-        assert_eq!(rate_rise(0.02), rate_schedule(0.02));
-        assert!([0.03, 0.5, 1.0].iter().all(|&done| (rate_rise(done) - 1.0).abs() < 1e-9));
+        assert!(learning_rate_factor(0.0) < 0.03);
+        assert!(learning_rate_factor(0.03) > 0.96);
+        assert!((learning_rate_factor(0.5) - 0.5).abs() < 1e-6);
+        assert!((learning_rate_factor(1.0) - 0.005).abs() < 1e-9);
+        assert_eq!(warmup_factor(0.02), learning_rate_factor(0.02));
+        assert!([0.03, 0.5, 1.0].iter().all(|&done| (warmup_factor(done) - 1.0).abs() < 1e-9));
     }
 }

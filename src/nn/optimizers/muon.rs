@@ -2,7 +2,7 @@
 
 use crate::nn::kernels::arithmetic::vectorised;
 use crate::nn::kernels::elementwise::{Elementwise, each, euclidean_norm};
-use crate::nn::kernels::matmul::{Write, product, product_of_transposed, product_with_transposed};
+use crate::nn::kernels::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 
 /// Decay of the momentum.
 const DECAY: f32 = 0.9;
@@ -62,9 +62,9 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
     let mut next = vec![0.0; matrix.len()];
     for (iteration, [a, b, c]) in QUINTICS.into_iter().enumerate() {
         if tall {
-            product_of_transposed(&matrix, &matrix, (side, rows, side), &mut gram, Write::Replace);
+            matmul_transposed_lhs(&matrix, &matrix, (side, rows, side), &mut gram, Write::Replace);
         } else {
-            product_with_transposed(&matrix, &matrix, (side, cols, side), &mut gram, Write::Replace);
+            matmul_transposed_rhs(&matrix, &matrix, (side, cols, side), &mut gram, Write::Replace);
         }
         if iteration == 0 {
             // No singular value is above the root of this norm, which is nearer to the largest than that of the matrix is.

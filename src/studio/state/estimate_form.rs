@@ -37,7 +37,7 @@ impl EstimateForm {
             "Bracket",
             "Lower bound by a decoder and AIS, upper bound by density model, Gaussian, object entropy and AIS",
         ),
-        (Estimator::Full, "Full", "The density model of the live estimate, fitted for long"),
+        (Estimator::Causal, "Causal model", "The density model of the live estimate, with a budget of its own"),
         (Estimator::PixelCnn, "PixelCNN", "The published density model"),
     ];
 
@@ -45,7 +45,7 @@ impl EstimateForm {
         let request = self.request_of(self.length.model(self.kind, engine));
         match self.kind {
             Estimator::PixelCnn => EstimateRequest { trials: self.trials, protocol: self.protocol, ..request },
-            Estimator::Full => EstimateRequest { trials: self.trials, ..request },
+            Estimator::Causal => EstimateRequest { trials: self.trials, ..request },
             _ => request,
         }
     }
@@ -79,7 +79,7 @@ pub struct CameraForm {
 
 impl Default for CameraForm {
     fn default() -> Self {
-        let kind = Estimator::Live;
+        let kind = Estimator::Causal;
         Self {
             path: None,
             preview: Preview::default(),
@@ -99,9 +99,8 @@ impl CameraForm {
 }
 
 /// Estimators that need no objects, with their labels.
-pub const OF_IMAGES: [(Estimator, &str); 4] = [
-    (Estimator::Live, "Live"),
-    (Estimator::Full, "Full"),
+pub const OF_IMAGES: [(Estimator, &str); 3] = [
+    (Estimator::Causal, "Causal model"),
     (Estimator::PixelCnn, "PixelCNN"),
     (Estimator::GaussianStationary, "Gaussian"),
 ];
@@ -117,9 +116,8 @@ pub struct FitLengthForm {
 impl FitLengthForm {
     /// Default length for an estimator.
     pub fn usual(kind: Estimator) -> Self {
-        let minutes = kind.usual_budget().map_or(1.0, |budget| budget.as_secs_f64() / 60.0);
-        // These take about as long on two cores.
-        let steps = if kind == Estimator::Full { 60_000 } else { 2_000 };
+        let minutes = kind.default_budget().map_or(1.0, |budget| budget.as_secs_f64() / 60.0);
+        let steps = 2_000;
         Self { minutes, steps, by_steps: true }
     }
 

@@ -200,10 +200,10 @@ mod tests {
     fn commands_name_images_of_a_camera() {
         let calibration = Calibration { gain: 0.5, offset: -3.0, bin: 2 };
         let order = MeasuredOrder { source: std::path::PathBuf::from("/data/a b.npy").into(), calibration };
-        let model = DensityModel::new(Estimator::Live, Some(Duration::from_secs(90)), EngineChoice::Cpu);
+        let model = DensityModel::new(Estimator::Causal, Some(Duration::from_secs(90)), EngineChoice::Cpu);
         let text = images_command(&order, &request(model), &Design::default());
         let head = "lenslet-studio estimate --measurements '/data/a b.npy' --gain 0.5 --offset=-3 --bin 2 --noise shot --seed 1";
-        assert!(text.starts_with(head) && text.contains("--estimator live --patch 32x32 --budget 90s"), "{text}");
+        assert!(text.starts_with(head) && text.contains("--estimator causal --patch 32x32 --budget 90s"), "{text}");
     }
 
     #[test]

@@ -27,7 +27,8 @@ const SENSOR_SHARE: f64 = 0.1;
 /// # Errors
 /// Where it cannot be computed.
 pub fn first_channel(seed: u64, number: u64) -> Result<BeadChannel, InformationError> {
-    channel(SeedStream::TrainingProblem { number }.derive(seed)).map_err(|error| InformationError::Stream { reason: error.to_string() })
+    channel(SeedStream::TrainingProblem { number }.derive(seed))
+        .map_err(|error| InformationError::Stream { reason: error.to_string() })
 }
 
 fn channel(seed: u64) -> Result<BeadChannel, IdealError> {

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::design::IdealError;
 use crate::forward::ForwardModel;
-use crate::information::{FirstScene, InformationError, Moments, PatchBatch, PatchStream};
+use crate::information::{InformationError, Moments, PatchBatch, PatchStream, TrainingScene};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use crate::optics::render_psf;
 use crate::seeds::SeedStream;
@@ -33,11 +33,12 @@ const BEADS_SHARE: f64 = 0.35;
 ///
 /// # Errors
 /// Where it cannot be computed.
-pub fn first_scene(seed: u64, number: u64) -> Result<FirstScene, InformationError> {
-    scene(SeedStream::TrainingProblem { number }.derive(seed)).map_err(|error| InformationError::Stream { reason: error.to_string() })
+pub fn first_scene(seed: u64, number: u64) -> Result<TrainingScene, InformationError> {
+    scene(SeedStream::TrainingProblem { number }.derive(seed))
+        .map_err(|error| InformationError::Stream { reason: error.to_string() })
 }
 
-fn scene(seed: u64) -> Result<FirstScene, IdealError> {
+fn scene(seed: u64) -> Result<TrainingScene, IdealError> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let usual = random.random_bool(USUAL_SHARE);
     let (mean_photons, bias) = light(&mut random, usual, LIGHT);
@@ -52,14 +53,14 @@ fn scene(seed: u64) -> Result<FirstScene, IdealError> {
         let imaging = ForwardModel::new(&set, grid, bias, noise)?;
         let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, PATCH);
         let moments = imaging.analytic_moments(Split::All, grid, PATCH)?.of(psf.view())?;
-        return Ok(FirstScene { noise, patches: stream.draw(FITTED, seed)?, moments });
+        return Ok(TrainingScene { noise, patches: stream.draw(FITTED, seed)?, moments });
     }
     let objects = mosaics(&mut random, mean_photons);
     let encoded = Convolution::new((FIELD, FIELD), grid)?.with_psf(psf.view())?.measure(objects.view(), bias)?;
     let clean = Patches::draw(encoded.dim(), PATCH, PATCHES_PER_OBJECT * OBJECTS, seed)?.cut(encoded.view());
     let noisy = noise.draw(clean.view(), SeedStream::PatchNoise.derive(seed));
     let moments = Moments::of_patches(noisy.view())?;
-    Ok(FirstScene { noise, patches: PatchBatch { noisy, clean: Some(clean) }.first(FITTED), moments })
+    Ok(TrainingScene { noise, patches: PatchBatch { noisy, clean: Some(clean) }.first(FITTED), moments })
 }
 
 /// Mosaics of pictures of one kind, photons per pixel, shape (n, 1, rows, cols).
@@ -91,7 +92,7 @@ mod tests {
         let noises: Vec<Noise> = (0..12)
             .map(|number| {
                 let scene = first_scene(5, number).unwrap();
-                let FirstScene { noise, patches: PatchBatch { noisy, clean }, moments } = scene;
+                let TrainingScene { noise, patches: PatchBatch { noisy, clean }, moments } = scene;
                 let clean = clean.unwrap();
                 assert_eq!((noisy.dim(), clean.dim()), ((FITTED, 32, 32), (FITTED, 32, 32)));
                 let mean = f64::from(clean.mean().unwrap());

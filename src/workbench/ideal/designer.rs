@@ -309,7 +309,7 @@ mod tests {
     fn results_are_scored_by_what_a_command_can_repeat() {
         let beads = Design::default();
         let pictures = Design { objects: ObjectSource::Idx("digits".into()), ..Design::default() };
-        for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (pictures, "live", LIVE_STEPS)] {
+        for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (pictures, "causal", LIVE_STEPS)] {
             let request = score_request(&design, Some((32, 32)));
             assert_eq!(request.model.length(), Some(FitLength::Steps(steps)));
             let command = estimate_command(&design, &request).unwrap();

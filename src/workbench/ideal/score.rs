@@ -108,7 +108,7 @@ pub(super) fn is_about(study: &StudyRecord, result: &Encoder) -> bool {
 
 /// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
 pub(super) fn judge_of(design: &Design) -> Estimator {
-    if design.objects.is_beads() { Estimator::Bracket } else { Estimator::Live }
+    if design.objects.is_beads() { Estimator::Bracket } else { Estimator::Causal }
 }
 
 fn mask_of(frame: &Frame) -> Encoder {

@@ -8,9 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
 use crate::information::{
-    BeadChannel, Bracket, Decoder, FitKeeper, InformationError, NamedBound, OnPosterior, PairedDifference,
-    PosteriorBound, PosteriorFit, QuickLowerBound, decoder_savings, posterior_lower_bound, posterior_upper_bound,
-    savings_gain,
+    AisBound, AisSettings, BeadChannel, Bracket, Decoder, FitCheckpoint, InformationError, NamedBound, OnAis,
+    PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, paired_gain,
 };
 use crate::seeds::SeedStream;
 use crate::workbench::live::estimator::LiveEstimate;
@@ -98,14 +97,15 @@ impl<'a> Beads<'a> {
             return false;
         };
         let seed = SeedStream::EditComparison.derive(self.seed);
-        let savings =
-            |channel: &BeadChannel| decoder_savings(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &|| !stop()).ok();
+        let savings = |channel: &BeadChannel| {
+            decoder_information(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &|| !stop()).ok()
+        };
         let Some((before, after)) = savings(before).zip(savings(channel)) else { return false };
         // Where nothing is told of either, the prior tells as much.
         if [&before, &after].iter().all(|savings| savings.iter().sum::<f64>() <= 0.0) {
             return false;
         }
-        let (gain, half_width) = savings_gain(&before, &after);
+        let (gain, half_width) = paired_gain(&before, &after);
         let difference = PairedDifference { bits_per_pixel: gain, interval_95: [gain - half_width, gain + half_width] };
         self.edit = Some((difference, samples));
         true
@@ -115,7 +115,7 @@ impl<'a> Beads<'a> {
     pub fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
         let Some(channel) = self.channel else { return };
         let seed = SeedStream::LiveDecoder.derive(self.seed);
-        let Ok(Some(bound)) = QuickLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
+        let Ok(Some(bound)) = PretrainedLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
             return;
         };
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
@@ -124,20 +124,22 @@ impl<'a> Beads<'a> {
 
     /// The posterior from both sides, for so long each.
     pub fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        self.below(&PosteriorFit::within(time, SeedStream::AisLower.derive(self.seed)), stop);
+        self.below(&AisSettings::within(time, SeedStream::AisLower.derive(self.seed)), stop);
         self.follow_from_above(time, stop);
     }
 
     /// The posterior from above alone, for so long.
     pub fn follow_from_above(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        self.above(&PosteriorFit::within(time, SeedStream::AisUpper.derive(self.seed)), stop);
+        self.above(&AisSettings::within(time, SeedStream::AisUpper.derive(self.seed)), stop);
     }
 
     /// The bounds once more from just these samples; those that cannot be had are left out.
     pub fn repeat(&mut self, (lower, upper): (Option<Draws>, Option<Draws>), stop: &(dyn Fn() -> bool + Sync)) {
         match lower {
             Some(Draws::AtOnce { samples }) => self.decode(samples, stop),
-            Some(Draws::Followed { levels, samples }) => self.below(&self.again(levels, samples, SeedStream::AisLower), stop),
+            Some(Draws::Followed { levels, samples }) => {
+                self.below(&self.again(levels, samples, SeedStream::AisLower), stop)
+            }
             None => {}
         }
         if let Some(Draws::Followed { levels, samples }) = upper {
@@ -155,19 +157,19 @@ impl<'a> Beads<'a> {
     }
 
     /// The fit that follows the posterior of just these samples.
-    pub fn again(&self, levels: usize, samples: usize, stream: SeedStream) -> PosteriorFit {
+    pub fn again(&self, levels: usize, samples: usize, stream: SeedStream) -> AisSettings {
         let seed = stream.derive(self.seed);
-        PosteriorFit { samples, half_width: 0.0, ..PosteriorFit::of_levels(levels, seed) }
+        AisSettings { samples, half_width: 0.0, ..AisSettings::of_levels(levels, seed) }
     }
 
-    pub fn below(&mut self, fit: &PosteriorFit, stop: &(dyn Fn() -> bool + Sync)) {
-        if let Some(below) = self.followed(posterior_lower_bound, fit, stop) {
+    pub fn below(&mut self, fit: &AisSettings, stop: &(dyn Fn() -> bool + Sync)) {
+        if let Some(below) = self.followed(ais_lower_bound, fit, stop) {
             self.raise(NamedBound::from(&below), drawn(&below));
         }
     }
 
-    pub fn above(&mut self, fit: &PosteriorFit, stop: &(dyn Fn() -> bool + Sync)) {
-        if let Some(above) = self.followed(posterior_upper_bound, fit, stop) {
+    pub fn above(&mut self, fit: &AisSettings, stop: &(dyn Fn() -> bool + Sync)) {
+        if let Some(above) = self.followed(ais_upper_bound, fit, stop) {
             self.upper = Some((NamedBound::from(&above), drawn(&above)));
         }
     }
@@ -175,9 +177,9 @@ impl<'a> Beads<'a> {
     fn followed(
         &self,
         bound: BoundOfPosterior,
-        fit: &PosteriorFit,
+        fit: &AisSettings,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Option<PosteriorBound> {
+    ) -> Option<AisBound> {
         let (channel, decoder) = (self.channel?, Decoder::shipped()?);
         let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
         bound(channel, fit, decoder, None, &mut watch).ok()
@@ -190,15 +192,15 @@ impl<'a> Beads<'a> {
     }
 }
 
-/// [`posterior_lower_bound`] or [`posterior_upper_bound`].
+/// [`ais_lower_bound`] or [`ais_upper_bound`].
 type BoundOfPosterior = fn(
     &BeadChannel,
-    &PosteriorFit,
+    &AisSettings,
     &Decoder,
-    Option<&dyn FitKeeper>,
-    OnPosterior<'_>,
-) -> Result<PosteriorBound, InformationError>;
+    Option<&dyn FitCheckpoint>,
+    OnAis<'_>,
+) -> Result<AisBound, InformationError>;
 
-fn drawn(bound: &PosteriorBound) -> Draws {
+fn drawn(bound: &AisBound) -> Draws {
     Draws::Followed { levels: bound.levels, samples: bound.samples }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ndarray::{Array2, ArrayView2, Axis, s};
 
 use crate::evaluation::scene::Measurements;
-use crate::information::{CausalModel, InformationError, PowerSpectrum, information_over, power_spectrum};
+use crate::information::{CausalModel, InformationError, PowerSpectrum, power_spectrum, sliding_information_map};
 
 /// Of a larger picture the middle is taken, so that edits never wait long for its transform.
 const LARGEST_SIDE: usize = 512;
@@ -60,7 +60,7 @@ impl CloserOrder {
         let modelled = counts.as_ref().map_or(measured, |counts| counts.index_axis(Axis(0), of));
         // Without a map the picture is shown as it is.
         let model = self.model.as_ref().filter(|_| measured.len() <= MOST_MAPPED);
-        let map = match model.map(|model| information_over(model, modelled, clean, go_on)) {
+        let map = match model.map(|model| sliding_information_map(model, modelled, clean, go_on)) {
             Some(Err(InformationError::Cancelled)) => return None,
             map => map.and_then(Result::ok),
         };

@@ -10,8 +10,8 @@ use crate::forward::Design;
 use crate::forward::ForwardModel;
 use crate::information::MeasurementStream;
 use crate::information::{
-    BeadChannel, Beginning, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError,
-    NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedPictures, causal_model, information_map_unless,
+    BeadChannel, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError, Init,
+    NoiseEntropy, PatchBatch, PatchStream, Protocol, SharedImages, cancellable_information_map, causal_model,
     paired_interval,
 };
 use crate::nn::Averaging;
@@ -132,11 +132,14 @@ impl<'a> Subject<'a> {
     /// Numbers and seeds of the two parts of so many held-out patches.
     fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
         let first = count.min(SCORED);
-        ((first, SeedStream::TestPatches.derive(self.design.seed)), (count - first, SeedStream::MoreTestPatches.derive(self.design.seed)))
+        (
+            (first, SeedStream::TestPatches.derive(self.design.seed)),
+            (count - first, SeedStream::MoreTestPatches.derive(self.design.seed)),
+        )
     }
 
     /// The base images that so many held-out patches show.
-    fn shared(&self, count: usize) -> Result<SharedPictures, InformationError> {
+    fn shared(&self, count: usize) -> Result<SharedImages, InformationError> {
         let stream = self.stream(Split::Test);
         let (first, more) = self.parts(count);
         let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.imaging, self.psf.view(), count, seed);
@@ -164,8 +167,8 @@ impl<'a> Subject<'a> {
             moments: Some(&moments(self.design, self.imaging, (self.imaging.set.fitting_parts().0, self.patch))?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
-            beginning: start.map_or(Beginning::Shipped, Beginning::Similar),
-            estimator: Estimator::Live,
+            beginning: start.map_or(Init::Pretrained, Init::Warm),
+            estimator: Estimator::Causal,
             seed: self.seed(),
         })?)
     }
@@ -188,13 +191,13 @@ impl<'a> Subject<'a> {
         start: Option<Arc<CausalStart>>,
         stop: &dyn Fn() -> bool,
     ) -> Result<LiveEstimate, InformationError> {
-        let maps = information_map_unless(model, &self.entropy, test, stop)?;
+        let maps = cancellable_information_map(model, &self.entropy, test, stop)?;
         let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
         let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let (bits_per_pixel, entropy_y_given_x) = (mean(&information), mean(&per_patch));
         let independent = paired_interval(&information, self.design.seed)?;
-        let interval_95 = self.shared(information.len())?.widened(&information, bits_per_pixel, independent);
+        let interval_95 = self.shared(information.len())?.inflate_interval(&information, bits_per_pixel, independent);
         let shown = s![..SHOWN.min(maps.len_of(Axis(0))), .., ..];
         Ok(LiveEstimate {
             bits_per_pixel,

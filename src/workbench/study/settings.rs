@@ -118,7 +118,7 @@ pub struct StudySettings {
     pub patches_train: usize,
     /// Held-out patches that it is scored on.
     pub patches_test: usize,
-    /// Whether fits of live, full and bracket begin with nothing, instead of the weights that come with the program.
+    /// Whether fits of causal and bracket begin with nothing, instead of the weights that come with the program.
     #[serde(default)]
     pub fresh: bool,
     /// Noise of the sensor.
@@ -134,7 +134,7 @@ pub struct StudySettings {
 impl StudySettings {
     /// The published grid: beads of four densities before five heuristic layouts, shot noise, patches of 32 x 32 px.
     pub fn grid() -> Self {
-        Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Live)
+        Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Causal)
     }
 
     /// Bounds from both sides for beads of six densities before all nine heuristic layouts.
@@ -154,7 +154,7 @@ impl StudySettings {
             mean_photons: design.mean_photons,
             bias_photons: design.bias_photons,
             seed: design.seed,
-            ..Self::beads(StudyKind::Patches, &[], &[], Estimator::Live)
+            ..Self::beads(StudyKind::Patches, &[], &[], Estimator::Causal)
         }
     }
 
@@ -167,7 +167,7 @@ impl StudySettings {
             designs: lenslets.iter().map(|&count| StudyDesign::heuristic(count)).collect(),
             patches: vec![Some((PATCH_SIDE, PATCH_SIDE))],
             estimator,
-            budget_seconds: estimator.usual_budget().map(|budget| budget.as_secs_f64()),
+            budget_seconds: estimator.default_budget().map(|budget| budget.as_secs_f64()),
             patches_train: 10_000,
             patches_test: 1_500,
             fresh: false,
@@ -279,7 +279,7 @@ impl StudySettings {
     fn model(&self) -> Result<DensityModel, StudyError> {
         let found = self.budget_seconds.map_or("none".into(), |seconds| format!("{seconds} s"));
         let budget = self.budget_seconds.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or_default());
-        let expected = match (self.estimator.usual_budget(), budget) {
+        let expected = match (self.estimator.default_budget(), budget) {
             (None, Some(_)) => "none",
             (Some(_), None) => "a time",
             (Some(_), Some(Duration::ZERO)) => "a time above 0 s",

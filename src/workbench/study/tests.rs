@@ -21,7 +21,7 @@ use crate::workbench::study::settings::{StudyDesign, StudyObjects, StudySettings
 /// An estimate of this many bits per pixel.
 pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
     let settings = TrialSettings {
-        estimator: Estimator::Live,
+        estimator: Estimator::Causal,
         protocol: Protocol::Default,
         noise: Noise::Shot,
         patch: (32, 32),
@@ -191,7 +191,7 @@ fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
         (told(&|study| study.designs.truncate(1)), "designs heuristic:1, found one with heuristic:1, heuristic:4"),
         (told(&|study| study.designs[1] = moved.clone()), "the masks"),
         (told(&|study| study.patches = vec![None]), "patches sensor"),
-        (told(&|study| study.estimator = Estimator::Full), "estimator full, found one with live"),
+        (told(&|study| study.estimator = Estimator::PixelCnn), "estimator pixelcnn, found one with causal"),
         (told(&|study| study.bias_photons = 5.0), "background photons per pixel 5"),
     ] {
         assert!(told.contains(part) && told.contains("study.json") && told.contains("another folder"), "{told}");

@@ -12,7 +12,7 @@
 //! Verdú 2008) and the Gaussian observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú
 //! 2005), so the total falls from the Gaussian channel's information to that of the counts.
 //!
-//! Shot noise needs no bound: [`BeadCeiling::evaluate_exact`] takes the information of the counts themselves (see the
+//! Shot noise needs no bound: [`BeadEntropyBound::evaluate_exact`] takes the information of the counts themselves (see the
 //! module of the Poisson channel), which costs some milliseconds where the Gaussian channel costs a fraction of one.
 //!
 //! With read noise the separation is measured in the Fisher information of a pixel at the bias level: `1 / sigma^2` for
@@ -50,7 +50,7 @@ pub fn binary_entropy(p: f64) -> f64 {
 
 /// Upper bound on the information that any estimate of a patch of independent beads can truly have.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ceiling {
+pub struct EntropyBound {
     /// The ceiling, bits per pixel of the patch.
     pub bits_per_pixel: f64,
     /// The cruder bound that needs no noise: entropy of all object pixels that touch the patch, bits per pixel.
@@ -67,7 +67,7 @@ pub struct Ceiling {
 /// probability and then adds one known pattern of light has the same ceiling.
 ///
 /// ```
-/// use lenslet_studio::information::BeadCeiling;
+/// use lenslet_studio::information::BeadEntropyBound;
 /// use lenslet_studio::sensor::Noise;
 /// use ndarray::Array3;
 ///
@@ -76,7 +76,7 @@ pub struct Ceiling {
 /// spot[[0, 1, 1]] = 500.0;
 /// spot.index_axis_mut(ndarray::Axis(0), 1).fill(500.0 / 16.0);
 ///
-/// let ceilings = BeadCeiling::new(0.02)?;
+/// let ceilings = BeadEntropyBound::new(0.02)?;
 /// let ceiling = ceilings.evaluate_exact(spot.view(), 10.0, (32, 32), Noise::Shot)?;
 /// // At most the entropy of the 32 x 32 + 35 x 35 object pixels that the patch sees.
 /// assert_eq!(ceiling.footprint_pixels, 32 * 32 + 35 * 35);
@@ -87,13 +87,13 @@ pub struct Ceiling {
 /// # Ok::<(), lenslet_studio::information::InformationError>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct BeadCeiling {
+pub struct BeadEntropyBound {
     probability: f64,
     entropy: f64,
     information: UniformTable,
 }
 
-impl BeadCeiling {
+impl BeadEntropyBound {
     /// Ceilings for beads that occupy each object pixel with the given probability.
     ///
     /// # Errors
@@ -123,28 +123,28 @@ impl BeadCeiling {
         bias: f64,
         patch: (usize, usize),
         noise: Noise,
-    ) -> Result<Ceiling, InformationError> {
+    ) -> Result<EntropyBound, InformationError> {
         let precision = check(spot, bias, patch, noise)?;
         let gaussian = |_: ArrayView2<'_, f64>, places: &[(Corners, f64)]| self.gaussian_bits(places, precision).sum();
         Ok(self.sum(spot, (patch, precision), gaussian))
     }
 
     /// The ceiling of one encoder, by the exact information of photon counts about each bead: tighter for shot noise,
-    /// above all where few photons decide. Other noises have the ceiling of [`BeadCeiling::evaluate`], whose arguments
+    /// above all where few photons decide. Other noises have the ceiling of [`BeadEntropyBound::evaluate`], whose arguments
     /// these are; a bias of 0 is no special case here, for a bead may still send no photon.
     ///
     /// Each bead counts with the smaller of the two channels, so this never exceeds the other ceiling. The quadrature
     /// adds less than 1e-7 bit to each bead and takes nothing away.
     ///
     /// # Errors
-    /// As [`BeadCeiling::evaluate`].
+    /// As [`BeadEntropyBound::evaluate`].
     pub fn evaluate_exact(
         &self,
         spot: ArrayView3<'_, f64>,
         bias: f64,
         patch: (usize, usize),
         noise: Noise,
-    ) -> Result<Ceiling, InformationError> {
+    ) -> Result<EntropyBound, InformationError> {
         if noise != Noise::Shot {
             return self.evaluate(spot, bias, patch, noise);
         }
@@ -172,7 +172,7 @@ impl BeadCeiling {
         spot: ArrayView3<'_, f64>,
         (patch, precision): ((usize, usize), f64),
         bits: impl Fn(ArrayView2<'_, f64>, &[(Corners, f64)]) -> f64,
-    ) -> Ceiling {
+    ) -> EntropyBound {
         let (rows, cols) = patch;
         let (mut total, mut footprint_pixels) = (0.0, 0_usize);
         for plane in spot.outer_iter() {
@@ -190,7 +190,7 @@ impl BeadCeiling {
             total += bits(plane, &places);
         }
         let pixels = (rows * cols) as f64;
-        Ceiling {
+        EntropyBound {
             bits_per_pixel: total / pixels,
             footprint_entropy: footprint_pixels as f64 * self.entropy / pixels,
             footprint_pixels,
@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn faint_light_of_a_very_bright_bead_counts_where_it_exceeds_the_noise() {
-        let ceilings = BeadCeiling::new(1e-4).unwrap();
+        let ceilings = BeadEntropyBound::new(1e-4).unwrap();
         let places = |brightness: f64| {
             let mut spot = ndarray::Array3::zeros((1, 1, 9));
             spot[[0, 0, 0]] = 1e7 * brightness;
@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn table_holds_the_two_point_information() {
-        let ceilings = BeadCeiling::new(0.02).unwrap();
+        let ceilings = BeadEntropyBound::new(0.02).unwrap();
         for d in [0.013, 0.5, 1.111, 3.333, 7.77, 15.99] {
             let grid: Vec<f64> = (0..120_000).map(|i| f64::from(i) * 0.0005 - 20.0).collect();
             let dark: Vec<f64> = grid.iter().map(|&u| normal(u)).collect();

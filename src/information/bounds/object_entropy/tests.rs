@@ -2,7 +2,7 @@
 
 use ndarray::Array3;
 
-use super::beads::{BeadCeiling, binary_entropy};
+use super::beads::{BeadEntropyBound, binary_entropy};
 use super::gaussian_channel::two_point_information;
 use crate::information::entropy::poisson_gaussian::fisher_information;
 use crate::information::error::InformationError;
@@ -55,7 +55,7 @@ fn published_settings_have_the_known_ceilings() {
         (9, 0.008, 0.22),
     ];
     for (lenslets, probability, expected) in known {
-        let ceilings = BeadCeiling::new(probability).unwrap();
+        let ceilings = BeadEntropyBound::new(probability).unwrap();
         let found = ceilings.evaluate(bead_spot(lenslets, probability).view(), 10.0, (32, 32), Noise::Shot).unwrap();
         assert!((found.bits_per_pixel - expected).abs() <= 0.005, "{lenslets} {probability}: {found:?}");
         assert!(found.footprint_entropy > found.bits_per_pixel);
@@ -156,7 +156,7 @@ fn enumerated_information_of_a_toy_stays_below() {
         .collect();
     for (bias, p) in [(1.5, 0.1), (0.0, 0.1), (0.2, 0.4), (6.0, 0.02)] {
         let truth = enumerated_information(p, bias, &light, 50);
-        let ceilings = BeadCeiling::new(p).unwrap();
+        let ceilings = BeadEntropyBound::new(p).unwrap();
         let gaussian = ceilings.evaluate(spot.view(), bias, (1, 3), Noise::Shot).unwrap();
         let exact = ceilings.evaluate_exact(spot.view(), bias, (1, 3), Noise::Shot).unwrap();
         assert_eq!((gaussian.footprint_pixels, exact.footprint_pixels), (4, 4));
@@ -173,7 +173,7 @@ fn enumerated_information_of_a_two_plane_toy_stays_below() {
     let light = [[2.0, 0.0], [5.0, 2.0], [0.0, 5.0], [4.0, 0.0], [0.0, 4.0]].map(Vec::from);
     for (bias, p) in [(1.0, 0.1), (3.0, 0.3)] {
         let truth = enumerated_information(p, bias, &light, 70);
-        let ceiling = BeadCeiling::new(p).unwrap().evaluate_exact(spot.view(), bias, (1, 2), Noise::Shot).unwrap();
+        let ceiling = BeadEntropyBound::new(p).unwrap().evaluate_exact(spot.view(), bias, (1, 2), Noise::Shot).unwrap();
         assert_eq!(ceiling.footprint_pixels, 5);
         let bound = 2.0 * ceiling.bits_per_pixel;
         assert!(truth > 0.4 * bound && truth < bound, "bias {bias}, p {p}: {truth} {bound}");
@@ -186,7 +186,7 @@ fn exact_ceilings_of_published_settings_lie_a_little_below_the_gaussian_ones() {
     for (lenslets, probability, expected) in
         [(1, 0.02, 0.2113), (4, 0.02, 0.3625), (9, 0.02, 0.4399), (9, 0.008, 0.2163)]
     {
-        let ceilings = BeadCeiling::new(probability).unwrap();
+        let ceilings = BeadEntropyBound::new(probability).unwrap();
         let spot = bead_spot(lenslets, probability);
         let gaussian = ceilings.evaluate(spot.view(), 10.0, (32, 32), Noise::Shot).unwrap();
         let exact = ceilings.evaluate_exact(spot.view(), 10.0, (32, 32), Noise::Shot).unwrap();
@@ -198,7 +198,7 @@ fn exact_ceilings_of_published_settings_lie_a_little_below_the_gaussian_ones() {
 
 #[test]
 fn limits_are_respected() {
-    let ceilings = BeadCeiling::new(0.05).unwrap();
+    let ceilings = BeadEntropyBound::new(0.05).unwrap();
     let spot = Array3::from_elem((2, 3, 4), 2.0);
     let of = |bias, noise| ceilings.evaluate(spot.view(), bias, (5, 6), noise).unwrap();
     let dark = of(0.0, Noise::Shot);
@@ -216,9 +216,9 @@ fn limits_are_respected() {
 #[test]
 fn bad_requests_get_reasons() {
     for found in [0.0, 1.0, -0.1, f64::NAN] {
-        assert!(BeadCeiling::new(found).is_err());
+        assert!(BeadEntropyBound::new(found).is_err());
     }
-    let ceilings = BeadCeiling::new(0.05).unwrap();
+    let ceilings = BeadEntropyBound::new(0.05).unwrap();
     let spot = Array3::from_elem((1, 3, 3), 2.0);
     let of = |spot: &Array3<f64>, bias, patch, noise| ceilings.evaluate(spot.view(), bias, patch, noise);
     assert_eq!(of(&spot, 10.0, (4, 4), Noise::None), Err(InformationError::NoNoise));

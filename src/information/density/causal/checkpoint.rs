@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::early_stopping::Found;
 use super::model::CausalModel;
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::{FitKeeper, FitNumbers, KeptFit, fit_to_bytes, restore_fit};
+use crate::information::fit_checkpoint::{FitCheckpoint, FitNumbers, KeptFit, fit_to_bytes, restore_fit};
 use crate::nn::Optimizer;
 
 /// Everything about a fit but weights and optimizer.
@@ -33,7 +33,7 @@ impl Default for Course {
 
 /// Keeps the state after `elapsed` in all.
 pub(super) fn keep(
-    keeper: &dyn FitKeeper,
+    keeper: &dyn FitCheckpoint,
     (course, elapsed): (&Course, Duration),
     model: &CausalModel,
     optimizer: &Optimizer,
@@ -55,7 +55,7 @@ pub(super) fn keep(
 /// Puts what was kept into a model that was made ready for the same fit, and its optimizer; returns where it stands, and its
 /// best weights on validation patches. Where nothing was kept the fit begins.
 pub(super) fn restore(
-    keeper: &dyn FitKeeper,
+    keeper: &dyn FitCheckpoint,
     model: &mut CausalModel,
     optimizer: &mut Optimizer,
 ) -> Result<(Course, Option<Found>), InformationError> {

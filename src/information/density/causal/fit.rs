@@ -12,10 +12,10 @@ use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::information::stopwatch::Stopwatch;
-use crate::nn::{Averaging, Optimizer, rate_schedule};
+use crate::nn::{Averaging, Optimizer, learning_rate_factor};
 
 /// Patches of one step.
 pub(super) const BATCH: usize = 2;
@@ -50,7 +50,7 @@ pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) 
 #[derive(Clone, Copy)]
 pub(in crate::information) struct FitAids<'a> {
     /// Keeps its state as often as it asks for; a fit whose state is there goes on from it.
-    pub keeper: Option<&'a dyn FitKeeper>,
+    pub keeper: Option<&'a dyn FitCheckpoint>,
     /// Patches that are not fitted to; the weights that score best on them are kept.
     pub validation: Option<&'a PatchBatch>,
 }
@@ -154,7 +154,7 @@ impl CausalFit {
                     let Course { steps, before, .. } = mover.course;
                     return Ok(Fitted { steps, best: best.put_into(model)?, before });
                 }
-                mover.step(self, model, (&inputs, indices), rate_schedule(done))?;
+                mover.step(self, model, (&inputs, indices), learning_rate_factor(done))?;
                 let averaged = || CausalModel { weights: mover.averaged(model), ..model.clone() };
                 let elapsed = time.elapsed();
                 best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &averaged)?;

@@ -9,12 +9,12 @@ use super::head::{FARTHEST, exact_loss, level_losses};
 use super::levels::Levels;
 use super::model::CausalModel;
 use super::network::Workspace;
-use crate::information::density::frozen::HeldDensity;
+use crate::information::density::frozen::FrozenDensity;
 use crate::information::entropy::reparameterisation::{DARKEST, Reparameterised};
 use crate::information::error::InformationError;
 use crate::nn::if_not_negligible;
 
-impl HeldDensity for CausalModel {
+impl FrozenDensity for CausalModel {
     /// Both terms of `log2 p(y|x) - log2 q(y)` at the same measurements. Of Poisson counts the part of both that depends on
     /// y alone drops out.
     fn information_gradient(
@@ -175,7 +175,7 @@ impl Mixture {
 #[cfg(test)]
 mod tests {
     use super::super::conditioning::Moments;
-    use super::super::init::Beginning;
+    use super::super::init::Init;
     use super::super::shape::CausalShape;
     use super::super::stream::PatchBatch;
     use super::*;
@@ -191,7 +191,7 @@ mod tests {
             let sample = PatchBatch { noisy: noise.draw(clean.view(), 5), clean: Some(clean.clone()) };
             let moments = Moments::of_patches(sample.noisy.view()).unwrap();
             let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-            let mut model = CausalModel::new(shape, noise, &sample, &moments, Beginning::Drawn, 3).unwrap();
+            let mut model = CausalModel::new(shape, noise, &sample, &moments, Init::Random, 3).unwrap();
             for (i, weight) in model.weights.iter_mut().enumerate() {
                 *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
             }

@@ -8,7 +8,7 @@ use super::conditioning::{Conditioning, FAR_PLACES, Moments, Units};
 use super::level_interpolation::{among, carry};
 use super::levels::{LevelSpan, Levels};
 use super::model::{CausalModel, check};
-use super::pretrained::FirstWeights;
+use super::pretrained::PretrainedWeights;
 use super::shape::CausalShape;
 use super::stream::PatchBatch;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
@@ -19,15 +19,15 @@ use crate::sensor::Noise;
 /// Largest distance of a far place in rows or columns, px; that which stands for none is as far.
 const FARTHEST: usize = 1_000_000;
 
-/// The weights that a model begins with.
+/// Initial weights of a model.
 #[derive(Clone, Copy, Debug)]
-pub enum Beginning<'a> {
-    /// Those that come with the program ([`FirstWeights`](super::FirstWeights)).
-    Shipped,
-    /// Drawn by chance.
-    Drawn,
-    /// Those of the model of a similar design, or of the program where it was before another noise.
-    Similar(&'a CausalStart),
+pub enum Init<'a> {
+    /// The pretrained weights of the program ([`PretrainedWeights`]).
+    Pretrained,
+    /// Random weights: a cold start.
+    Random,
+    /// Weights of the model of a similar design: a warm start. The pretrained weights where its noise differs.
+    Warm(&'a CausalStart),
 }
 
 /// Everything that a fit takes from the model of a similar design, in numbers that go through a file unchanged: a fit that
@@ -101,13 +101,13 @@ impl CausalModel {
         noise: Noise,
         sample: &PatchBatch,
         moments: &Moments,
-        beginning: Beginning<'_>,
+        beginning: Init<'_>,
         seed: u64,
     ) -> Result<Self, InformationError> {
         NoiseEntropy::new(noise, Protocol::Default)?;
         check(sample.noisy.view())?;
         let start = match beginning {
-            Beginning::Similar(start) if start.shape == shape && start.is_of(noise) => {
+            Init::Warm(start) if start.shape == shape && start.is_of(noise) => {
                 let levels = Levels::spanning(start.noise, start.span);
                 start.layout(levels.count()).map(|layout| (start, layout, levels))
             }
@@ -119,7 +119,7 @@ impl CausalModel {
             conditioning = conditioning.in_units_of(units, &start.far, levels);
         }
         let mut model = Self::unfitted(shape, conditioning, sample, seed);
-        if !matches!(beginning, Beginning::Drawn) {
+        if !matches!(beginning, Init::Random) {
             model.begin_as_shipped();
         }
         if let Some((start, layout, levels)) = &start {
@@ -142,7 +142,7 @@ impl CausalModel {
 
     /// Takes the weights that come with the program, where they are of its shape.
     pub(super) fn begin_as_shipped(&mut self) {
-        if let Some(first) = FirstWeights::shipped() {
+        if let Some(first) = PretrainedWeights::shipped() {
             first.put_into(self);
         }
     }

@@ -7,7 +7,7 @@ use crate::nn::{Grid, Layer, RowAbove, Taps, TileMemory, Write};
 /// Where its weights lie among all, and how it is computed: the own row by a product of gathered pixels, the row above by minimal
 /// filtering.
 #[derive(Clone, Debug)]
-pub(super) struct FiveTaps {
+pub(super) struct MaskedConv {
     own_taps: Taps,
     /// Kernel of the own row, and the bias.
     own: Layer,
@@ -17,12 +17,12 @@ pub(super) struct FiveTaps {
 
 /// What one thread needs for such layers.
 #[derive(Clone, Debug, Default)]
-pub(super) struct FiveTapsMemory {
+pub(super) struct MaskedConvMemory {
     columns: Vec<f32>,
     tiles: TileMemory,
 }
 
-impl FiveTaps {
+impl MaskedConv {
     /// Number of taps.
     pub const COUNT: usize = 5;
     /// Those in the own row.
@@ -42,8 +42,8 @@ impl FiveTaps {
     }
 
     /// `out = input kernel + bias`; input (pixels, channels), out (pixels, outputs).
-    pub fn forward(&self, grid: Grid, weights: &[f32], input: &[f32], out: &mut [f32], memory: &mut FiveTapsMemory) {
-        let FiveTapsMemory { columns, tiles } = memory;
+    pub fn forward(&self, grid: Grid, weights: &[f32], input: &[f32], out: &mut [f32], memory: &mut MaskedConvMemory) {
+        let MaskedConvMemory { columns, tiles } = memory;
         self.gather(grid, input, columns);
         self.own.forward(weights, columns, out);
         let kernel = self.above.transformed(&weights[self.above_kernel.clone()]);
@@ -59,9 +59,9 @@ impl FiveTaps {
         (input, by_output): (&[f32], &[f32]),
         mut gradient: Option<&mut [f32]>,
         by_input: &mut [f32],
-        memory: &mut FiveTapsMemory,
+        memory: &mut MaskedConvMemory,
     ) {
-        let FiveTapsMemory { columns, tiles } = memory;
+        let MaskedConvMemory { columns, tiles } = memory;
         if let Some(gradient) = gradient.as_deref_mut() {
             self.gather(grid, input, columns);
             self.own.by_weights(columns, by_output, gradient, Write::Replace);

@@ -7,7 +7,7 @@ use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 use super::stream::{PatchBatch, PatchStream};
 use crate::forward::{ForwardError, ForwardModel};
 use crate::information::error::InformationError;
-use crate::information::statistics::shared_images::SharedPictures;
+use crate::information::statistics::shared_images::SharedImages;
 use crate::objects::{ObjectSet, PlacedPicture, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches, SensorError};
@@ -30,7 +30,7 @@ impl<'a> ForwardModel<'a> {
         patch: (usize, usize),
         (split, first, seed): (Split, usize, u64),
         places: &Patches,
-    ) -> Option<SharedPictures> {
+    ) -> Option<SharedImages> {
         let corners = places.corners();
         let objects = corners.iter().map(|corner| corner.0 + 1).max().unwrap_or(0);
         let pictures = self.set.pictures_from(split, first, objects, seed)?;
@@ -42,7 +42,7 @@ impl<'a> ForwardModel<'a> {
             let seen = light.into_iter().filter(|&(_, light)| light > LEAST_SHARE * all);
             seen.map(|(picture, light)| (picture, light / all)).collect()
         };
-        Some(SharedPictures::new(corners.iter().map(shown).collect()))
+        Some(SharedImages::new(corners.iter().map(shown).collect()))
     }
 
     /// Fresh patches of measurements of one part of the objects.
@@ -149,7 +149,7 @@ impl MeasurementStream<'_> {
         psf: ArrayView3<'_, f64>,
         count: usize,
         seed: u64,
-    ) -> Result<Option<SharedPictures>, InformationError> {
+    ) -> Result<Option<SharedImages>, InformationError> {
         let (rows, cols) = self.convolver.plan().measurement_shape();
         let places = Patches::one_each((count, rows, cols), self.patch, seed);
         let places = places.map_err(|error| InformationError::Stream { reason: error.to_string() })?;

@@ -12,7 +12,7 @@ use super::stream::PatchBatch;
 use crate::information::density::gaussian::dense::MAX_PATCH_PIXELS;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
-use crate::nn::{ParameterLayout, Pool, euclidean_norm, sum_in_order};
+use crate::nn::{ParameterLayout, Pool, euclidean_norm, ordered_sum};
 use crate::sensor::Noise;
 
 /// Patches that are made ready and scored at a time.
@@ -179,7 +179,7 @@ impl Gradients {
             });
         });
         let parts: Vec<&[f32]> = self.parts.iter().map(|(gradient, _)| gradient.as_slice()).collect();
-        sum_in_order(&parts, &mut self.total);
+        ordered_sum(&parts, &mut self.total);
         self.parts.iter().map(|(_, nats)| nats).sum::<f64>() * f64::from(weight)
     }
 
@@ -204,7 +204,7 @@ impl Workspaces {
 #[cfg(test)]
 mod tests {
     use super::super::conditioning::TARGETS;
-    use super::super::init::{Beginning, CausalStart};
+    use super::super::init::{CausalStart, Init};
     use super::*;
 
     /// Blobs of light on a dark ground.
@@ -224,7 +224,7 @@ mod tests {
         let sample = sample(noise, patch);
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let shape = CausalShape { channels: 6, dilations: dilations.to_vec() };
-        let mut model = CausalModel::new(shape, noise, &sample, &moments, Beginning::Drawn, 3).unwrap();
+        let mut model = CausalModel::new(shape, noise, &sample, &moments, Init::Random, 3).unwrap();
         // Away from the first weights, where some gradients are 0.
         for (i, weight) in model.weights.iter_mut().enumerate() {
             *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
@@ -349,11 +349,10 @@ mod tests {
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let start = CausalStart::from(&first);
         let again =
-            CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Beginning::Similar(&start), 9)
-                .unwrap();
+            CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Init::Warm(&start), 9).unwrap();
         assert_eq!(again.weights, first.weights);
         assert_eq!(again.conditioning.levels.photons, first.conditioning.levels.photons);
-        let fresh = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Beginning::Drawn, 9).unwrap();
+        let fresh = CausalModel::new(first.shape.clone(), Noise::Shot, &sample, &moments, Init::Random, 9).unwrap();
         assert_ne!(fresh.weights, first.weights);
     }
 }

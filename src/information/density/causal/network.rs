@@ -3,7 +3,7 @@
 use super::conditioning::{Conditioning, PatchInputs, WINDOW_CHANNELS};
 use super::head::{exact_loss, level_losses};
 use super::levels::Levels;
-use super::masked_conv::FiveTapsMemory;
+use super::masked_conv::MaskedConvMemory;
 use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
 use crate::nn::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
 
@@ -35,7 +35,7 @@ pub(super) struct Workspace {
     levels: usize,
     kept: Vec<Kept>,
     window_columns: Vec<f32>,
-    five_taps: FiveTapsMemory,
+    five_taps: MaskedConvMemory,
     far_columns: Vec<f32>,
     features: Vec<f32>,
     first_sigmoids: Vec<f32>,
@@ -77,7 +77,7 @@ impl Workspace {
             levels,
             kept: vec![kept; layers.blocks.len()],
             window_columns: per_pixel(layers.window.inputs),
-            five_taps: FiveTapsMemory::default(),
+            five_taps: MaskedConvMemory::default(),
             far_columns: per_pixel(layers.far_taps.count() * FAR_CHANNELS),
             by_narrow: per_pixel(FAR_CHANNELS),
             features: per_pixel(2 * channels),

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::information::density::gaussian::dense::{DenseGaussian, dense_covariance};
 use crate::information::error::InformationError;
-use crate::nn::{product, product_with_transposed};
+use crate::nn::{matmul_transposed_rhs, product};
 
 /// Patches that one thread predicts at a time.
 const GROUP: usize = 16;
@@ -61,7 +61,7 @@ impl Predictor {
         groups.for_each(|(values, out)| {
             let centred: Vec<f32> = values.iter().map(|y| y - self.mean).collect();
             let shape = (values.len() / self.pixels, self.pixels, self.pixels);
-            product_with_transposed(&centred, &self.coefficients, shape, out, crate::nn::Write::Replace);
+            matmul_transposed_rhs(&centred, &self.coefficients, shape, out, crate::nn::Write::Replace);
             for prediction in out {
                 *prediction += self.mean;
             }

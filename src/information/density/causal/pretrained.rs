@@ -18,7 +18,8 @@ use super::shape::{CausalShape, rule};
 use super::stream::PatchBatch;
 use crate::information::error::InformationError;
 use crate::nn::{
-    Averaging, Optimizer, ParameterLayout, WeightsHeader, rate_schedule, read_details, read_weights, write_weights,
+    Averaging, Optimizer, ParameterLayout, WeightsHeader, learning_rate_factor, read_details, read_weights,
+    write_weights,
 };
 use crate::sensor::Noise;
 
@@ -37,7 +38,7 @@ const REMEMBERED: f64 = 2000.0;
 
 /// Measurements of some scene through some encoder.
 #[derive(Clone, Debug)]
-pub struct FirstScene {
+pub struct TrainingScene {
     /// Noise of the sensor.
     pub noise: Noise,
     /// Patches to fit.
@@ -46,9 +47,9 @@ pub struct FirstScene {
     pub moments: Moments,
 }
 
-/// How far a fit of [`FirstWeights`] has come.
+/// How far a fit of [`PretrainedWeights`] has come.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct FirstFitProgress {
+pub struct PretrainProgress {
     /// Steps so far.
     pub steps: usize,
     /// Scenes so far.
@@ -60,22 +61,23 @@ pub struct FirstFitProgress {
 }
 
 /// Hears of every step, gets what makes the weights as they would be if the fit ended there, and answers whether to go on.
-pub type OnFirstFit<'a> = &'a mut dyn FnMut(&FirstFitProgress, &dyn Fn() -> FirstWeights) -> ControlFlow<()>;
+pub type OnPretrainStep<'a> = &'a mut dyn FnMut(&PretrainProgress, &dyn Fn() -> PretrainedWeights) -> ControlFlow<()>;
 
 /// Weights that models of any design begin with. Those of the head are known at knots over the standardised roots of
 /// photons, since the levels differ from design to design.
 #[derive(Clone, Debug)]
-pub struct FirstWeights {
+pub struct PretrainedWeights {
     shape: CausalShape,
     layout: ParameterLayout,
     weights: Vec<f32>,
 }
 
-impl FirstWeights {
+impl PretrainedWeights {
     /// Those that come with the program, fitted to beads and drawn pictures through many encoders; none where it was built
     /// without weights that fit this version.
     pub fn shipped() -> Option<&'static Self> {
-        static WEIGHTS: LazyLock<Option<FirstWeights>> = LazyLock::new(|| FirstWeights::from_bytes(SHIPPED).ok());
+        static WEIGHTS: LazyLock<Option<PretrainedWeights>> =
+            LazyLock::new(|| PretrainedWeights::from_bytes(SHIPPED).ok());
         WEIGHTS.as_ref()
     }
 
@@ -95,7 +97,7 @@ impl FirstWeights {
         Ok(write_weights(&self.layout, &self.weights, &HEADER, Vec::new())?)
     }
 
-    /// Reads what [`FirstWeights::to_bytes`] wrote.
+    /// Reads what [`PretrainedWeights::to_bytes`] wrote.
     ///
     /// # Errors
     /// For bytes that are something else, of another shape or of a newer version.
@@ -145,14 +147,14 @@ impl FirstWeights {
     /// Where a scene is none; when `on_progress` cancels.
     pub fn fit(
         &mut self,
-        scene: &(dyn Fn(u64) -> Result<FirstScene, InformationError> + Sync),
+        scene: &(dyn Fn(u64) -> Result<TrainingScene, InformationError> + Sync),
         (length, seed): (Duration, u64),
-        on_progress: OnFirstFit<'_>,
+        on_progress: OnPretrainStep<'_>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut optimizer = Optimizer::new(&self.layout, &self.weights, Averaging::LAST_TENTH, rule);
-        let mut progress = FirstFitProgress::default();
+        let mut progress = PretrainProgress::default();
         loop {
             let next: Vec<(u64, u64)> =
                 (progress.scenes..progress.scenes + SCENES as u64).map(|number| (number, random.random())).collect();
@@ -167,7 +169,7 @@ impl FirstWeights {
                 let done = progress.elapsed.as_secs_f64() / length.as_secs_f64().max(1e-9);
                 // What has no finite numbers teaches nothing.
                 if let Some((loss, gradient, scale)) = fitted[scene].gradient(self, step) {
-                    optimizer.step(&mut self.weights, &gradient, scale, (RATE * rate_schedule(done)) as f32);
+                    optimizer.step(&mut self.weights, &gradient, scale, (RATE * learning_rate_factor(done)) as f32);
                     progress.steps += 1;
                     let bits = loss / std::f64::consts::LN_2;
                     progress.bits += (bits - progress.bits) / REMEMBERED.min(progress.steps as f64);
@@ -194,8 +196,8 @@ struct Fitted {
 }
 
 impl Fitted {
-    fn new(shape: &CausalShape, scene: &FirstScene, seed: u64) -> Result<Self, InformationError> {
-        let FirstScene { noise, patches, moments } = scene;
+    fn new(shape: &CausalShape, scene: &TrainingScene, seed: u64) -> Result<Self, InformationError> {
+        let TrainingScene { noise, patches, moments } = scene;
         let model = CausalModel::random(shape.clone(), *noise, patches, moments, 0)?;
         let mut inputs = model.conditioning.inputs(patches.noisy.view());
         if let Some(clean) = &patches.clean {
@@ -212,7 +214,7 @@ impl Fitted {
 
     /// Loss of the patches of a step (nats per pixel), its gradient by the weights, and the factor that shortens that where it
     /// is too long; none where they are not finite.
-    fn gradient(&mut self, weights: &FirstWeights, step: usize) -> Option<(f64, Vec<f32>, f32)> {
+    fn gradient(&mut self, weights: &PretrainedWeights, step: usize) -> Option<(f64, Vec<f32>, f32)> {
         weights.put_into(&mut self.model);
         let indices: Vec<usize> = (step * BATCH..(step + 1) * BATCH).collect();
         let loss = self.gradients.evaluate(&self.model, &self.inputs, &indices);
@@ -232,12 +234,12 @@ fn knots(model: &CausalModel) -> Vec<(usize, f32)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::init::Beginning;
+    use super::super::init::Init;
     use super::*;
     use ndarray::Array3;
 
     /// Spots of two kinds on a ground.
-    fn scene(number: u64) -> FirstScene {
+    fn scene(number: u64) -> TrainingScene {
         let clean = Array3::from_shape_fn((40, 12, 12), |(n, r, c)| {
             let (row, col) = ((n * 7 + number as usize) % 12, n * 5 % 12);
             let distance = (r as f32 - row as f32).hypot(c as f32 - col as f32);
@@ -245,18 +247,18 @@ mod tests {
         });
         let noisy = Noise::Shot.draw(clean.view(), number);
         let moments = Moments::of_patches(noisy.view()).unwrap();
-        FirstScene { noise: Noise::Shot, patches: PatchBatch { noisy, clean: Some(clean) }, moments }
+        TrainingScene { noise: Noise::Shot, patches: PatchBatch { noisy, clean: Some(clean) }, moments }
     }
 
-    fn model(beginning: Beginning<'_>) -> CausalModel {
-        let FirstScene { noise, patches, moments } = scene(3);
+    fn model(beginning: Init<'_>) -> CausalModel {
+        let TrainingScene { noise, patches, moments } = scene(3);
         CausalModel::new(CausalShape::default(), noise, &patches, &moments, beginning, 7).unwrap()
     }
 
     #[test]
     fn the_gradient_is_that_of_what_was_put_into_a_model() {
-        let mut own = model(Beginning::Drawn);
-        let first = FirstWeights::new(1);
+        let mut own = model(Init::Random);
+        let first = PretrainedWeights::new(1);
         first.put_into(&mut own);
         let by_model: Vec<f32> = (0..own.weights.len()).map(|i| ((i * 37 % 101) as f32 - 50.0) * 0.01).collect();
         let gradient = first.gradient(&own, &by_model);
@@ -273,20 +275,20 @@ mod tests {
         // How frequent levels are is known of each design.
         let bias = own.layers.head.bias.clone();
         let levels = own.conditioning.levels.count();
-        assert_eq!(own.weights[bias.clone()][..levels], model(Beginning::Drawn).weights[bias][..levels]);
+        assert_eq!(own.weights[bias.clone()][..levels], model(Init::Random).weights[bias][..levels]);
     }
 
     #[test]
     fn those_of_the_program_tell_more_of_a_new_scene_than_none() {
         let patches = scene(11).patches.noisy;
         let bits = |beginning| model(beginning).cross_entropy_map(patches.view()).unwrap().mean().unwrap();
-        let (shipped, drawn) = (bits(Beginning::Shipped), bits(Beginning::Drawn));
+        let (shipped, drawn) = (bits(Init::Pretrained), bits(Init::Random));
         assert!(shipped < drawn - 0.02, "{shipped} {drawn}");
     }
 
     #[test]
     fn a_fit_lowers_the_cross_entropy_of_all_scenes_and_goes_through_a_file() {
-        let mut weights = FirstWeights::new(2);
+        let mut weights = PretrainedWeights::new(2);
         let (mut early, mut late, mut kept) = (0.0, f64::INFINITY, None);
         let fitted =
             weights.fit(&|number| Ok(scene(number)), (Duration::from_hours(1), 3), &mut |progress, snapshot| {
@@ -306,7 +308,7 @@ mod tests {
         assert!(late < early - 0.05, "{late} {early}");
         let kept = kept.unwrap();
         let bytes = kept.to_bytes().unwrap();
-        assert_eq!(FirstWeights::from_bytes(&bytes).unwrap().weights, kept.weights);
-        assert!(FirstWeights::from_bytes(&bytes[..bytes.len() / 2]).is_err());
+        assert_eq!(PretrainedWeights::from_bytes(&bytes).unwrap().weights, kept.weights);
+        assert!(PretrainedWeights::from_bytes(&bytes[..bytes.len() / 2]).is_err());
     }
 }

@@ -7,7 +7,7 @@ use super::fit::{CausalFit, FitLength, Mover};
 use super::model::CausalModel;
 use super::stream::PatchStream;
 use crate::information::error::InformationError;
-use crate::nn::{Averaging, rate_rise};
+use crate::nn::{Averaging, warmup_factor};
 
 /// Factor of the learning rate. It does not fall; at twice this rate the same masks of a run came out 0.002 bits per pixel higher.
 const RATE: f64 = 0.25;
@@ -55,7 +55,7 @@ impl CausalRefit {
                 batches.extend(fit.batches().rev());
                 continue;
             };
-            let factor = rate_rise(mover.course.steps as f64 / *all as f64);
+            let factor = warmup_factor(mover.course.steps as f64 / *all as f64);
             mover.step(fit, model, (inputs, indices), factor)?;
             if !go_on() {
                 return Err(InformationError::Cancelled);
@@ -77,7 +77,7 @@ mod tests {
     use ndarray::Array3;
 
     use super::super::conditioning::Moments;
-    use super::super::init::Beginning;
+    use super::super::init::Init;
     use super::super::shape::CausalShape;
     use super::super::stream::PatchBatch;
     use super::*;
@@ -102,7 +102,7 @@ mod tests {
         let sample = Spots.draw(60, 1).unwrap();
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-        let start = CausalModel::new(shape, Noise::Shot, &sample, &moments, Beginning::Drawn, 3).unwrap();
+        let start = CausalModel::new(shape, Noise::Shot, &sample, &moments, Init::Random, 3).unwrap();
         let begin = || CausalRefit::new((300, 7), start.clone());
         let (mut whole, mut parts) = (begin(), begin());
         whole.go_on(300, &Spots, &|| true).unwrap();

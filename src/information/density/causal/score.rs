@@ -17,7 +17,7 @@ const SCORED_AT_ONCE: usize = 32;
 ///
 /// # Errors
 /// As [`score`], and [`InformationError::Cancelled`] where it does.
-pub fn score_while(
+pub fn score_with_progress(
     model: &CausalModel,
     entropy: &NoiseEntropy,
     test: &PatchBatch,
@@ -80,8 +80,8 @@ pub fn information_map(
 /// The same, part by part: before each `stop` is asked whether to break off.
 ///
 /// # Errors
-/// As [`score_while`].
-pub fn information_map_unless(
+/// As [`score_with_progress`].
+pub fn cancellable_information_map(
     model: &CausalModel,
     entropy: &NoiseEntropy,
     test: &PatchBatch,

@@ -5,7 +5,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::conditioning::{PRESENT_CHANNELS, WINDOW_CHANNELS};
-use super::masked_conv::FiveTaps;
+use super::masked_conv::MaskedConv;
 use crate::nn::{Initial, Layer, ParameterLayout, Rule, Taps, Tensor};
 
 /// Rows above and columns to either side that the first window sees.
@@ -46,7 +46,7 @@ pub(super) struct Block {
     /// Gain of the normalisation (C).
     pub gain: Range<usize>,
     /// Taps C -> 2C.
-    pub wide: FiveTaps,
+    pub wide: MaskedConv,
     /// C -> C.
     pub out: Layer,
 }
@@ -82,9 +82,9 @@ impl CausalShape {
         let window = layer("window", window_taps.count() * WINDOW_CHANNELS, 2 * channels, 1.0);
         let mut blocks = Vec::new();
         for (index, &dilation) in self.dilations.iter().enumerate() {
-            let wide = layer(&format!("block{index}.wide"), FiveTaps::COUNT * channels, 2 * channels, 1.0);
+            let wide = layer(&format!("block{index}.wide"), MaskedConv::COUNT * channels, 2 * channels, 1.0);
             blocks.push(Block {
-                wide: FiveTaps::new(dilation, wide),
+                wide: MaskedConv::new(dilation, wide),
                 out: layer(&format!("block{index}.out"), channels, channels, 0.5),
                 gain: 0..0,
                 far: None,

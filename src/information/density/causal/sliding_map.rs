@@ -21,7 +21,7 @@ const AT_ONCE: usize = 16;
 /// # Errors
 /// [`InformationError::Stream`] for a measurement that is smaller than a patch, and as
 /// [`information_map`](super::information_map); cancelled where `go_on` says so, which is asked every few patches.
-pub fn information_over(
+pub fn sliding_information_map(
     model: &CausalModel,
     noisy: ArrayView2<'_, f32>,
     clean: ArrayView2<'_, f32>,
@@ -71,7 +71,7 @@ fn first_over(starts: &[usize], side: usize, place: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::super::conditioning::Moments;
-    use super::super::init::Beginning;
+    use super::super::init::Init;
     use super::super::shape::CausalShape;
     use super::*;
     use crate::sensor::Noise;
@@ -100,10 +100,11 @@ mod tests {
         let model = |sample: &PatchBatch| {
             let moments = Moments::of_patches(sample.noisy.view()).unwrap();
             let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-            CausalModel::new(shape, Noise::Shot, sample, &moments, Beginning::Drawn, 3).unwrap()
+            CausalModel::new(shape, Noise::Shot, sample, &moments, Init::Random, 3).unwrap()
         };
         let over = |model: &CausalModel| {
-            information_over(model, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| true).unwrap()
+            sliding_information_map(model, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| true)
+                .unwrap()
         };
         let whole = model(&batch);
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
@@ -120,8 +121,9 @@ mod tests {
         assert!(same(all.slice(s![..6, ..6]), map.slice(s![0, .., ..])));
         assert!(all.iter().all(|bits| bits.is_finite()));
         let small = batch.noisy.slice(s![0, ..5, ..]);
-        assert!(information_over(&part, small, clean.slice(s![0, ..5, ..]), &|| true).is_err());
-        let stopped = information_over(&part, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| false);
+        assert!(sliding_information_map(&part, small, clean.slice(s![0, ..5, ..]), &|| true).is_err());
+        let stopped =
+            sliding_information_map(&part, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| false);
         assert_eq!(stopped, Err(InformationError::Cancelled));
     }
 }

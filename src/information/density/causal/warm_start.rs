@@ -162,7 +162,7 @@ fn missing(name: &str) -> NetworkError {
 mod tests {
     use ndarray::Array2;
 
-    use super::super::init::Beginning;
+    use super::super::init::Init;
     use super::*;
     use crate::nn::read_detail;
 
@@ -230,7 +230,7 @@ mod tests {
         let clean = Array3::from_shape_fn((8, 6, 21), |(n, r, c)| ((n * 7 + r * 5 + c * 3) % 40 + 10) as f32);
         let sample = PatchBatch { noisy: Noise::Shot.draw(clean.view(), 5), clean: Some(clean) };
         let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
-        let beginning = Beginning::Drawn;
+        let beginning = Init::Random;
         let first = CausalModel::new(shape, Noise::Shot, &sample, &copies(Some(8.0)), beginning, 3).unwrap();
         let place = first.conditioning.far.iter().position(|place| *place == (0, -8)).unwrap();
         let follow = |distance| {

@@ -7,7 +7,7 @@ use super::engine::Engine;
 use super::model::{PixelCnn, Workspaces, check, samples_per_chunk};
 use crate::information::engine_choice::EngineChoice;
 use crate::information::error::InformationError;
-use crate::nn::{Grid, Write, part_range, sum_in_order};
+use crate::nn::{Grid, Write, ordered_sum, part_range};
 
 /// Parts of a batch, each summed by one thread and then all in order.
 const PARTS: usize = 16;
@@ -92,7 +92,7 @@ impl CpuEngine {
             }
         });
         let parts: Vec<&[f32]> = self.parts.iter().map(|part| part.gradient.as_slice()).collect();
-        sum_in_order(&parts, gradient);
+        ordered_sum(&parts, gradient);
         if let Some(out) = by_patch {
             let all = self.parts.iter().flat_map(|part| &part.by_patch);
             for (out, value) in out.iter_mut().zip(all) {

@@ -13,11 +13,11 @@ use super::scale::DataScale;
 use super::shape::PixelCnnShape;
 use crate::information::density::patch_checks::{check_clean, check_values};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitKeeper;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::fit_checkpoint::{FitNumbers, KeptFit, fit_to_bytes, restore_fit, unread};
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::information::stopwatch::Stopwatch;
-use crate::nn::{Optimizer, Rule, rate_schedule};
+use crate::nn::{Optimizer, Rule, learning_rate_factor};
 
 /// Share of the time of a budgeted fit that validation may take before the last one.
 const VALIDATION_SHARE: f64 = 0.1;
@@ -58,7 +58,7 @@ impl PixelCnnFit {
         shape: PixelCnnShape,
         min_width: f32,
         patches: TrainingPatches<'_>,
-        (start, keeper): (Option<&PixelCnn>, Option<&dyn FitKeeper>),
+        (start, keeper): (Option<&PixelCnn>, Option<&dyn FitCheckpoint>),
         on_progress: OnProgress<'_>,
     ) -> Result<(PixelCnn, FitReport), InformationError> {
         let validation = self.check(patches)?;
@@ -122,7 +122,7 @@ impl PixelCnnFit {
 struct Run<'a> {
     fit: &'a PixelCnnFit,
     time: Stopwatch,
-    keeper: Option<&'a dyn FitKeeper>,
+    keeper: Option<&'a dyn FitCheckpoint>,
     /// When it was kept last.
     kept: Instant,
     optimizer: Optimizer,
@@ -141,7 +141,7 @@ impl<'a> Run<'a> {
     fn new(
         fit: &'a PixelCnnFit,
         model: &PixelCnn,
-        keeper: Option<&'a dyn FitKeeper>,
+        keeper: Option<&'a dyn FitCheckpoint>,
     ) -> Result<Self, InformationError> {
         Ok(Self {
             fit,
@@ -215,7 +215,7 @@ impl<'a> Run<'a> {
             loop {
                 self.keep(model)?;
                 let done = self.done();
-                let rate = fit.rate * self.caution * if fit.schedule { rate_schedule(done) } else { 1.0 };
+                let rate = fit.rate * self.caution * if fit.schedule { learning_rate_factor(done) } else { 1.0 };
                 self.step(model, &mut batches, rate)?;
                 if on_progress(&self.progress(epoch)).is_break() {
                     return Err(InformationError::Cancelled);
@@ -362,7 +362,7 @@ mod tests {
         let paper = PixelCnnFit { batch: 5, steps_per_epoch: 12, max_epochs: 4, ..PixelCnnFit::paper(3) };
         let standard = PixelCnnFit { steps_per_epoch: 12, max_epochs: 4, ..PixelCnnFit::standard(3) };
         for fit in [paper, standard] {
-            let run = |keeper: Option<&dyn FitKeeper>, stop_at: usize| {
+            let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
                 let mut asked = 0;
                 let told = fit.fit_kept(shape(), 1.0, patches, (None, keeper), &mut |_| {
                     asked += 1;

@@ -3,7 +3,7 @@
 use ndarray::{Array3, ArrayView3};
 
 use super::model::PixelCnn;
-use crate::information::density::frozen::HeldDensity;
+use crate::information::density::frozen::FrozenDensity;
 use crate::information::entropy::reparameterisation::{DARKEST, Reparameterised};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
@@ -13,7 +13,7 @@ const DEQUANTISED: f64 = 0.5;
 
 /// A network that was fitted to measurements with this noise.
 #[derive(Clone, Copy)]
-pub struct HeldPixelCnn<'a> {
+pub struct FrozenPixelCnn<'a> {
     /// Fitted to dequantised measurements.
     pub network: &'a PixelCnn,
     /// Their noise.
@@ -22,7 +22,7 @@ pub struct HeldPixelCnn<'a> {
     pub go_on: &'a dyn Fn() -> bool,
 }
 
-impl HeldDensity for HeldPixelCnn<'_> {
+impl FrozenDensity for FrozenPixelCnn<'_> {
     /// Both terms as published: `-E log2 q(y)` at measurements with reparameterised noise, and `1/2 log2(2 pi e s(x)^2)` for
     /// the noise (Kabuli et al. 2026).
     fn information_gradient(
@@ -33,7 +33,7 @@ impl HeldDensity for HeldPixelCnn<'_> {
         let noise = Reparameterised::new(self.noise);
         let mut noisy = clean.to_owned();
         noisy.zip_mut_with(&normals, |x, e| *x = (noise.measured(f64::from(*x), f64::from(*e)) + DEQUANTISED) as f32);
-        let losses = self.network.losses_and_slopes(noisy.view(), self.go_on)?;
+        let losses = self.network.losses_and_gradients(noisy.view(), self.go_on)?;
         let mut gradient = Array3::zeros(clean.dim());
         let mut total = 0.0;
         for ((out, (&x, &e)), (nats, by_y)) in gradient.iter_mut().zip(clean.iter().zip(&normals)).zip(losses) {
@@ -68,7 +68,7 @@ mod tests {
             *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
         }
         for noise in [Noise::Shot, Noise::Read { sigma: 3.0 }, Noise::ShotRead { sigma: 2.0 }] {
-            let held = HeldPixelCnn { network: &network, noise, go_on: &|| true };
+            let held = FrozenPixelCnn { network: &network, noise, go_on: &|| true };
             let value = |clean: &Array3<f32>| held.information_gradient(clean.view(), normals.view()).unwrap();
             let (bits, gradient) = value(&clean);
             assert!(bits.is_finite(), "{noise}: {bits}");

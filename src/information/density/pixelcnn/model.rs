@@ -107,7 +107,7 @@ impl PixelCnn {
 
     /// Negative log density of every pixel, nats, and the gradient of their sum by that pixel, per photon; patches in
     /// photons, pixel after pixel. It ends early where `go_on` says so.
-    pub(super) fn losses_and_slopes(
+    pub(super) fn losses_and_gradients(
         &self,
         patches: ArrayView3<'_, f32>,
         go_on: &dyn Fn() -> bool,
