@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use lenslet_studio::forward::Design;
 use lenslet_studio::optics::{Encoder, heuristic_layout};
-use lenslet_studio::workbench::{Command, LiveEstimate, Workbench};
+use lenslet_studio::workbench::{Command, LiveEstimate, Session};
 
 /// Seconds after an edit at which the estimate is read a second time.
 const SOON: f64 = 5.0;
@@ -17,7 +17,7 @@ const HASTY: f64 = 4.65;
 const EDITS: usize = 2;
 
 /// Waits for the live estimate of the open design to be as wanted; returns it and the seconds since `edited`.
-fn wait(bench: &Workbench, edited: Instant, wanted: impl Fn(&LiveEstimate) -> bool) -> (LiveEstimate, f64) {
+fn wait(bench: &Session, edited: Instant, wanted: impl Fn(&LiveEstimate) -> bool) -> (LiveEstimate, f64) {
     loop {
         let live = bench.estimates().live;
         if let Some(live) = live.filter(|live| live.revision == bench.revision() && wanted(&live.value)) {
@@ -59,9 +59,9 @@ fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
     let start = heuristic_layout(lenslets.parse()?);
     let design = Design { objects: objects.parse()?, encoder: Encoder::Lenslets(start.clone()), ..Design::default() };
     let mut edited = Instant::now();
-    let mut bench = Workbench::new(design, None, || ())?;
+    let mut bench = Session::new(design, None, || ())?;
     // One lenslet goes its way, a pixel or two at a time.
-    let apply = |bench: &mut Workbench, edit: usize| -> Result<Instant, Box<dyn std::error::Error>> {
+    let apply = |bench: &mut Session, edit: usize| -> Result<Instant, Box<dyn std::error::Error>> {
         let mut array = start.clone();
         let moved = array.lenslets.last_mut().ok_or("no lenslet")?;
         moved.x += edit as f64 * 1.5;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use lenslet_studio::forward::Design;
 use lenslet_studio::optics::Lenslet;
-use lenslet_studio::workbench::{Command, LensletChange, Outcome, Recovered, Workbench};
+use lenslet_studio::workbench::{Command, LensletChange, Outcome, Recovered, Session};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -49,7 +49,7 @@ fn edits_and_saves_until_it_is_killed() {
     let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return };
     let number = |name: &str| std::env::var(name).unwrap().parse::<u64>().unwrap();
     let (first, saves) = (number(FIRST), number(SAVES));
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.set_live(false);
     bench.keep_unsaved_in(&folder.join("unsaved")).unwrap();
     let mut journal = File::options().append(true).create(true).open(folder.join(JOURNAL)).unwrap();
@@ -118,7 +118,7 @@ fn unsaved(folder: &Path) -> Vec<PathBuf> {
 /// What the window offers when it is opened next.
 fn offered(folder: &Path) -> Vec<Recovered> {
     let left = unsaved(folder).len();
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.set_live(false);
     let found = bench.keep_unsaved_in(&folder.join("unsaved")).unwrap();
     assert_eq!(found.len(), left, "every file that was left behind is whole");

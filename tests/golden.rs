@@ -13,7 +13,7 @@ use lenslet_studio::evaluation::EvaluationError;
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{Estimate, PixelCnn};
 use lenslet_studio::workbench::study::StudyRecord;
-use lenslet_studio::workbench::{GoOn, KeptRun, Record, Snapshots, Workbench, run_ideal};
+use lenslet_studio::workbench::{GoOn, KeptRun, Record, Session, Snapshots, run_ideal};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden").join(name)
@@ -81,8 +81,8 @@ fn records_of_runs_and_live_estimates_open() {
 fn studies_open() {
     let study = StudyRecord::open(&golden("study-v1.json")).unwrap();
     assert!(study.cells.iter().all(|cell| cell.lower().is_some() && cell.bits_per_pixel().is_some()));
-    assert!(study.cells.iter().any(|cell| !cell.told.is_empty()));
-    assert!(study.cells.iter().any(|cell| cell.first_less_this.is_some()));
+    assert!(study.cells.iter().any(|cell| !cell.patch_information.is_empty()));
+    assert!(study.cells.iter().any(|cell| cell.difference_to_reference.is_some()));
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn runs_are_resumed() {
 #[test]
 fn unsaved_designs_and_snapshots_open() {
     let folder = copied("window-v0");
-    let unsaved = Workbench::left_unsaved_in(&folder.path().join("unsaved"));
+    let unsaved = Session::left_unsaved_in(&folder.path().join("unsaved"));
     assert_eq!(unsaved.len(), 1);
     assert_eq!(unsaved[0].design.encoder.lenslets().unwrap().lenslets.len(), 1);
     let (snapshots, left_out) = Snapshots::read(&folder.path().join("kept")).unwrap();

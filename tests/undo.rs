@@ -6,7 +6,7 @@ use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet, heuristic_layout};
 use lenslet_studio::sensor::Noise;
-use lenslet_studio::workbench::{Command, LensletChange, Outcome, Workbench};
+use lenslet_studio::workbench::{Command, LensletChange, Outcome, Session};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -61,7 +61,7 @@ proptest! {
     #[test]
     fn as_many_undos_bring_back_the_start_and_redos_the_end(deeds in deeds()) {
         let start = Design::default();
-        let mut bench = Workbench::new(start.clone(), None, || {}).unwrap();
+        let mut bench = Session::new(start.clone(), None, || {}).unwrap();
         bench.set_live(false);
         let mut was_down = false;
         for deed in &deeds {
@@ -92,7 +92,7 @@ proptest! {
 
 #[test]
 fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.set_live(false);
     let beads = |density| ObjectSource::Beads { density };
     let start = beads(0.02);
@@ -120,7 +120,7 @@ fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
 
 #[test]
 fn lenslets_that_are_added_in_quick_succession_are_steps_of_their_own() {
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.set_live(false);
     for _ in 0..2 {
         bench.apply(&Command::AddLenslet(Lenslet::round(16.0, 16.0, 0.8, 0.5))).unwrap();
@@ -130,7 +130,7 @@ fn lenslets_that_are_added_in_quick_succession_are_steps_of_their_own() {
 }
 
 /// What the worker answers to all that it was asked.
-fn answers(bench: &mut Workbench) -> Vec<Result<Outcome, String>> {
+fn answers(bench: &mut Session) -> Vec<Result<Outcome, String>> {
     let mut answers = Vec::new();
     while bench.has_open_jobs() {
         answers.extend(bench.take_outcomes());
@@ -143,7 +143,7 @@ fn answers(bench: &mut Workbench) -> Vec<Result<Outcome, String>> {
 fn a_save_that_ends_late_does_not_give_its_file_to_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("first.json");
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.apply(&Command::SetSeed(7)).unwrap();
     bench.save_to(file.clone());
     bench.start_from(Design { seed: 8, ..Design::default() });
@@ -159,7 +159,7 @@ fn a_file_that_is_read_late_does_not_take_the_place_of_edits() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("other.json");
     Design { seed: 7, ..Design::default() }.save(&file).unwrap();
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.open_file(file.clone());
     bench.apply(&Command::SetSeed(9)).unwrap();
     let told = answers(&mut bench);
@@ -175,7 +175,7 @@ fn what_is_read_late_is_not_used_for_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let objects = folder.path().join("objects.npy");
     lenslet_studio::formats::write_array(&objects, ndarray::Array3::<f32>::ones((3, 96, 96)).view()).unwrap();
-    let mut bench = Workbench::new(Design::default(), None, || {}).unwrap();
+    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
     bench.open_objects(ObjectSource::Stack(objects.clone()));
     let psf = folder.path().join("psf.npy");
     lenslet_studio::formats::write_array(&psf, ndarray::Array2::<f32>::ones((64, 64)).view()).unwrap();

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::{Failure, output};
-use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, lower_bound_at_once};
+use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, pretrained_lower_bound};
 use crate::forward::{Design, notices_of};
 use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};
 use crate::objects::Progress;
@@ -132,7 +132,8 @@ impl DesignBounds {
         let mut bounds = Self::of(design, &scene).map_err(|error| about_objects(design, error))?;
         if let Some(information) = &mut bounds.information {
             // Without a lower bound the other numbers are printed.
-            information.lower = lower_bound_at_once(design, &scene.set, information.patch.into()).unwrap_or_default();
+            information.lower =
+                pretrained_lower_bound(design, &scene.set, information.patch.into()).unwrap_or_default();
         }
         Ok(bounds)
     }

@@ -10,7 +10,7 @@ use anyhow::{Context, anyhow, bail};
 use super::choices::about_objects;
 use super::output::{self, ProgressLine};
 use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
-use crate::evaluation::{EstimateProgress, EvaluationError, spoken};
+use crate::evaluation::{EstimateProgress, EvaluationError, format_duration};
 use crate::formats::check_writable;
 use crate::forward::Design;
 use crate::information::InformationError;
@@ -308,7 +308,7 @@ fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
         format!("{:.4} bits per pixel, {}", frame.bits_per_pixel, counted(frame.distinct_lenslets, "lenslet"))
     });
     let left = time_left(state, settings, progress.seconds)
-        .map_or(String::new(), |left| format!(", about {} to go", spoken(left)));
+        .map_or(String::new(), |left| format!(", about {} to go", format_duration(left)));
     match progress.doing {
         Some(_) if state.frames.is_empty() => "First fit".into(),
         _ => format!("{value}{left}"),

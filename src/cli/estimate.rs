@@ -14,7 +14,7 @@ use super::output::ProgressLine;
 use super::{Failure, output};
 use crate::evaluation::{
     Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, has_name_of_fit, tells_of_unwritten_weights,
+    estimate, is_about_unwritten_weights, is_checkpoint_file,
 };
 use crate::formats::check_writable;
 use crate::forward::Design;
@@ -194,7 +194,7 @@ impl Arguments {
         progress_line.finish();
         let printed =
             if self.json { output::print_json(&result) } else { output::print(&lines_of(&result).join("\n")) };
-        let lost = result.notes.iter().find(|note| tells_of_unwritten_weights(note));
+        let lost = result.notes.iter().find(|note| is_about_unwritten_weights(note));
         match (printed, lost) {
             // The checkpoint stays: the same command can write the weights.
             (Ok(()) | Err(Failure::Closed), Some(lost)) => Err(Failure::Incomplete(anyhow::anyhow!("{lost}"))),
@@ -229,7 +229,7 @@ impl Arguments {
         // Checkpoint files are removed before and after an estimate.
         let named = inputs.iter().chain(&self.save_weights);
         if let Some(kept) = &self.resume
-            && let Some(file) = named.into_iter().find(|file| has_name_of_fit(kept, file))
+            && let Some(file) = named.into_iter().find(|file| is_checkpoint_file(kept, file))
         {
             anyhow::bail!(
                 "{}: expected a name that differs from the checkpoint files of --resume {}; choose another name",

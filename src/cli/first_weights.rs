@@ -10,7 +10,7 @@ use clap::{Args, ValueEnum};
 
 use super::choices::BudgetChoice;
 use super::{Failure, output};
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 use crate::formats::{check_writable, read_bytes, write_safely};
 use crate::information::{Decoder, DecoderFit, InformationError, PretrainedWeights};
 use crate::workbench::{first_channel, first_scene};
@@ -131,7 +131,7 @@ impl<'a> Writer<'a> {
             return ControlFlow::Continue(());
         }
         self.written = Instant::now();
-        output::report(format_args!("{}: {told}", spoken(elapsed)));
+        output::report(format_args!("{}: {told}", format_duration(elapsed)));
         match bytes().map_err(Failure::from).and_then(|bytes| self.write(&bytes)) {
             Ok(()) => ControlFlow::Continue(()),
             Err(failure) => {

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Failure;
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 
 /// Prints a result, followed by the end of a line.
 ///
@@ -74,7 +74,7 @@ impl ProgressLine {
 }
 
 fn line(elapsed: Duration, done: usize, total: usize, message: &str) -> String {
-    format!("{}: {done} of {total}{}{message}", spoken(elapsed), if message.is_empty() { "" } else { "; " })
+    format!("{}: {done} of {total}{}{message}", format_duration(elapsed), if message.is_empty() { "" } else { "; " })
 }
 
 fn write_to(writer: &mut dyn Write, text: &str) -> Result<(), Failure> {

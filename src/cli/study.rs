@@ -11,7 +11,7 @@ use super::choices::{
 use super::design_args::{DesignArgs, SceneArgs};
 use super::output::ProgressLine;
 use super::{Failure, output};
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::sensor::Noise;
@@ -322,21 +322,21 @@ fn announcement(study: &Study) -> String {
         there => format!(", {there} of them there already"),
     };
     let each = match settings.budget_seconds {
-        Some(_) => format!("{} each", spoken(settings.budget())),
+        Some(_) => format!("{} each", format_duration(settings.budget())),
         None => "seconds each".to_owned(),
     };
     let left = study.time_left();
     let time = match missing {
         0 => "nothing is left to compute".to_owned(),
         _ if left.is_zero() => format!("{missing} left to compute"),
-        _ => format!("about {} to go", spoken(left)),
+        _ => format!("about {} to go", format_duration(left)),
     };
     format!("{}, {each}{there}: {time}", counted(cells, "cell"))
 }
 
 fn working(step: &StudyStep<'_>) -> String {
     let StudyStep { number, cells, name, progress, left } = step;
-    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", spoken(*left)) };
+    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", format_duration(*left)) };
     format!("Cell {number} of {cells}{left}: {name}: {}", progress.step)
 }
 

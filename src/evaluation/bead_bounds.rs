@@ -3,8 +3,8 @@
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 
-use crate::evaluation::checkpoint::KeptEstimate;
-use crate::evaluation::patch_source::seen_psf;
+use crate::evaluation::checkpoint::EstimateCheckpoint;
+use crate::evaluation::patch_source::psf_for_planes;
 use crate::evaluation::progress::{Watch, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::evaluation::scene::EvaluationError;
@@ -39,7 +39,7 @@ pub(crate) fn bead_channel(
     imaging: &ForwardModel<'_>,
     patch: (usize, usize),
 ) -> Result<(Option<BeadChannel>, Option<InformationError>), EvaluationError> {
-    let Some(channel) = imaging.bead_channel(seen_psf(design, imaging.set)?.view(), patch) else {
+    let Some(channel) = imaging.bead_channel(psf_for_planes(design, imaging.set)?.view(), patch) else {
         return Ok((None, None));
     };
     let channel = BeadChannel { noise: design.noise, ..channel };
@@ -60,7 +60,7 @@ const NARROW: f64 = 0.002;
 ///
 /// # Errors
 /// Where mask and objects do not belong together, or numbers are not finite.
-pub fn lower_bound_at_once(
+pub fn pretrained_lower_bound(
     design: &Design,
     set: &ObjectSet,
     patch: (usize, usize),
@@ -91,7 +91,7 @@ fn told_at_once(
 ///
 /// # Errors
 /// When cancelled.
-pub(crate) fn bounded_at_once(
+pub(crate) fn with_pretrained_lower_bound(
     mut estimate: Estimate,
     (channel, request): (&BeadChannel, &EstimateRequest),
     seed: u64,
@@ -112,7 +112,7 @@ pub(crate) fn bounded_at_once(
 }
 
 /// A share of a time; steps are not shared.
-pub(crate) fn share_of(length: FitLength, share: f64) -> FitLength {
+pub(crate) fn scale_budget(length: FitLength, share: f64) -> FitLength {
     match length {
         FitLength::Time(time) => FitLength::Time(time.mul_f64(share)),
         steps @ FitLength::Steps(_) => steps,
@@ -123,12 +123,12 @@ pub(crate) fn share_of(length: FitLength, share: f64) -> FitLength {
 pub(crate) fn bead_bounds(
     channel: &BeadChannel,
     (seed, length, fresh): (u64, FitLength, bool),
-    kept: &mut KeptEstimate,
+    kept: &mut EstimateCheckpoint,
     watch: Watch<'_>,
 ) -> Result<BeadBounds, EvaluationError> {
     let start = if fresh { None } else { Decoder::shipped_deep() };
     let (kind, decoder_seed) = (DecoderKind::Autoregressive, SeedStream::Decoder.derive(seed));
-    let fit = match share_of(length, DECODING) {
+    let fit = match scale_budget(length, DECODING) {
         FitLength::Time(budget) => DecoderFit::within(budget, kind, decoder_seed),
         FitLength::Steps(steps) => DecoderFit::of_steps(steps, kind, decoder_seed),
     };
@@ -138,7 +138,7 @@ pub(crate) fn bead_bounds(
     };
     let (bound, decoder) =
         kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut |fit| watch(&fit.into())))?;
-    let follow = |share: f64, stream: SeedStream| posterior_fit(seed, share_of(length, share), stream);
+    let follow = |share: f64, stream: SeedStream| posterior_fit(seed, scale_budget(length, share), stream);
     let (below, above) = (follow(FOLLOWING_BELOW, SeedStream::AisLower), follow(FOLLOWING_ABOVE, SeedStream::AisUpper));
     let below =
         kept.below(|keeper| ais_lower_bound(channel, &below, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
@@ -151,11 +151,11 @@ pub(crate) fn bead_bounds(
 pub(crate) fn bound_above(
     channel: &BeadChannel,
     (seed, length): (u64, FitLength),
-    kept: &mut KeptEstimate,
+    kept: &mut EstimateCheckpoint,
     watch: Watch<'_>,
 ) -> Result<Option<AisBound>, InformationError> {
     let Some(decoder) = Decoder::shipped() else { return Ok(None) };
-    let fit = posterior_fit(seed, share_of(length, FOLLOWING_ABOVE), SeedStream::AisUpper);
+    let fit = posterior_fit(seed, scale_budget(length, FOLLOWING_ABOVE), SeedStream::AisUpper);
     kept.above(|keeper| ais_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
 }
 

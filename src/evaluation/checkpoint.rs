@@ -7,13 +7,13 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::evaluation::estimation::tells_of_unwritten_weights;
+use crate::evaluation::estimation::is_about_unwritten_weights;
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{AisBound, Decoder, FitCheckpoint, InformationError, LowerBound, NUMBERS_VERSION, Trial};
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
 /// on. Without a file everything is computed as it comes.
-pub(crate) struct KeptEstimate {
+pub(crate) struct EstimateCheckpoint {
     path: Option<PathBuf>,
     /// Held while the estimate goes on, so that no other one keeps its parts there.
     _lock: Option<NameLock>,
@@ -68,7 +68,7 @@ impl Parts {
     }
 }
 
-impl KeptEstimate {
+impl EstimateCheckpoint {
     /// What `path` holds of the estimate of this identity.
     ///
     /// # Errors
@@ -127,7 +127,7 @@ impl KeptEstimate {
         }
         let fit = self.fit(&trial_part(index));
         let trial = compute(keeper(fit.as_ref()))?;
-        self.goes_on &= !trial.notes().iter().any(|note| tells_of_unwritten_weights(note));
+        self.goes_on &= !trial.notes().iter().any(|note| is_about_unwritten_weights(note));
         self.parts.trials.push(trial.clone());
         self.keep(fit);
         Ok(trial)
@@ -147,7 +147,7 @@ impl KeptEstimate {
     /// What a decoder tells, and the decoder: those that are there, or what `compute` makes with what keeps the state of its fit.
     ///
     /// # Errors
-    /// As [`KeptEstimate::trial`].
+    /// As [`EstimateCheckpoint::trial`].
     pub fn decoder(
         &mut self,
         compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<(LowerBound, Decoder), InformationError>,
@@ -167,7 +167,7 @@ impl KeptEstimate {
     /// What following the posterior told from below.
     ///
     /// # Errors
-    /// As [`KeptEstimate::trial`].
+    /// As [`EstimateCheckpoint::trial`].
     pub fn below(
         &mut self,
         compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<AisBound, InformationError>,
@@ -178,7 +178,7 @@ impl KeptEstimate {
     /// What it told from above.
     ///
     /// # Errors
-    /// As [`KeptEstimate::trial`].
+    /// As [`EstimateCheckpoint::trial`].
     pub fn above(
         &mut self,
         compute: impl FnOnce(Option<&dyn FitCheckpoint>) -> Result<AisBound, InformationError>,
@@ -254,11 +254,11 @@ fn fits(path: &Path) -> impl Iterator<Item = PathBuf> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let found = std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
     let lock = fit_file(path, LOCK);
-    found.filter(move |file| has_name_of_fit(path, file) && file.file_name() != lock.file_name())
+    found.filter(move |file| is_checkpoint_file(path, file) && file.file_name() != lock.file_name())
 }
 
 /// Whether a file has the name of what lies beside the file of an estimate: the state of a fit, or the lock.
-pub fn has_name_of_fit(estimate: &Path, file: &Path) -> bool {
+pub fn is_checkpoint_file(estimate: &Path, file: &Path) -> bool {
     let start = fit_file(estimate, "");
     let names =
         file.file_name().zip(start.file_name()).map(|names| (names.0.to_string_lossy(), names.1.to_string_lossy()));
@@ -379,17 +379,17 @@ mod tests {
         let request: EstimateRequest = serde_json::from_value(order["order"]["request"].clone()).unwrap();
         let objects = objects_of(&design);
         let state = copied("window-v0/estimates/pending/state");
-        let kept = KeptEstimate::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
+        let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
         assert!(kept.parts.trials.len() == 1 && kept.parts.decoder.is_some() && kept.parts.earlier_key.is_some());
         drop(kept);
         // It was written again with its format and the key of today, and is the same estimate still.
         let text = std::fs::read_to_string(&state).unwrap();
         assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate-checkpoint\",\"format_version\":1,"));
-        let kept = KeptEstimate::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
+        let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
         assert!(kept.parts.trials.len() == 1 && kept.parts.earlier_key.is_some());
         drop(kept);
         let other = EstimateRequest { patches_test: 1499, ..request.clone() };
-        assert!(KeptEstimate::open(Some(&state), || identity(&design, &objects, &other)).is_err());
+        assert!(EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &other)).is_err());
 
         // One that was stopped during its first fit, whose state has a key of its own.
         let path = copied("resume-v0");
@@ -410,7 +410,7 @@ mod tests {
             keep: None,
             weights: WeightsFiles::default(),
         };
-        let kept = KeptEstimate::open(Some(&path), || identity(&design, &objects_of(&design), &request)).unwrap();
+        let kept = EstimateCheckpoint::open(Some(&path), || identity(&design, &objects_of(&design), &request)).unwrap();
         let fit = kept.fit("1").unwrap();
         let key = crate::nn::read_detail(&fit.load().unwrap().unwrap(), "key").unwrap();
         assert_eq!(fit.key(), key);
@@ -425,7 +425,7 @@ mod tests {
     fn two_estimates_do_not_share_a_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("kept");
-        let open = || KeptEstimate::open(Some(&path), || named("one"));
+        let open = || EstimateCheckpoint::open(Some(&path), || named("one"));
         let kept = open().unwrap();
         let told = open().err().unwrap().to_string();
         assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
@@ -442,7 +442,7 @@ mod tests {
     fn parts_that_are_there_are_not_computed_again() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("kept");
-        let open = |what: &str| KeptEstimate::open(Some(&path), || named(what));
+        let open = |what: &str| EstimateCheckpoint::open(Some(&path), || named(what));
         let bound = |bits_per_pixel| AisBound {
             bits_per_pixel,
             interval_95: [0.1, 1.0 / 3.0],

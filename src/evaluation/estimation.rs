@@ -7,10 +7,10 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::evaluation::bead_bounds::{
-    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, bounded_at_once, share_of,
+    DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, scale_budget, with_pretrained_lower_bound,
 };
-use crate::evaluation::checkpoint::{Identity, KeptEstimate};
-use crate::evaluation::patch_source::{PatchSource, seen_psf};
+use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
+use crate::evaluation::patch_source::{PatchSource, psf_for_planes};
 use crate::evaluation::progress::{EstimateProgress, Watch, in_trial, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
 use crate::evaluation::scene::{EvaluationError, ceiling_of};
@@ -111,7 +111,7 @@ pub(crate) fn estimate_on_patches(
         let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
         return Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 }.into());
     }
-    let mut kept = KeptEstimate::open(request.keep.as_deref(), || identity(design, &set.fingerprint(), request))?;
+    let mut kept = EstimateCheckpoint::open(request.keep.as_deref(), || identity(design, &set.fingerprint(), request))?;
     let mut trials = Vec::with_capacity(repetitions);
     let mut seconds = 0.0;
     for index in 0..repetitions {
@@ -170,7 +170,7 @@ pub(crate) fn estimate_on_patches(
         _ => Estimate::new(&trials, provenance)?,
     };
     if let Some(channel) = &channel {
-        estimate = bounded_at_once(estimate, (channel, request), design.seed, watch)?;
+        estimate = with_pretrained_lower_bound(estimate, (channel, request), design.seed, watch)?;
     }
     estimate.noise = design.noise;
     // What the person waited for: reading, drawing and measuring objects, not the fit alone.
@@ -201,7 +201,7 @@ fn trial(
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let causal = |estimator, length, watch: Watch<'_>| {
-        causal(source, request, (estimator, share_of(length, density_share)), (seed, keeper), watch)
+        causal(source, request, (estimator, scale_budget(length, density_share)), (seed, keeper), watch)
     };
     let trial = match request.model {
         DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, watch)?,
@@ -296,7 +296,7 @@ fn network(
 const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
 
 /// Whether a note of an estimate says that weights which were to be kept are in no file.
-pub fn tells_of_unwritten_weights(note: &str) -> bool {
+pub fn is_about_unwritten_weights(note: &str) -> bool {
     note.starts_with(WEIGHTS_NOT_WRITTEN)
 }
 
@@ -356,7 +356,7 @@ pub(crate) fn moments(
     (split, patch): (Split, (usize, usize)),
 ) -> Result<Moments, EvaluationError> {
     let known = imaging.analytic_moments(split, design.encoder.grid(), patch)?;
-    Ok(known.of(seen_psf(design, imaging.set)?.view())?)
+    Ok(known.of(psf_for_planes(design, imaging.set)?.view())?)
 }
 
 fn analytic(
@@ -374,7 +374,7 @@ fn analytic(
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
     let known = source.imaging.analytic_moments(Split::All, design.encoder.grid(), patch)?;
-    let psf = seen_psf(design, source.imaging.set)?;
+    let psf = psf_for_planes(design, source.imaging.set)?;
     let mean = mean_measurement(source.imaging.set, psf.view(), design.bias_photons);
     let bound = known.covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;
     let settings = TrialSettings {

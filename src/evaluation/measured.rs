@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::evaluation::calibration::Calibration;
-use crate::evaluation::checkpoint::{Identity, KeptEstimate};
+use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
 use crate::evaluation::estimation::network_trial;
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::patch_source::LARGEST_PATCHES_BYTES;
@@ -270,7 +270,7 @@ impl MeasuredImages {
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(SeedStream::MeasuredOrder.derive(seed)));
         let parts = order.split_at(test_images);
         let fingerprint = self.fingerprint();
-        let mut kept = KeptEstimate::open(request.keep.as_deref(), || {
+        let mut kept = EstimateCheckpoint::open(request.keep.as_deref(), || {
             let content = json!({
                 "measurements": fingerprint,
                 "noise": noise.to_string(),

@@ -11,12 +11,12 @@ pub(crate) mod progress;
 pub(crate) mod request;
 pub(crate) mod scene;
 
-pub use bead_bounds::lower_bound_at_once;
+pub use bead_bounds::pretrained_lower_bound;
 pub use calibration::Calibration;
-pub use checkpoint::has_name_of_fit;
-pub use estimation::{estimate, tells_of_unwritten_weights};
+pub use checkpoint::is_checkpoint_file;
+pub use estimation::{estimate, is_about_unwritten_weights};
 pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use measured_error::MeasuredError;
-pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, spoken};
+pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, format_duration};
 pub use request::{DensityModel, EstimateRequest, WeightsFiles};
 pub use scene::{EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics};

@@ -18,7 +18,7 @@ use crate::sensor::{Convolver, Noise, Patches};
 pub(crate) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
 /// The point spread function as far as the objects have planes, shape (planes, rows, cols).
-pub(crate) fn seen_psf(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
+pub(crate) fn psf_for_planes(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
     Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
 }
 
@@ -94,7 +94,7 @@ impl<'a> PatchSource<'a> {
         {
             return Ok(Some(Rc::clone(pictures)));
         }
-        let psf = seen_psf(self.design, set)?;
+        let psf = psf_for_planes(self.design, set)?;
         let pictures = Rc::new(self.shared(psf.view(), split, patches, asked.1)?);
         self.shown.replace(Some((asked, Rc::clone(&pictures))));
         Ok(Some(pictures))

@@ -157,7 +157,7 @@ impl From<&AisProgress> for EstimateProgress {
 }
 
 /// A time for people, in its two largest units.
-pub fn spoken(time: Duration) -> String {
+pub fn format_duration(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     let minutes = (seconds / 60.0).round() as u64;
     match minutes {
@@ -247,7 +247,7 @@ mod tests {
             (7200.0, "2 h"),
             (16_200.0, "4 h 30 min"),
         ] {
-            assert_eq!(spoken(Duration::from_secs_f64(seconds)), text);
+            assert_eq!(format_duration(Duration::from_secs_f64(seconds)), text);
         }
     }
 

@@ -32,11 +32,11 @@ pub use ideal::{
     run_ideal, score_in_patches, score_settings, score_whole, verdict, worths,
 };
 pub use jobs::job::{Job, Outcome};
-pub use jobs::worker::{Live, Stamped, Worker};
-pub use live::bounds::{Draws, SensorBounds};
-pub use live::estimator::{LiveEstimate, LiveRecipe};
-pub use live::inspection::{Closer, CloserKey, CloserOrder};
-pub use live::position_gradients::Pull;
+pub use jobs::worker::{Live, Revisioned, Worker};
+pub use live::bounds::{BoundSource, SensorBounds};
+pub use live::estimator::{LiveEstimate, ReplayRecipe};
+pub use live::inspection::{InspectionKey, InspectionRequest, SampleInspection};
+pub use live::position_gradients::PositionGradient;
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
-pub use session::Workbench;
+pub use session::Session;
 pub use session::snapshots::{Bits, FileChange, Snapshot, SnapshotNumbers, Snapshots};

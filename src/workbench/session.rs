@@ -22,15 +22,15 @@ use crate::workbench::estimates::queue::Estimates;
 use crate::workbench::ideal::Designer;
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::jobs::worker::{Live, Wanted, Worker};
-use crate::workbench::live::inspection::CloserOrder;
-use crate::workbench::session::run_preview::WatchedRun;
+use crate::workbench::live::inspection::InspectionRequest;
+use crate::workbench::session::run_preview::RunPreview;
 
 /// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
 ///
-/// Every change goes through [`Workbench::apply`], undo and redo, or [`Workbench::accept`] for a mask of a run; whatever is
+/// Every change goes through [`Session::apply`], undo and redo, or [`Session::accept`] for a mask of a run; whatever is
 /// shown makes a new revision and asks the worker for its numbers. Revisions never repeat, so equal revisions mean equal
 /// designs.
-pub struct Workbench {
+pub struct Session {
     /// What is shown: the open design, or a mask of the run that is looked at in its place.
     pub(crate) design: Arc<Design>,
     /// The open design while something else is shown.
@@ -49,13 +49,13 @@ pub struct Workbench {
     activities: Activities,
     pub(crate) worker: Worker,
     pub(in crate::workbench) designer: Designer,
-    pub(crate) watched: WatchedRun,
+    pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
     /// In the folder before, until its design is kept in the new one.
     earlier_autosave: Option<Autosave>,
 }
 
-impl Workbench {
+impl Session {
     /// Opens `design`, which counts as saved: it can be had again. `wake` is called from the worker's thread whenever
     /// there is something new to show.
     ///
@@ -85,13 +85,13 @@ impl Workbench {
             designer: Designer::new(wake, threads.clone(), activities.clone()),
             threads,
             activities,
-            watched: WatchedRun::default(),
+            watched: RunPreview::default(),
             autosave: None,
             earlier_autosave: None,
         })
     }
 
-    /// What is shown: the open design, or a mask of the run that is [looked at](Workbench::look_at) in its place.
+    /// What is shown: the open design, or a mask of the run that is [looked at](Session::preview) in its place.
     pub fn design(&self) -> &Arc<Design> {
         &self.design
     }
@@ -121,7 +121,7 @@ impl Workbench {
         self.path.as_deref()
     }
 
-    /// The latest results; compare their revisions with [`Workbench::revision`].
+    /// The latest results; compare their revisions with [`Session::revision`].
     pub fn live(&self) -> Live {
         self.worker.live()
     }
@@ -135,11 +135,11 @@ impl Workbench {
     }
 
     /// Asks for what is computed of one measurement alone, of which the latest results tell.
-    pub fn look_closer(&self, order: CloserOrder) {
-        self.worker.look_closer(order);
+    pub fn inspect(&self, order: InspectionRequest) {
+        self.worker.inspect(order);
     }
 
-    /// Live estimate and ordered estimates; compare their revisions with [`Workbench::revision`].
+    /// Live estimate and ordered estimates; compare their revisions with [`Session::revision`].
     pub fn estimates(&self) -> Estimates {
         self.worker.estimator().estimates()
     }
@@ -195,7 +195,7 @@ impl Workbench {
         self.worker.estimator().bring_back();
     }
 
-    /// Forgets a finished estimate, its file as well, until it is [brought back](Workbench::bring_back_estimate).
+    /// Forgets a finished estimate, its file as well, until it is [brought back](Session::bring_back_estimate).
     pub fn delete_estimate(&self, finished: &Arc<FinishedEstimate>) {
         self.worker.estimator().delete(finished);
     }
@@ -232,13 +232,13 @@ impl Workbench {
     /// [`CommandError`] where the command cannot be done; the design is then as it was.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
         if !command.edits_lenslets() {
-            self.look_away();
+            self.end_preview();
         }
         let changed = command.applied_to(&self.design)?;
         if changed == *self.design {
             return Ok(());
         }
-        if self.is_looking() && !self.accept() {
+        if self.is_previewing() && !self.accept() {
             return Err(CommandError::OfRun);
         }
         self.watched.following = false;
@@ -262,20 +262,20 @@ impl Workbench {
         self.history.begin_step();
     }
 
-    /// What [`Workbench::undo`] would undo.
+    /// What [`Session::undo`] would undo.
     pub fn undoes(&self) -> Option<&str> {
-        if self.is_looking() { Some("Look at the run") } else { self.history.undoes() }
+        if self.is_previewing() { Some("Look at the run") } else { self.history.undoes() }
     }
 
-    /// What [`Workbench::redo`] would redo.
+    /// What [`Session::redo`] would redo.
     pub fn redoes(&self) -> Option<&str> {
-        self.history.redoes().filter(|_| !self.is_looking())
+        self.history.redoes().filter(|_| !self.is_previewing())
     }
 
     /// Goes one step back; from a mask of the run to the open design.
     pub fn undo(&mut self) {
-        if self.is_looking() {
-            self.look_away();
+        if self.is_previewing() {
+            self.end_preview();
         } else if let Some(version) = self.history.undo(self.version()) {
             self.go_to(version);
         }
@@ -283,7 +283,7 @@ impl Workbench {
 
     /// Goes one step forth again.
     pub fn redo(&mut self) {
-        if !self.is_looking()
+        if !self.is_previewing()
             && let Some(version) = self.history.redo(self.version())
         {
             self.go_to(version);
@@ -326,7 +326,7 @@ impl Workbench {
     }
 
     /// Another document that is in no file yet.
-    pub(crate) fn take_up_unsaved(&mut self, design: Design, path: Option<PathBuf>) {
+    pub(crate) fn load_unsaved(&mut self, design: Design, path: Option<PathBuf>) {
         self.take_up(design, path);
         self.saved_contents = 0;
     }
@@ -335,12 +335,12 @@ impl Workbench {
         self.revision += 1;
         self.design = design;
         // Masks of a run are no edits.
-        let before = self.history.before().filter(|_| !self.is_looking()).cloned();
+        let before = self.history.before().filter(|_| !self.is_previewing()).cloned();
         self.worker.evaluate(Wanted { revision: self.revision, design: Arc::clone(&self.design), before });
     }
 
     /// Keeps the design in a folder while it has unsaved changes, so that they survive the program; see
-    /// [`Workbench::note_unsaved`]. Returns what programs that were not closed have left there, newest first.
+    /// [`Session::note_unsaved`]. Returns what programs that were not closed have left there, newest first.
     ///
     /// # Errors
     /// Where the folder cannot be written to.
@@ -385,7 +385,7 @@ impl Workbench {
 
     /// Takes up what was left behind; it has unsaved changes.
     pub fn recover(&mut self, recovered: Recovered) {
-        self.take_up_unsaved(recovered.design.clone(), recovered.path.clone());
+        self.load_unsaved(recovered.design.clone(), recovered.path.clone());
         if let Some(autosave) = &self.autosave {
             autosave.supersede(recovered);
         }

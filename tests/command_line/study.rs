@@ -216,7 +216,7 @@ fn patches_are_compared_with_the_sensor() {
     assert_eq!(study["settings"]["patches"], json!([[6, 6], [12, 5], null]));
     assert_eq!(cells(&study)[2]["estimate"]["patch"], json!([65, 65]));
     let bits = |cell: usize| cells(&study)[cell]["estimate"]["bits_per_pixel"].as_f64().unwrap();
-    let over = &study["summary"]["over_sensor"][0];
+    let over = &study["summary"]["patch_to_sensor_ratio"][0];
     assert!((over["difference"].as_f64().unwrap() - (bits(0) - bits(2))).abs() < 1e-12, "{over}");
     assert!((over["ratio"].as_f64().unwrap() - bits(0) / bits(2)).abs() < 1e-12, "{over}");
     assert_eq!(study["settings"]["designs"][0]["name"], "3 lenslets");

@@ -62,7 +62,7 @@ fn a_run_is_started_watched_rewound_and_undone() {
     wait_for(&mut window, "the third refit", |window| frames(window) >= 3);
     // The mask in the window is that of the run, and everything that depends on it follows; the design is as it was.
     assert_ne!(lenslets(&window), before);
-    assert!(studio(&window).bench().is_following() && studio(&window).bench().is_looking());
+    assert!(studio(&window).bench().is_following() && studio(&window).bench().is_previewing());
     assert_eq!(open_lenslets(&window), before);
     assert!(!studio(&window).bench().is_dirty());
     let run = studio(&window).bench().run().unwrap();
@@ -108,12 +108,12 @@ fn a_run_is_started_watched_rewound_and_undone() {
     assert!(!studio(&window).bench().is_dirty());
     click(&mut window, "Accept this mask");
     assert_eq!(open_lenslets(&window), stopped);
-    assert!(studio(&window).bench().is_dirty() && !studio(&window).bench().is_looking());
-    assert!(!studio(&window).bench().has_untaken_result());
+    assert!(studio(&window).bench().is_dirty() && !studio(&window).bench().is_previewing());
+    assert!(!studio(&window).bench().has_unsaved_result());
     menu(&mut window, &["Edit", "Undo optimize the mask"]);
     assert_eq!(lenslets(&window), before);
     assert!(!studio(&window).bench().is_dirty(), "what was saved is there again");
-    assert!(studio(&window).bench().has_untaken_result(), "what was accepted is gone");
+    assert!(studio(&window).bench().has_unsaved_result(), "what was accepted is gone");
     menu(&mut window, &["Edit", "Redo optimize the mask"]);
     assert_eq!(lenslets(&window), stopped);
 
@@ -140,7 +140,7 @@ fn a_run_is_started_watched_rewound_and_undone() {
     click(&mut window, "Open as new design");
     click(&mut window, "Discard");
     let bench = studio(&window).bench();
-    assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_looking()), (newest, None, false));
+    assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_previewing()), (newest, None, false));
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     assert_eq!((settings.objective, settings.patch), (Objective::Density, Some((16, 16))));
     assert_eq!(IdealSettings { patch: Some((32, 32)), ..settings }, density_for(&Design::default()));
     click(&mut window, "Add lenslet");
-    assert!(!studio(&window).bench().is_following() && !studio(&window).bench().is_looking());
+    assert!(!studio(&window).bench().is_following() && !studio(&window).bench().is_previewing());
     let edited = lenslets(&window);
     assert_eq!(edited.len(), 10);
     let step = studio(&window).bench().run().unwrap().step;
@@ -220,7 +220,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     // The scene is that of the design.
     click(&mut window, "Scene");
     click(&mut window, "Read noise");
-    assert!(!studio(&window).bench().is_looking());
+    assert!(!studio(&window).bench().is_previewing());
     assert_eq!(lenslets(&window), before);
     assert_eq!(studio(&window).bench().undoes(), Some("Set noise to read:5"));
     window.get_by_label("Lock lenslet 2").accesskit_node().toggled().filter(|on| *on == Toggled::True).unwrap();
@@ -388,7 +388,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     wait_for(&mut window, "the file", |window| !studio(window).bench().is_dirty());
     drop(window);
     let mut window = at_home(folder.path());
-    assert!(!studio(&window).bench().has_untaken_result(), "it is in a file");
+    assert!(!studio(&window).bench().has_unsaved_result(), "it is in a file");
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
     window.get_by_label_contains("It has 2 results.");

@@ -8,7 +8,7 @@ use crate::studio::state::copied_numbers;
 use crate::studio::state::open_dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
-use crate::workbench::{Command, Job, Workbench, bounds_command, reproduce_command};
+use crate::workbench::{Command, Job, Session, bounds_command, reproduce_command};
 
 /// Runs an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
@@ -27,8 +27,8 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         Action::FitLenslets => state.bench.fit_lenslets(),
         Action::ExportDesign => ask(PathPurpose::ExportDesign),
         Action::ExportMeasurements => ask(PathPurpose::ExportMeasurements),
-        Action::Undo => state.go(Workbench::undo),
-        Action::Redo => state.go(Workbench::redo),
+        Action::Undo => state.go(Session::undo),
+        Action::Redo => state.go(Session::redo),
         Action::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
         Action::Delete => state.delete_selection(),
         Action::AddLenslet => state.add_lenslet(),
@@ -48,7 +48,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
             state.bench.follow_run(false);
             state.request_transition(ctx, Transition::Accept);
         }
-        Action::EndPreview => state.go(Workbench::look_away),
+        Action::EndPreview => state.go(Session::end_preview),
         Action::KeepSnapshot => {
             state.keep_snapshot();
             state.layout_request = Some(LayoutRequest::Show(Pane::Compare));

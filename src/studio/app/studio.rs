@@ -37,7 +37,7 @@ use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
 use crate::studio::widgets::number_field::take_rejections;
-use crate::workbench::{Activity, ActivityState, Outcome, Recovered, RunStatus, Snapshots, Workbench};
+use crate::workbench::{Activity, ActivityState, Outcome, Recovered, RunStatus, Session, Snapshots};
 
 /// The window's contents.
 pub struct Studio {
@@ -73,7 +73,7 @@ impl Studio {
         ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
         let (repaint, pace) = (ctx.clone(), RepaintThrottle::default());
         let paced = pace.clone();
-        let bench = Workbench::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
+        let bench = Session::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
         let title = String::new();
         Ok(Self {
             state: State::new(bench),
@@ -172,7 +172,7 @@ impl Studio {
                 Some(run) if run.status == RunStatus::Stopped => {
                     self.tell("A run was interrupted; it can be resumed in Optimize.".into());
                 }
-                Some(_) if self.state.bench.has_untaken_result() => {
+                Some(_) if self.state.bench.has_unsaved_result() => {
                     self.tell("The result of the last run was not accepted; Optimize shows it.".into());
                 }
                 _ => {}
@@ -236,7 +236,7 @@ impl Studio {
     }
 
     /// The session behind the window.
-    pub fn bench(&self) -> &Workbench {
+    pub fn bench(&self) -> &Session {
         &self.state.bench
     }
 
@@ -270,7 +270,7 @@ impl Studio {
         state.live = state.bench.live();
         state.estimates = state.bench.estimates();
         // Masks of a run are no edits and would fill the history.
-        let current = |revision| revision == state.bench.revision() && !state.bench.is_looking();
+        let current = |revision| revision == state.bench.revision() && !state.bench.is_previewing();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
             state.edit_history.note(information.revision, &information.value, state.bench.design(), &objects);
@@ -457,7 +457,7 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
         Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.selection.clear(),
         Ok(Outcome::Exported { .. }) => state.onboarding.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
-            state.snapshots.take_up_measurement(*number, measurement.clone());
+            state.snapshots.set_measurement(*number, measurement.clone());
             if let Err(sentence) = measurement {
                 state.messages.push(Severity::Failure, sentence);
             }

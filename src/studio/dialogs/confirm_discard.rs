@@ -50,7 +50,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
                 ui.heading("Discard the last run?");
                 let end = if run.can_go_on() {
                     format!("It was stopped at {} and can be resumed.", run.place())
-                } else if state.bench.has_untaken_result() {
+                } else if state.bench.has_unsaved_result() {
                     "Its result was not accepted.".into()
                 } else if run.ranked.len() > 1 {
                     format!("It has {}.", counted(run.ranked.len(), "result"))

@@ -2,7 +2,7 @@
 
 use std::time::SystemTime;
 
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 use crate::studio::state::app_state::State;
 use crate::studio::state::messages::Severity;
 use crate::studio::widgets::modal;
@@ -23,7 +23,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
             ui.add_space(4.0);
             ui.strong(name);
             ui.label(what);
-            ui.label(format!("Saved {} ago", spoken(age)));
+            ui.label(format!("Saved {} ago", format_duration(age)));
             if others > 0 {
                 ui.weak(format!("{others} more after this one"));
             }

@@ -14,7 +14,7 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::colours::{DENSITY, LOWER};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{Curve, FinishedEstimate, Stamped, estimate_command, images_command};
+use crate::workbench::{Curve, FinishedEstimate, Revisioned, estimate_command, images_command};
 
 /// Tooltip of the button that copies a command.
 const COPY_HINT: &str = "Copies the command line that reproduces this number";
@@ -135,7 +135,7 @@ fn order(ui: &mut Ui, state: &mut State) {
 }
 
 /// One finished estimate.
-fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Stamped<FinishedEstimate>) {
+fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Revisioned<FinishedEstimate>) {
     let current = result.value.is_of(state.bench.design(), &state.live);
     let estimate = &result.value.estimate;
     ui.group(|ui| {

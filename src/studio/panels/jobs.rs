@@ -2,7 +2,7 @@
 
 use egui::{ProgressBar, RichText, ScrollArea, Ui};
 
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 use crate::studio::panels::parts::job_progress;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
@@ -49,7 +49,7 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
             });
         });
     });
-    let time = spoken(activity.time());
+    let time = format_duration(activity.time());
     match &activity.state {
         ActivityState::Waiting => {
             ui.weak("waiting for other jobs");

@@ -93,7 +93,7 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
     }
     let mut locked = state.locks.indices().contains(&index) && state.bench.shows_own_lenslets();
     // Locks belong to the open design, not to a preview.
-    let lock = ui.add_enabled(!state.bench.is_looking(), egui::Checkbox::new(&mut locked, ""));
+    let lock = ui.add_enabled(!state.bench.is_previewing(), egui::Checkbox::new(&mut locked, ""));
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
         state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });

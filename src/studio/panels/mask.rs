@@ -21,7 +21,7 @@ use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::studio::state::views::MaskDrag;
 use crate::studio::widgets::controls::{placeholder, toolbar};
-use crate::workbench::{Command, DesignRun, LensletChange, Pull};
+use crate::workbench::{Command, DesignRun, LensletChange, PositionGradient};
 
 /// One arrow key moves by this many pixels.
 const NUDGE_PX: f64 = 0.1;
@@ -46,7 +46,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 "Gradient of the information by the position of each lenslet, where it is statistically significant; the longest arrow is 3 px.",
             );
             if let Some(pulls) = pulls_of(state) {
-                let significant = pulls.iter().filter(|pull| pull.is_certain).count();
+                let significant = pulls.iter().filter(|pull| pull.is_significant).count();
                 ui.label(format!("Significant: {significant} of {}", pulls.len()));
             }
         });
@@ -113,7 +113,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 /// Where the gradient beside the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow
 /// has [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let certain = |pull: &Pull| if pull.is_certain { (pull.x, pull.y) } else { (0.0, 0.0) };
+    let certain = |pull: &PositionGradient| if pull.is_significant { (pull.x, pull.y) } else { (0.0, 0.0) };
     let by_live = || Some(pulls_of(state)?.iter().map(certain).collect());
     let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
     let run = state.run.as_ref().filter(of_run);
@@ -135,7 +135,7 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
 }
 
 /// Where information pulls the lenslets of the open design, by its live estimate.
-fn pulls_of(state: &State) -> Option<&[Pull]> {
+fn pulls_of(state: &State) -> Option<&[PositionGradient]> {
     let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
     live?.value.pulls.as_deref()
 }

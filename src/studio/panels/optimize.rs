@@ -3,7 +3,7 @@
 use egui::{ComboBox, ProgressBar, Ui};
 
 use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 use crate::studio::panels::parts::run_results;
 use crate::studio::state::app_state::{State, Transition};
 use crate::studio::state::optimize_form::{StartMask, offered};
@@ -279,7 +279,7 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let steps = run.settings.steps;
     ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
     let of_what = if run.start_number.1 > 1 { " of this start" } else { "" };
-    let left = run.left.map_or(String::new(), |left| format!(", {} left{of_what}", spoken(left)));
+    let left = run.left.map_or(String::new(), |left| format!(", {} left{of_what}", format_duration(left)));
     let doing = match (&run.status, &run.doing) {
         (RunStatus::Paused, _) => "paused".to_owned(),
         (_, Some((doing, share))) if *share < 1.0 => format!("{doing}, {:.0} %", 100.0 * share),

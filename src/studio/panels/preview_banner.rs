@@ -11,7 +11,7 @@ const ROOM: f32 = 640.0;
 
 /// Shows the strip while such a mask is shown.
 pub fn show(ui: &mut Ui, state: &mut State) {
-    if !state.bench.is_looking() {
+    if !state.bench.is_previewing() {
         return;
     }
     let fill = ui.visuals().panel_fill.lerp_to_gamma(ui.visuals().selection.bg_fill, 0.35);

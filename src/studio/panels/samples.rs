@@ -52,7 +52,7 @@ pub fn show_measurement(ui: &mut Ui, state: &mut State) {
     let version = (measurements.revision, 2 * state.sample + usize::from(state.noisy));
     let shown = state.views.measurement.show(ui, &state.palettes, image, version, stale, PointerMode::View);
     linked_cursor::update(ui, state, Side::Measurement, &shown, image);
-    let closer = state.look_closer(&measurements);
+    let closer = state.inspect(&measurements);
     information_overlay::draw(ui, state, &shown, closer.as_deref());
     image_menu::show(ui, state, View::Measurement, &shown, |_, _, _| {});
 }

@@ -25,14 +25,14 @@ use crate::studio::state::views::{InformationOverlay, LinkedCursor, MaskDrag, Mt
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::number_field::Edit;
 use crate::workbench::{
-    Closer, CloserKey, CloserOrder, Colormap, Command, DesignRun, Estimates, Live, LiveEstimate, LiveRecord, Recovered,
-    Snapshots, Stamped, Workbench,
+    Colormap, Command, DesignRun, Estimates, InspectionKey, InspectionRequest, Live, LiveEstimate, LiveRecord,
+    Recovered, Revisioned, SampleInspection, Session, Snapshots,
 };
 
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
 pub struct State {
     /// The open design and its worker.
-    pub bench: Workbench,
+    pub bench: Session,
     /// Results as of this frame.
     pub live: Live,
     /// Longer estimates as of this frame.
@@ -62,7 +62,7 @@ pub struct State {
     /// View of the MTF panel.
     pub mtf_view: MtfView,
     /// Key of the last requested inspection of the shown measurement.
-    pub closer_asked: Option<CloserKey>,
+    pub closer_asked: Option<InspectionKey>,
     /// Information overlay of the measurement.
     pub overlay: InformationOverlay,
     /// Position of the pointer in object or measurement.
@@ -155,7 +155,7 @@ pub struct PendingTransition {
 
 impl State {
     /// State of a new window on a session.
-    pub fn new(bench: Workbench) -> Self {
+    pub fn new(bench: Session) -> Self {
         let (live, estimates) = (bench.live(), bench.estimates());
         Self {
             bench,
@@ -210,7 +210,7 @@ impl State {
     /// Performs a transition, after a confirmation if something would be lost.
     pub fn request_transition(&mut self, ctx: &egui::Context, what: Transition) {
         let asks = match what {
-            Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_miss_run(),
+            Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_lose_run_data(),
             Transition::Close => self.bench.is_dirty() || self.unfinished_work().is_some(),
             _ => self.bench.is_dirty(),
         };
@@ -234,7 +234,7 @@ impl State {
             Transition::OpenFile(path) => self.bench.open_file(path),
             Transition::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
             Transition::Run => self.start_run(),
-            Transition::Accept => self.bench.accept_as_new(),
+            Transition::Accept => self.bench.open_as_new(),
         }
     }
 
@@ -286,8 +286,8 @@ impl State {
     }
 
     /// Switches to another design, as by undo. Drag, selection and locks are reset if its lenslets differ.
-    pub fn go(&mut self, go: impl FnOnce(&mut Workbench)) {
-        let shown = |bench: &Workbench| (bench.lenslets(), bench.shows_own_lenslets());
+    pub fn go(&mut self, go: impl FnOnce(&mut Session)) {
+        let shown = |bench: &Session| (bench.lenslets(), bench.shows_own_lenslets());
         let before = shown(&self.bench);
         go(&mut self.bench);
         self.drag = None;
@@ -328,7 +328,7 @@ impl State {
                 Ok(mut found) => {
                     // The last session may have used the default folder.
                     if let Some(usual) = usual.as_ref().filter(|&usual| usual != folder) {
-                        found.extend(Workbench::left_unsaved_in(usual));
+                        found.extend(Session::left_unsaved_in(usual));
                         found.sort_by_key(|left| Reverse(left.kept_at));
                     }
                     return found;
@@ -352,7 +352,7 @@ impl State {
     }
 
     /// The measurements, if they belong to the current revision.
-    pub fn current_measurements(&self) -> Option<&Stamped<Measurements>> {
+    pub fn current_measurements(&self) -> Option<&Revisioned<Measurements>> {
         self.live.measurements.as_ref().filter(|measurements| self.is_current(measurements.revision))
     }
 
@@ -363,13 +363,13 @@ impl State {
     }
 
     /// Requests the inspection of the shown measurement (spectrum, information map) and returns the newest one.
-    pub fn look_closer(&mut self, measurements: &Stamped<Measurements>) -> Option<Arc<Closer>> {
+    pub fn inspect(&mut self, measurements: &Revisioned<Measurements>) -> Option<Arc<SampleInspection>> {
         let live = self.live_estimate().filter(|_| self.overlay.shown && self.is_current(measurements.revision));
         let (steps, model) = live.map(|live| (live.recipe.steps, Arc::clone(&live.model))).unzip();
-        let key = CloserKey { revision: measurements.revision, sample: self.sample, noisy: self.noisy, steps };
+        let key = InspectionKey { revision: measurements.revision, sample: self.sample, noisy: self.noisy, steps };
         if self.closer_asked != Some(key) {
             self.closer_asked = Some(key);
-            self.bench.look_closer(CloserOrder { key, measurements: Arc::clone(&measurements.value), model });
+            self.bench.inspect(InspectionRequest { key, measurements: Arc::clone(&measurements.value), model });
         }
         self.live.closer.clone()
     }

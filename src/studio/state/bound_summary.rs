@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::evaluation::LiveInformation;
 use crate::information::{Bracket, Estimate, NamedBound, Protocol};
 use crate::studio::state::app_state::State;
-use crate::workbench::{FinishedEstimate, LiveEstimate, RunBounds, Stamped};
+use crate::workbench::{FinishedEstimate, LiveEstimate, Revisioned, RunBounds};
 
 /// All bounds of the shown design.
 pub struct BoundSummary<'a> {
@@ -29,7 +29,7 @@ impl<'a> BoundSummary<'a> {
     pub fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
         // Compared by value: undo may return to an estimated design.
         let design = state.bench.design();
-        let is_of = |result: &&Stamped<FinishedEstimate>| result.value.is_of(design, &state.live);
+        let is_of = |result: &&Revisioned<FinishedEstimate>| result.value.is_of(design, &state.live);
         let scores = || state.run.iter().flat_map(|run| run.scores_of(design, &state.live));
         let ordered = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
         let finished = || ordered().chain(scores());

@@ -8,10 +8,10 @@ impl State {
     pub fn unfinished_work(&self) -> Option<String> {
         let open = self.bench.activities();
         let is_open = |kind| open.iter().any(|activity| activity.kind == kind && activity.is_open());
-        let run = match (is_open(ActivityKind::Run), self.bench.keeps_run()) {
+        let run = match (is_open(ActivityKind::Run), self.bench.run_is_persisted()) {
             (true, true) => Some("A run is active. It is saved and can be resumed in the next window."),
             (true, false) => Some("A run is active. Its progress would be lost."),
-            (false, false) if self.bench.would_miss_run() => Some("Results of the run would be lost."),
+            (false, false) if self.bench.would_lose_run_data() => Some("Results of the run would be lost."),
             (false, _) => None,
         };
         let why = self.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be saved: {why}."));

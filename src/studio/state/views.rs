@@ -6,7 +6,7 @@ use egui::TextureHandle;
 
 use crate::optics::Lenslet;
 use crate::studio::canvas::image_view::ImageView;
-use crate::workbench::{CloserKey, Colormap};
+use crate::workbench::{Colormap, InspectionKey};
 
 /// The images, each with its own colours and display range.
 pub struct Views {
@@ -99,7 +99,7 @@ pub struct InformationOverlay {
     /// Whether it is switched on.
     pub shown: bool,
     pub texture: Option<TextureHandle>,
-    pub drawn: Option<(CloserKey, Colormap)>,
+    pub drawn: Option<(InspectionKey, Colormap)>,
     /// Information of the most informative pixel, bits.
     pub most: f32,
 }

@@ -16,8 +16,8 @@ use crate::formats::{FormatError, create_folder};
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
-use crate::workbench::jobs::worker::{Stamped, Wanted};
-use crate::workbench::live::estimator::{LiveEstimate, Refiner};
+use crate::workbench::jobs::worker::{Revisioned, Wanted};
+use crate::workbench::live::estimator::{LiveEstimate, LiveEstimator};
 
 /// Orders that may wait.
 const MOST_ORDERS: usize = 50;
@@ -43,15 +43,15 @@ pub struct RunningEstimate {
 #[derive(Clone, Default)]
 pub struct Estimates {
     /// The newest live estimate.
-    pub live: Option<Stamped<LiveEstimate>>,
+    pub live: Option<Revisioned<LiveEstimate>>,
     /// Why the newest design has no live estimate.
     pub live_failure: Option<(u64, String)>,
     /// The order in hand.
     pub running: Option<RunningEstimate>,
     /// All orders that were finished, also on other days, oldest first.
-    pub finished: Vec<Stamped<FinishedEstimate>>,
+    pub finished: Vec<Revisioned<FinishedEstimate>>,
     /// The one that was deleted last and can be brought back, and its place.
-    pub gone: Option<(usize, Stamped<FinishedEstimate>)>,
+    pub gone: Option<(usize, Revisioned<FinishedEstimate>)>,
 }
 
 /// Handle of the thread; dropping it stops what it does; the thread then ends by itself.
@@ -266,7 +266,7 @@ struct Failed {
 
 fn run(shared: &Shared) {
     let mut cores = SpareCores::new(Work::Estimate, shared.threads.clone());
-    let mut refiner = Refiner::default();
+    let mut refiner = LiveEstimator::default();
     while let Some(task) = next_task(shared) {
         let done = cores.run(|| match &task {
             Task::Read(folder) => {
@@ -292,7 +292,7 @@ fn run(shared: &Shared) {
             (Task::Order(_, entry), Ok(Some(text))) => entry.end(Ok(text)),
             (Task::Order(_, entry), Err(Some(failed))) => entry.end(Err(failed.text)),
             (Task::Refine(Refine { wanted, .. }), Err(Some(failed))) => {
-                refiner = Refiner::default();
+                refiner = LiveEstimator::default();
                 lock(&shared.estimates).live_failure = Some((wanted.revision, failed.text));
             }
             _ => {}
@@ -400,7 +400,7 @@ impl Shared {
         {
             text = format!("{text}; it is not kept for another day: {error}");
         }
-        lock(&self.estimates).finished.push(Stamped { revision: order.revision, value: Arc::new(finished) });
+        lock(&self.estimates).finished.push(Revisioned { revision: order.revision, value: Arc::new(finished) });
         Ok(text)
     }
 
@@ -421,7 +421,7 @@ impl Shared {
 
     /// Takes up the orders that were finished on other days, the one that was interrupted and those that waited for it.
     fn take_up(&self, folder: EstimateFolder) {
-        let earlier = folder.read().into_iter().map(|finished| Stamped { revision: 0, value: Arc::new(finished) });
+        let earlier = folder.read().into_iter().map(|finished| Revisioned { revision: 0, value: Arc::new(finished) });
         lock(&self.estimates).finished.splice(0..0, earlier);
         let mut orders = VecDeque::new();
         if let Some((order, given_up)) = folder.interrupted() {
@@ -446,7 +446,7 @@ impl Shared {
         *lock(&self.folder) = Some(folder);
     }
 
-    fn refine(&self, refiner: &mut Refiner, order: &Refine) {
+    fn refine(&self, refiner: &mut LiveEstimator, order: &Refine) {
         let Refine { wanted: Wanted { revision, design, before }, scene } = order;
         let revision = *revision;
         if revision < self.newest.load(Ordering::Relaxed) {
@@ -457,7 +457,7 @@ impl Shared {
             published.store(true, Ordering::Relaxed);
             let mut estimates = lock(&self.estimates);
             estimates.live_failure = None;
-            estimates.live = Some(Stamped { revision, value: Arc::new(estimate) });
+            estimates.live = Some(Revisioned { revision, value: Arc::new(estimate) });
             drop(estimates);
             (self.wake)();
         };

@@ -199,7 +199,7 @@ fn judged(result: &StudyCell, others: &[&StudyCell], proof: &str) -> String {
 /// By how much a result tells more than another mask by the density model, and what makes that doubtful.
 fn gain(result: &StudyCell, other: &StudyCell) -> Option<String> {
     let gain = result.model_bits()? - other.model_bits()?;
-    let (words, doubt) = match &other.first_less_this {
+    let (words, doubt) = match &other.difference_to_reference {
         Some(paired) => {
             let [low, high] = paired.interval_95;
             let words = format!("{gain:+.3} ({low:+.3} to {high:+.3}, by the same test patches)");
@@ -331,7 +331,7 @@ mod tests {
         assert!(judged(&record).ends_with("confirms the gain"), "{}", judged(&record));
 
         let three = record.cells.iter_mut().find(|cell| cell.design == "heuristic:3").unwrap();
-        assert!(three.first_less_this.take().is_some(), "both were scored on the same patches");
+        assert!(three.difference_to_reference.take().is_some(), "both were scored on the same patches");
         // Of objects of unknown entropy there is one number of each mask.
         let mut upper = |name: &str, bits: f64| {
             let estimate = record.cells.iter_mut().find(|cell| cell.design == name).unwrap().estimate.as_mut().unwrap();
@@ -353,7 +353,7 @@ mod tests {
         // On the same patches the difference is known better, or not.
         let mut told = |interval_95| {
             let cell = record.cells.iter_mut().find(|cell| cell.design == "heuristic:3").unwrap();
-            cell.first_less_this = Some(PairedDifference { bits_per_pixel: 0.015, interval_95 });
+            cell.difference_to_reference = Some(PairedDifference { bits_per_pixel: 0.015, interval_95 });
             judged(&record)
         };
         let clear = told([0.012, 0.018]);

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::worker::{Live, Shared, Stamped, Wanted};
+use super::worker::{Live, Revisioned, Shared, Wanted};
 use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneOptics};
 use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
@@ -84,7 +84,7 @@ impl Evaluator {
         } else {
             optics
         };
-        publish(&|live| live.scene = Some(Stamped { revision, value: Arc::clone(&scene) }));
+        publish(&|live| live.scene = Some(Revisioned { revision, value: Arc::clone(&scene) }));
         let shape = design.encoder.grid();
         let known = self.scene_optics.as_ref();
         if !known.is_some_and(|(of, prepared)| Arc::ptr_eq(of, &scene) && prepared.serves(shape)) {
@@ -92,7 +92,7 @@ impl Evaluator {
         }
         let Some((_, prepared)) = &self.scene_optics else { return Ok(()) };
         let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
-        publish(&|live| live.measurements = Some(Stamped { revision, value: Arc::clone(&measurements) }));
+        publish(&|live| live.measurements = Some(Revisioned { revision, value: Arc::clone(&measurements) }));
         // Tables of the noise's entropy are worth keeping while the noise stays the same.
         let bounding = design.noise.bounding();
         let noise_entropy = match &self.noise_entropy {
@@ -104,7 +104,7 @@ impl Evaluator {
         };
         let information = Arc::new(prepared.information(design, &optics, &scene, &measurements, noise_entropy)?);
         publish(&|live| {
-            live.information = Some(Stamped { revision, value: Arc::clone(&information) });
+            live.information = Some(Revisioned { revision, value: Arc::clone(&information) });
             live.failure = None;
         });
         shared.estimator.refine(wanted.clone(), scene);
@@ -127,7 +127,7 @@ impl Evaluator {
                 optics
             }
         };
-        lock(&shared.results).live.optics = Some(Stamped { revision, value: Arc::clone(&optics) });
+        lock(&shared.results).live.optics = Some(Revisioned { revision, value: Arc::clone(&optics) });
         (shared.wake)();
         Ok(optics)
     }
@@ -162,7 +162,7 @@ impl Evaluator {
                 newest.set(newer.revision);
                 if let Ok(optics) = Optics::of(&newer.design, 1) {
                     let (revision, value) = (newer.revision, Arc::new(optics));
-                    lock(&shared.results).live.optics = Some(Stamped { revision, value });
+                    lock(&shared.results).live.optics = Some(Revisioned { revision, value });
                 }
             }
             (shared.wake)();

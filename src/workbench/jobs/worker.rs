@@ -16,18 +16,18 @@ use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::estimates::queue::Estimator;
 use crate::workbench::jobs::job::{Job, Outcome};
-use crate::workbench::live::inspection::{Closer, CloserOrder};
+use crate::workbench::live::inspection::{InspectionRequest, SampleInspection};
 
 /// A result and the revision of the design it was computed from.
 #[derive(Debug)]
-pub struct Stamped<T> {
+pub struct Revisioned<T> {
     /// The revision.
     pub revision: u64,
     /// The result, shared.
     pub value: Arc<T>,
 }
 
-impl<T> Clone for Stamped<T> {
+impl<T> Clone for Revisioned<T> {
     fn clone(&self) -> Self {
         Self { revision: self.revision, value: Arc::clone(&self.value) }
     }
@@ -37,15 +37,15 @@ impl<T> Clone for Stamped<T> {
 #[derive(Clone, Default)]
 pub struct Live {
     /// PSF and transfer function.
-    pub optics: Option<Stamped<Optics>>,
+    pub optics: Option<Revisioned<Optics>>,
     /// The objects.
-    pub scene: Option<Stamped<Scene>>,
+    pub scene: Option<Revisioned<Scene>>,
     /// The measurements.
-    pub measurements: Option<Stamped<Measurements>>,
+    pub measurements: Option<Revisioned<Measurements>>,
     /// The information.
-    pub information: Option<Stamped<LiveInformation>>,
+    pub information: Option<Revisioned<LiveInformation>>,
     /// What was computed of the one measurement that is looked at.
-    pub closer: Option<Arc<Closer>>,
+    pub closer: Option<Arc<SampleInspection>>,
     /// Why the newest design has no numbers.
     pub failure: Option<(u64, String)>,
     /// What takes long at the moment ("Reading objects: 1200 of 10000").
@@ -88,7 +88,7 @@ pub(crate) struct Wanted {
 pub(super) struct Mailbox {
     pub(super) evaluate: Option<Wanted>,
     pub(super) jobs: VecDeque<(Job, Entry)>,
-    pub(super) closer: Option<CloserOrder>,
+    pub(super) closer: Option<InspectionRequest>,
     pub(super) quit: bool,
 }
 
@@ -129,7 +129,7 @@ impl Worker {
     }
 
     /// Asks for what is computed of one measurement alone; takes the place of a request that still waits.
-    pub fn look_closer(&self, order: CloserOrder) {
+    pub fn inspect(&self, order: InspectionRequest) {
         lock(&self.shared.mailbox).closer = Some(order);
         self.shared.arrived.notify_one();
     }
@@ -213,7 +213,7 @@ impl Drop for Worker {
 enum Task {
     Evaluate(Wanted),
     Job(Job, Entry),
-    Closer(CloserOrder),
+    SampleInspection(InspectionRequest),
 }
 
 fn run(shared: &Shared) {
@@ -230,7 +230,7 @@ fn run(shared: &Shared) {
                 entry.begin();
                 evaluator.run_job(job, entry, shared)
             }
-            Task::Closer(order) => {
+            Task::SampleInspection(order) => {
                 let edited = || lock(&shared.mailbox).evaluate.is_some();
                 if let Some(closer) = order.look(&|| !edited()) {
                     lock(&shared.results).live.closer = Some(Arc::new(closer));
@@ -249,7 +249,7 @@ fn run(shared: &Shared) {
                     None
                 }
                 Task::Job(..) => Some(Err(text)),
-                Task::Closer(_) => {
+                Task::SampleInspection(_) => {
                     results.live.closer = None;
                     None
                 }
@@ -289,7 +289,7 @@ fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
             return Some(Task::Evaluate(wanted));
         }
         if let Some(order) = mailbox.closer.take() {
-            return Some(Task::Closer(order));
+            return Some(Task::SampleInspection(order));
         }
         mailbox = shared.arrived.wait(mailbox).unwrap_or_else(PoisonError::into_inner);
     }

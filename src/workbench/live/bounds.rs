@@ -19,30 +19,32 @@ const LOWER_HALF_WIDTH: f64 = 0.002;
 /// Samples of the comparison with the mask before an edit that belong together.
 const EDIT_BLOCK: usize = 64;
 
-/// Samples behind a bound that knows the prior.
+/// Where a bound that uses the prior comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Draws {
-    /// By the decoder that comes with the program, as it is: on at most so many.
-    AtOnce {
+pub enum BoundSource {
+    /// The pretrained decoder, on at most this many samples.
+    #[serde(alias = "at_once")]
+    Decoder {
         /// Most samples.
         samples: usize,
     },
-    /// By following the posterior.
-    Followed {
-        /// Steps from guess to posterior.
+    /// Annealed importance sampling.
+    #[serde(alias = "followed")]
+    Ais {
+        /// Number of inverse temperatures from the proposal to the posterior.
         levels: usize,
-        /// Samples.
+        /// Number of samples.
         samples: usize,
     },
 }
 
-impl Draws {
-    /// Whether they are as many as can be meant.
-    pub(crate) fn is_sound(self) -> bool {
+impl BoundSource {
+    /// Whether its counts are possible.
+    pub(crate) fn is_valid(self) -> bool {
         match self {
-            Self::AtOnce { samples } => (1..=1 << 16).contains(&samples),
-            Self::Followed { levels, samples } => (1..=1 << 16).contains(&levels) && (2..=1 << 16).contains(&samples),
+            Self::Decoder { samples } => (1..=1 << 16).contains(&samples),
+            Self::Ais { levels, samples } => (1..=1 << 16).contains(&levels) && (2..=1 << 16).contains(&samples),
         }
     }
 }
@@ -55,25 +57,25 @@ pub struct SensorBounds {
     /// What the decoder and following the posterior tell, and the ceiling.
     pub bracket: Bracket,
     /// What the bounds from below and from above were drawn from.
-    pub draws: [Draws; 2],
+    pub draws: [BoundSource; 2],
 }
 
 /// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
 /// those that were stopped leave the ones before.
-pub(crate) struct Beads<'a> {
+pub(crate) struct BeadBoundState<'a> {
     /// None without a prior.
     pub channel: Option<&'a BeadChannel>,
     /// Seed of the design.
     seed: u64,
-    pub lower: Option<(NamedBound, Draws)>,
-    pub upper: Option<(NamedBound, Draws)>,
+    pub lower: Option<(NamedBound, BoundSource)>,
+    pub upper: Option<(NamedBound, BoundSource)>,
     /// The design before the last edit and what patches showed through its mask, where that can be compared.
     pub before: Option<(Arc<Design>, BeadChannel)>,
     /// By how much more the decoder tells than before the last edit, and on how many samples.
     pub edit: Option<(PairedDifference, usize)>,
 }
 
-impl<'a> Beads<'a> {
+impl<'a> BeadBoundState<'a> {
     pub fn new(channel: Option<&'a BeadChannel>, seed: u64) -> Self {
         Self { channel, seed, lower: None, upper: None, before: None, edit: None }
     }
@@ -119,7 +121,10 @@ impl<'a> Beads<'a> {
             return;
         };
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
-        self.raise(NamedBound { from: "decoder".into(), bits_per_pixel, interval_95 }, Draws::AtOnce { samples });
+        self.update_lower(
+            NamedBound { from: "decoder".into(), bits_per_pixel, interval_95 },
+            BoundSource::Decoder { samples },
+        );
     }
 
     /// The posterior from both sides, for so long each.
@@ -134,16 +139,20 @@ impl<'a> Beads<'a> {
     }
 
     /// The bounds once more from just these samples; those that cannot be had are left out.
-    pub fn repeat(&mut self, (lower, upper): (Option<Draws>, Option<Draws>), stop: &(dyn Fn() -> bool + Sync)) {
+    pub fn repeat(
+        &mut self,
+        (lower, upper): (Option<BoundSource>, Option<BoundSource>),
+        stop: &(dyn Fn() -> bool + Sync),
+    ) {
         match lower {
-            Some(Draws::AtOnce { samples }) => self.decode(samples, stop),
-            Some(Draws::Followed { levels, samples }) => {
-                self.below(&self.again(levels, samples, SeedStream::AisLower), stop)
+            Some(BoundSource::Decoder { samples }) => self.decode(samples, stop),
+            Some(BoundSource::Ais { levels, samples }) => {
+                self.below(&self.replay_fit(levels, samples, SeedStream::AisLower), stop)
             }
             None => {}
         }
-        if let Some(Draws::Followed { levels, samples }) = upper {
-            self.above(&self.again(levels, samples, SeedStream::AisUpper), stop);
+        if let Some(BoundSource::Ais { levels, samples }) = upper {
+            self.above(&self.replay_fit(levels, samples, SeedStream::AisUpper), stop);
         }
     }
 
@@ -157,14 +166,14 @@ impl<'a> Beads<'a> {
     }
 
     /// The fit that follows the posterior of just these samples.
-    pub fn again(&self, levels: usize, samples: usize, stream: SeedStream) -> AisSettings {
+    pub fn replay_fit(&self, levels: usize, samples: usize, stream: SeedStream) -> AisSettings {
         let seed = stream.derive(self.seed);
         AisSettings { samples, half_width: 0.0, ..AisSettings::of_levels(levels, seed) }
     }
 
     pub fn below(&mut self, fit: &AisSettings, stop: &(dyn Fn() -> bool + Sync)) {
         if let Some(below) = self.followed(ais_lower_bound, fit, stop) {
-            self.raise(NamedBound::from(&below), drawn(&below));
+            self.update_lower(NamedBound::from(&below), drawn(&below));
         }
     }
 
@@ -185,7 +194,7 @@ impl<'a> Beads<'a> {
         bound(channel, fit, decoder, None, &mut watch).ok()
     }
 
-    fn raise(&mut self, bound: NamedBound, draws: Draws) {
+    fn update_lower(&mut self, bound: NamedBound, draws: BoundSource) {
         if self.lower.as_ref().is_none_or(|(known, _)| bound.bits_per_pixel > known.bits_per_pixel) {
             self.lower = Some((bound, draws));
         }
@@ -201,6 +210,6 @@ type BoundOfPosterior = fn(
     OnAis<'_>,
 ) -> Result<AisBound, InformationError>;
 
-fn drawn(bound: &AisBound) -> Draws {
-    Draws::Followed { levels: bound.levels, samples: bound.samples }
+fn drawn(bound: &AisBound) -> BoundSource {
+    BoundSource::Ais { levels: bound.levels, samples: bound.samples }
 }

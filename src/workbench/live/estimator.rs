@@ -15,9 +15,9 @@ use crate::information::{
     CausalFit, CausalModel, CausalStart, FitLength, InformationError, NamedBound, PairedDifference, PatchBatch,
     PatchStream,
 };
-use crate::workbench::live::bounds::{Beads, Draws, SensorBounds};
-use crate::workbench::live::position_gradients::{Pull, Pulls};
-use crate::workbench::live::problem::{SCORED, SCORED_LAST, Subject};
+use crate::workbench::live::bounds::{BeadBoundState, BoundSource, SensorBounds};
+use crate::workbench::live::position_gradients::{PositionGradient, Pulls};
+use crate::workbench::live::problem::{LiveProblem, SCORED, SCORED_LAST};
 
 /// Time for the steps of a fit from the beginning.
 const COLD: Duration = Duration::from_mins(1);
@@ -79,13 +79,13 @@ pub struct LiveEstimate {
     /// Whether it has settled, but better bounds that know the prior are still to come.
     pub bounding: bool,
     /// How it came about.
-    pub recipe: LiveRecipe,
+    pub recipe: ReplayRecipe,
     /// The model of a similar design that the fit began with; none where it began with the weights of the program.
     pub start: Option<Arc<CausalStart>>,
     /// The model.
     pub model: Arc<CausalModel>,
     /// Where information pulls each lenslet; none for other masks and in the first seconds of a fit.
-    pub pulls: Option<Vec<Pull>>,
+    pub pulls: Option<Vec<PositionGradient>>,
     /// The largest bound from below; none where the prior of the objects is not known, and in the first second of a fit.
     pub lower: Option<NamedBound>,
     /// Bound from above by posterior sampling; none where the prior is not known, and in the first seconds of a fit.
@@ -106,7 +106,7 @@ pub struct LiveEstimate {
 
 /// How a live estimate came about; with what it started from, the same numbers come out again, bit for bit on one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LiveRecipe {
+pub struct ReplayRecipe {
     /// Steps that the fit was planned for, which its learning rates depend on.
     pub planned: usize,
     /// The later plan; none where it went on as planned.
@@ -117,12 +117,12 @@ pub struct LiveRecipe {
     /// Held-out patches that it was scored on.
     pub test_patches: usize,
     /// What the bound from below was drawn from.
-    pub lower: Option<Draws>,
+    pub lower: Option<BoundSource>,
     /// What the bound by posterior sampling was drawn from.
-    pub upper: Option<Draws>,
+    pub upper: Option<BoundSource>,
     /// What the bounds for whole measurements were drawn from, from below and from above.
     #[serde(default)]
-    pub sensor: Option<[Draws; 2]>,
+    pub sensor: Option<[BoundSource; 2]>,
     /// Samples on which the mask was compared with that before the last edit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<usize>,
@@ -145,7 +145,7 @@ impl Revision {
     }
 }
 
-impl LiveRecipe {
+impl ReplayRecipe {
     /// Before the first step of a fit of so many.
     pub(crate) fn of(planned: usize) -> Self {
         Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None, sensor: None, edit: None }
@@ -157,21 +157,21 @@ impl LiveRecipe {
     }
 
     /// Whether a fit could have come about like this; others would never end, or not begin.
-    pub(crate) fn is_sound(&self) -> bool {
-        let sound = |draws: Option<Draws>| draws.is_none_or(Draws::is_sound);
+    pub(crate) fn is_valid(&self) -> bool {
+        let sound = |draws: Option<BoundSource>| draws.is_none_or(BoundSource::is_valid);
         (1..=self.all()).contains(&self.steps)
             && (1..=SCORED_LAST).contains(&self.test_patches)
             && (self.planned.max(self.all()) as f64) <= PLANNED.1
             && self.revised.is_none_or(|revision| (1..self.planned).contains(&revision.after))
             && sound(self.lower)
             && sound(self.upper)
-            && self.sensor.iter().flatten().all(|draws| draws.is_sound())
+            && self.sensor.iter().flatten().all(|draws| draws.is_valid())
             && self.edit.is_none_or(|samples| (1..=EDIT_SAMPLES_LAST).contains(&samples))
     }
 }
 
 /// A settled estimate that is to have more bounds.
-struct Awaiting {
+struct PendingBounds {
     scene: Arc<Scene>,
     design: Design,
     estimate: LiveEstimate,
@@ -181,17 +181,17 @@ struct Awaiting {
 
 /// Keeps the last model for the next design, and how fast steps are.
 #[derive(Default)]
-pub(crate) struct Refiner {
+pub(crate) struct LiveEstimator {
     last: Option<(Arc<Scene>, Arc<CausalStart>)>,
     /// By how much posterior sampling lowered the smallest bound from above of such a design, bits per pixel.
     lowered: f64,
     /// Seconds of a step, and the patch that they are of.
     pace: Option<(f64, (usize, usize))>,
     /// A settled estimate whose last bounds were interrupted.
-    awaits_bounds: Option<Awaiting>,
+    awaits_bounds: Option<PendingBounds>,
 }
 
-impl Refiner {
+impl LiveEstimator {
     /// Takes steps for as slow as this, seconds.
     #[cfg(test)]
     pub fn set_pace(&mut self, pace: f64) {
@@ -216,10 +216,10 @@ impl Refiner {
         let asked = Instant::now();
         let bounding = design.bounding();
         let imaging = forward_model(&bounding, &scene.set)?;
-        let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
+        let subject = LiveProblem::new(&bounding, design.noise, scene, &imaging)?;
         let mut beads = subject.beads(before);
         let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
-        let is_this = |awaiting: &Awaiting| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
+        let is_this = |awaiting: &PendingBounds| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
         if let Some(mut awaiting) = self.awaits_bounds.take().filter(is_this) {
             beads.take_over(&awaiting.estimate, EDIT_SAMPLES_LAST, stop);
             awaiting.estimate = with_bounds(&beads, awaiting.estimate);
@@ -237,7 +237,7 @@ impl Refiner {
         let time = if start.is_some() { WARM } else { COLD };
         let known = self.pace.filter(|(_, of)| *of == model.patch());
         let pace = known.map_or_else(|| trial_pace(&model, &train, stop), |(pace, _)| Ok(pace))?;
-        let mut recipe = LiveRecipe::of(planned(time, pace));
+        let mut recipe = ReplayRecipe::of(planned(time, pace));
         let fit = subject.fit(recipe.planned, start.is_some());
         let started = Instant::now();
         let score = |of: (&CausalModel, &PatchBatch), recipe, remaining: Option<Duration>, stop: &dyn Fn() -> bool| {
@@ -318,14 +318,14 @@ impl Refiner {
         estimate.bounding = beads.channel.is_some();
         estimate.pulls = pulls.told();
         publish(with_bounds(&beads, estimate.clone()));
-        let awaiting = Awaiting { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
+        let awaiting = PendingBounds { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
         self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop)
     }
 
     /// Takes the bound from below for the first time, and that from above where it is worth it.
     fn take_first_bounds(
         &self,
-        beads: &mut Beads<'_>,
+        beads: &mut BeadBoundState<'_>,
         estimate: &LiveEstimate,
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
@@ -342,9 +342,9 @@ impl Refiner {
     /// those for whole measurements.
     fn take_last_bounds(
         &mut self,
-        mut awaiting: Awaiting,
-        (subject, pulls): (&Subject<'_>, &mut Pulls<'_>),
-        beads: &mut Beads<'_>,
+        mut awaiting: PendingBounds,
+        (subject, pulls): (&LiveProblem<'_>, &mut Pulls<'_>),
+        beads: &mut BeadBoundState<'_>,
         publish: &mut dyn FnMut(LiveEstimate),
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), EvaluationError> {
@@ -365,7 +365,7 @@ impl Refiner {
         if !stop()
             && let Ok(Some((channel, ceiling))) = subject.whole()
         {
-            let mut whole = Beads::new(Some(&channel), awaiting.design.seed);
+            let mut whole = BeadBoundState::new(Some(&channel), awaiting.design.seed);
             whole.decode(LOWER_SAMPLES_WHOLE, stop);
             whole.follow(FOLLOWED_WHOLE, stop);
             if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !stop()) {
@@ -410,12 +410,12 @@ fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> b
 pub(crate) fn repeated(
     (design, before): (&Design, Option<&Arc<Design>>),
     scene: &Scene,
-    (recipe, start): (&LiveRecipe, Option<&CausalStart>),
+    (recipe, start): (&ReplayRecipe, Option<&CausalStart>),
     go_on: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<LiveEstimate, EvaluationError> {
     let bounding = design.bounding();
     let imaging = forward_model(&bounding, &scene.set)?;
-    let subject = Subject::new(&bounding, design.noise, scene, &imaging)?;
+    let subject = LiveProblem::new(&bounding, design.noise, scene, &imaging)?;
     let test = subject.test(recipe.test_patches)?;
     let (train, validation) = subject.fitting()?;
     let mut model = subject.model(&train, &test, start)?;
@@ -447,7 +447,7 @@ pub(crate) fn repeated(
     }
     let whole = if recipe.sensor.is_some() { subject.whole()? } else { None };
     let sensor = whole.zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
-        let mut whole = Beads::new(Some(&channel), design.seed);
+        let mut whole = BeadBoundState::new(Some(&channel), design.seed);
         whole.repeat((Some(lower), Some(upper)), &stop);
         whole.of_sensor(channel.patch, ceiling)
     });
@@ -461,7 +461,7 @@ pub(crate) fn repeated(
 /// An estimate with the bounds that are known so far, and with where information pulls the lenslets, after a look for so long.
 fn with_pulls(
     pulls: &mut Pulls<'_>,
-    (subject, beads): (&Subject<'_>, &Beads<'_>),
+    (subject, beads): (&LiveProblem<'_>, &BeadBoundState<'_>),
     estimate: LiveEstimate,
     time: Duration,
     stop: &dyn Fn() -> bool,
@@ -473,15 +473,15 @@ fn with_pulls(
 
 /// An estimate with bounds for whole measurements.
 fn with_sensor(sensor: Option<SensorBounds>, estimate: LiveEstimate) -> LiveEstimate {
-    let recipe = LiveRecipe { sensor: sensor.as_ref().map(|sensor| sensor.draws), ..estimate.recipe };
+    let recipe = ReplayRecipe { sensor: sensor.as_ref().map(|sensor| sensor.draws), ..estimate.recipe };
     LiveEstimate { recipe, sensor, ..estimate }
 }
 
 /// An estimate with the bounds that are known so far.
-fn with_bounds(beads: &Beads<'_>, estimate: LiveEstimate) -> LiveEstimate {
+fn with_bounds(beads: &BeadBoundState<'_>, estimate: LiveEstimate) -> LiveEstimate {
     let ((lower, by_lower), (upper, by_upper)) = (beads.lower.clone().unzip(), beads.upper.clone().unzip());
     let (edit, by_edit) = beads.edit.unzip();
     let before = edit.and_then(|_| beads.before.as_ref().map(|(before, _)| Arc::clone(before)));
-    let recipe = LiveRecipe { lower: by_lower, upper: by_upper, edit: by_edit, ..estimate.recipe };
+    let recipe = ReplayRecipe { lower: by_lower, upper: by_upper, edit: by_edit, ..estimate.recipe };
     LiveEstimate { recipe, lower, upper, before, edit, ..estimate }
 }

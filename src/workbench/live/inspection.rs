@@ -15,7 +15,7 @@ const MOST_MAPPED: usize = 256 * 256;
 
 /// Tells one such look from another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CloserKey {
+pub struct InspectionKey {
     /// Revision of the design.
     pub revision: u64,
     /// Index of the measurement.
@@ -28,9 +28,9 @@ pub struct CloserKey {
 
 /// What is to be looked at.
 #[derive(Clone, Debug)]
-pub struct CloserOrder {
+pub struct InspectionRequest {
     /// What it is called.
-    pub key: CloserKey,
+    pub key: InspectionKey,
     /// The measurements of that design.
     pub measurements: Arc<Measurements>,
     /// The model of the live estimate, where the map is asked for.
@@ -39,18 +39,18 @@ pub struct CloserOrder {
 
 /// What came of it.
 #[derive(Clone, Debug)]
-pub struct Closer {
+pub struct SampleInspection {
     /// What it is of.
-    pub key: CloserKey,
+    pub key: InspectionKey,
     /// Power spectrum of the measurement as it is shown.
     pub spectrum: PowerSpectrum,
     /// What each pixel of the noisy measurement adds to what those before it have told, bits, shape (rows, cols).
     pub map: Option<Array2<f32>>,
 }
 
-impl CloserOrder {
+impl InspectionRequest {
     /// Looks; breaks off without an answer where it is not to `go_on`: another design waits.
-    pub(crate) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<Closer> {
+    pub(crate) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<SampleInspection> {
         let Measurements { noiseless, noisy, counts, .. } = &*self.measurements;
         let last = noisy.len_of(Axis(0)).saturating_sub(1);
         let of = self.key.sample.min(last);
@@ -64,7 +64,7 @@ impl CloserOrder {
             Some(Err(InformationError::Cancelled)) => return None,
             map => map.and_then(Result::ok),
         };
-        Some(Closer { key: self.key, spectrum, map })
+        Some(SampleInspection { key: self.key, spectrum, map })
     }
 }
 

@@ -20,13 +20,13 @@ const TAKEN_FOR_MORE: f64 = 0.05;
 
 /// How the information changes with the centre of a lenslet, bits per pixel and pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pull {
+pub struct PositionGradient {
     /// By its column.
     pub x: f64,
     /// By its row.
     pub y: f64,
     /// Whether it is more than chance, at a level of 5 %: by what scenes differ, of the held-out objects that there are.
-    pub is_certain: bool,
+    pub is_significant: bool,
 }
 
 /// The pulls on the lenslets of a design: by the live estimate, or, where that is loose, by what can be told of beads. A loose density
@@ -41,7 +41,7 @@ pub(crate) struct Pulls<'a> {
     /// Slopes by the centres (x, y), block by block, and whether the decoder told them.
     blocks: Vec<Vec<(f64, f64)>>,
     are_decoded: bool,
-    told: Option<Vec<Pull>>,
+    told: Option<Vec<PositionGradient>>,
 }
 
 impl<'a> Pulls<'a> {
@@ -53,7 +53,7 @@ impl<'a> Pulls<'a> {
     }
 
     /// What scenes have told so far; none before there are enough, and where numbers are not finite.
-    pub fn told(&self) -> Option<Vec<Pull>> {
+    pub fn told(&self) -> Option<Vec<PositionGradient>> {
         self.told.clone()
     }
 
@@ -64,7 +64,7 @@ impl<'a> Pulls<'a> {
         (model, is_loose): (&CausalModel, bool),
         time: Duration,
         stop: &dyn Fn() -> bool,
-    ) -> Option<Vec<Pull>> {
+    ) -> Option<Vec<PositionGradient>> {
         let array = self.array?;
         let decoder = self.decoder.filter(|_| is_loose);
         if decoder.is_none() || !self.are_decoded {
@@ -125,7 +125,7 @@ fn scenes_of((rows, cols): (usize, usize)) -> usize {
 }
 
 /// Mean over all blocks, and whether that is more than chance by Hotelling's test of a mean in the plane.
-fn pull(blocks: &[Vec<(f64, f64)>], lenslet: usize) -> Option<Pull> {
+fn pull(blocks: &[Vec<(f64, f64)>], lenslet: usize) -> Option<PositionGradient> {
     let count = blocks.len() as f64;
     let sum =
         |of: &dyn Fn(f64, f64) -> f64| blocks.iter().map(|block| of(block[lenslet].0, block[lenslet].1)).sum::<f64>();
@@ -140,8 +140,8 @@ fn pull(blocks: &[Vec<(f64, f64)>], lenslet: usize) -> Option<Pull> {
     let quantile = 0.5 * rest * (TAKEN_FOR_MORE.powf(-2.0 / rest) - 1.0);
     let limit = 2.0 * (count - 1.0) / rest * quantile;
     // Without dividing by a determinant of 0, where all blocks say the same.
-    let is_certain = x * x * yy - 2.0 * x * y * xy + y * y * xx > limit * (xx * yy - xy * xy);
-    [x, y, xx, yy].iter().all(|value| value.is_finite()).then_some(Pull { x, y, is_certain })
+    let is_significant = x * x * yy - 2.0 * x * y * xy + y * y * xx > limit * (xx * yy - xy * xy);
+    [x, y, xx, yy].iter().all(|value| value.is_finite()).then_some(PositionGradient { x, y, is_significant })
 }
 
 #[cfg(test)]
@@ -158,7 +158,7 @@ mod tests {
     use crate::forward::Design;
     use crate::forward::forward_model;
     use crate::optics::{Encoder, Lenslet};
-    use crate::workbench::live::problem::Subject;
+    use crate::workbench::live::problem::LiveProblem;
 
     #[test]
     fn of_many_beads_two_lenslets_that_nearly_coincide_are_pulled_together() {
@@ -167,14 +167,14 @@ mod tests {
         let design = Design { encoder, objects: "beads:0.11".parse().unwrap(), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
         let imaging = forward_model(&design, &scene.set).unwrap();
-        let subject = Subject::new(&design, design.noise, &scene, &imaging).unwrap();
+        let subject = LiveProblem::new(&design, design.noise, &scene, &imaging).unwrap();
         let model = subject.model(&subject.stream(Split::Train), &subject.test(32).unwrap(), None).unwrap();
         let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
         let mut look = |is_loose: bool, stop: bool| pulls.look((&model, is_loose), Duration::ZERO, &|| stop);
         assert_eq!(look(false, true), None, "it was stopped");
         let told = look(false, false).unwrap();
         let [left, right] = &told[..] else { panic!("two lenslets") };
-        assert!(left.is_certain && right.is_certain && left.x > 0.0 && right.x < 0.0, "{left:?} {right:?}");
+        assert!(left.is_significant && right.is_significant && left.x > 0.0 && right.x < 0.0, "{left:?} {right:?}");
         assert_eq!(look(false, false), Some(told), "the same scenes");
         // A decoder tells of more and more scenes.
         let few = look(true, false).unwrap();
@@ -198,7 +198,7 @@ mod tests {
                         let (a, b) = (normal(), normal());
                         vec![(mean + 3.0 * a, a + 0.5 * b)]
                     };
-                    pull(&(0..count).map(block).collect::<Vec<_>>(), 0).unwrap().is_certain
+                    pull(&(0..count).map(block).collect::<Vec<_>>(), 0).unwrap().is_significant
                 });
                 found.count() as f64 / f64::from(trials)
             };

@@ -18,8 +18,8 @@ use crate::nn::Averaging;
 use crate::objects::Split;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise};
-use crate::workbench::live::bounds::Beads;
-use crate::workbench::live::estimator::{LiveEstimate, LiveRecipe};
+use crate::workbench::live::bounds::BeadBoundState;
+use crate::workbench::live::estimator::{LiveEstimate, ReplayRecipe};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
 /// their cube root: who takes many need not take long ones, and is nearer to where it will settle all the way.
@@ -36,7 +36,7 @@ const LOOSE: f64 = 0.02;
 const SHOWN: usize = 8;
 
 /// A design with what its estimates are made of.
-pub(crate) struct Subject<'a> {
+pub(crate) struct LiveProblem<'a> {
     design: &'a Design,
     imaging: &'a ForwardModel<'a>,
     pub patch: (usize, usize),
@@ -48,7 +48,7 @@ pub(crate) struct Subject<'a> {
     ceiling: OnceLock<Option<f64>>,
 }
 
-impl<'a> Subject<'a> {
+impl<'a> LiveProblem<'a> {
     /// Of [`Design::bounding`] and its imaging; the beads are seen with the noise that there is.
     pub fn new(
         design: &'a Design,
@@ -78,9 +78,9 @@ impl<'a> Subject<'a> {
     }
 
     /// The bounds that rest on a known prior, and what there was before the last edit.
-    pub fn beads(&self, before: Option<&Arc<Design>>) -> Beads<'_> {
+    pub fn beads(&self, before: Option<&Arc<Design>>) -> BeadBoundState<'_> {
         let before = before.and_then(|before| Some((Arc::clone(before), self.channel_through(before)?)));
-        let mut beads = Beads::new(self.channel.as_ref(), self.design.seed);
+        let mut beads = BeadBoundState::new(self.channel.as_ref(), self.design.seed);
         beads.before = before;
         beads
     }
@@ -100,13 +100,13 @@ impl<'a> Subject<'a> {
 
     /// By how much posterior sampling lowers the smaller one of the ceiling and a density bound, bits per pixel; none where it was
     /// not done, or there is no ceiling.
-    pub fn lowered(&self, beads: &Beads<'_>, density: f64) -> Option<f64> {
+    pub fn lowered(&self, beads: &BeadBoundState<'_>, density: f64) -> Option<f64> {
         let (upper, _) = beads.upper.as_ref()?;
         Some(self.ceiling()?.min(density) - upper.bits_per_pixel)
     }
 
     /// Whether a bound that knows the prior is far below a density bound, which then says more of its model than of the mask.
-    pub fn is_loose(&self, beads: &Beads<'_>, density: f64) -> bool {
+    pub fn is_loose(&self, beads: &BeadBoundState<'_>, density: f64) -> bool {
         let upper = beads.upper.as_ref().map(|(upper, _)| upper.bits_per_pixel);
         self.ceiling().into_iter().chain(upper).any(|bound| bound + LOOSE < density)
     }
@@ -187,7 +187,7 @@ impl<'a> Subject<'a> {
     pub fn score(
         &self,
         (model, test): (&CausalModel, &PatchBatch),
-        recipe: LiveRecipe,
+        recipe: ReplayRecipe,
         start: Option<Arc<CausalStart>>,
         stop: &dyn Fn() -> bool,
     ) -> Result<LiveEstimate, InformationError> {
@@ -208,11 +208,11 @@ impl<'a> Subject<'a> {
             seconds: 0.0,
             remaining: None,
             bounding: false,
-            recipe: LiveRecipe {
+            recipe: ReplayRecipe {
                 steps: recipe.steps,
                 test_patches: information.len(),
                 revised: recipe.revised,
-                ..LiveRecipe::of(recipe.planned)
+                ..ReplayRecipe::of(recipe.planned)
             },
             start,
             model: Arc::new(model.clone()),
@@ -264,7 +264,7 @@ mod tests {
         let mut known = None;
         let mut bits = |design: &Design| -> Vec<f64> {
             let imaging = forward_model(design, &scene.set).unwrap();
-            let subject = Subject::new(design, design.noise, &scene, &imaging).unwrap();
+            let subject = LiveProblem::new(design, design.noise, &scene, &imaging).unwrap();
             let (train, test) = (subject.stream(Split::Train), subject.test(96).unwrap());
             let model = known.get_or_insert_with(|| subject.model(&train, &test, None).unwrap());
             let maps = information_map(model, &subject.entropy, &test).unwrap();

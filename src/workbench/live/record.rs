@@ -14,7 +14,7 @@ use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, Pair
 use crate::objects::Progress;
 use crate::optics::Encoder;
 use crate::workbench::export::record::LIVE_ESTIMATE;
-use crate::workbench::live::estimator::{LiveEstimate, LiveRecipe, repeated};
+use crate::workbench::live::estimator::{LiveEstimate, ReplayRecipe, repeated};
 
 /// A live estimate, the design that it is of, and how it came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,7 +29,7 @@ pub struct LiveRecord {
     /// The numbers.
     pub numbers: LiveNumbers,
     /// How they came about.
-    recipe: LiveRecipe,
+    recipe: ReplayRecipe,
     /// What the fit started from; none where it began with the weights of the program.
     start: Option<CausalStart>,
     /// The mask before the last edit, where there was one that can be compared with this.
@@ -143,7 +143,7 @@ impl LiveRecord {
         if let Some(before) = self.design_before() {
             before.check().map_err(|error| error.to_string())?;
         }
-        if !self.recipe.is_sound() {
+        if !self.recipe.is_valid() {
             return Err(format!("a recipe that no window makes, {:?}", self.recipe));
         }
         if self.start.as_ref().is_some_and(|start| !start.is_sound()) {
@@ -196,9 +196,9 @@ mod tests {
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
     use crate::workbench::export::record::{Record, RecordError};
-    use crate::workbench::live::bounds::Draws;
-    use crate::workbench::live::estimator::Refiner;
-    use crate::workbench::live::inspection::{CloserKey, CloserOrder};
+    use crate::workbench::live::bounds::BoundSource;
+    use crate::workbench::live::estimator::LiveEstimator;
+    use crate::workbench::live::inspection::{InspectionKey, InspectionRequest};
 
     fn open(path: &Path) -> Result<LiveRecord, RecordError> {
         let Record::Live(record) = Record::open(path)? else { panic!("a record of a run") };
@@ -207,7 +207,7 @@ mod tests {
 
     /// The first estimate that is wanted of a design.
     fn first(
-        refiner: &mut Refiner,
+        refiner: &mut LiveEstimator,
         (design, before): (&Design, Option<&Arc<Design>>),
         scene: &Arc<Scene>,
         wanted: fn(&LiveEstimate) -> bool,
@@ -230,7 +230,7 @@ mod tests {
         let design = |count| Design { encoder: Encoder::Lenslets(heuristic_layout(count)), ..Design::default() };
         let (one, two) = (design(1), design(2));
         let scene = Arc::new(Scene::open(&one, &|_| ControlFlow::Continue(())).unwrap());
-        let mut refiner = Refiner::default();
+        let mut refiner = LiveEstimator::default();
         let is_revised = |live: &LiveEstimate| live.recipe.revised.is_some_and(|by| live.recipe.steps > by.after);
         let cold = first(&mut refiner, (&one, None), &scene, is_revised);
         let before = Arc::new(one.clone());
@@ -242,7 +242,7 @@ mod tests {
         assert!(cold.edit.is_none() && gain.is_clear(), "{gain:?}");
         assert!((gain.bits_per_pixel - (then - first_lower)).abs() < 0.02, "{gain:?} {first_lower} {then}");
         assert!(cold.start.is_none() && warm.start.is_some() && warm.recipe.revised.is_none());
-        assert!(matches!(warm.recipe.upper, Some(Draws::Followed { .. })));
+        assert!(matches!(warm.recipe.upper, Some(BoundSource::Ais { .. })));
         for (name, design, live) in [("cold", &one, &cold), ("warm", &two, &warm)] {
             let path = folder.path().join("new folder").join(name);
             let record = LiveRecord::new(design, &scene, live);
@@ -256,7 +256,7 @@ mod tests {
         }
         // A record may be of the very first step, and a repetition be stopped when its fit is done.
         let record = LiveRecord::new(&one, &scene, &cold);
-        let first = LiveRecord { recipe: LiveRecipe { steps: 1, ..record.recipe }, ..record.clone() };
+        let first = LiveRecord { recipe: ReplayRecipe { steps: 1, ..record.recipe }, ..record.clone() };
         assert!(first.repeat(&|_| false).is_err_and(|error| error.is_cancelled()));
         for more in [1, 1 + record.recipe.test_patches.div_ceil(32)] {
             // While it is scored, and while its bounds are taken.
@@ -278,7 +278,7 @@ mod tests {
         let design = Design { objects: ObjectSource::Idx(path), encoder, ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
         assert!(scene.set.fitting_parts().1.is_some());
-        let mut refiner = Refiner::default();
+        let mut refiner = LiveEstimator::default();
         refiner.set_pace(0.1);
         let on_the_way = first(&mut refiner, (&design, None), &scene, |live| live.recipe.test_patches > 32);
         refiner.set_pace(0.1);
@@ -294,7 +294,7 @@ mod tests {
     fn last_bounds_that_were_interrupted_come_without_another_fit() {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
-        let mut refiner = Refiner::default();
+        let mut refiner = LiveEstimator::default();
         // So slow that the fewest steps are planned.
         refiner.set_pace(1.0);
         let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
@@ -321,15 +321,15 @@ mod tests {
         let noise = Noise::ShotRead { sigma: 0.1 };
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), noise, ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
-        let live = first(&mut Refiner::default(), (&design, None), &scene, |_| true);
+        let live = first(&mut LiveEstimator::default(), (&design, None), &scene, |_| true);
         let optics = Optics::of(&design, scene.set.planes()).unwrap();
         let prepared = SceneOptics::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(prepared.measure(&design, &optics, &scene).unwrap());
         let counts = measurements.counts.as_ref().unwrap();
         let are_below = |(count, noisy): (&f32, &f32)| count.fract() == 0.0 && (count - noisy).abs() < 1.0;
         assert!(counts.iter().zip(&measurements.noisy).all(are_below));
-        let key = CloserKey { revision: 1, sample: 0, noisy: true, steps: Some(live.recipe.steps) };
-        let closer = CloserOrder { key, measurements, model: Some(live.model) }.look(&|| true).unwrap();
+        let key = InspectionKey { revision: 1, sample: 0, noisy: true, steps: Some(live.recipe.steps) };
+        let closer = InspectionRequest { key, measurements, model: Some(live.model) }.look(&|| true).unwrap();
         let map = closer.map.unwrap();
         let told = map.iter().map(|&bits| f64::from(bits)).sum::<f64>() / map.len() as f64;
         assert!((0.0..2.0).contains(&told), "{told} bits per pixel");
@@ -356,7 +356,7 @@ mod tests {
         let path = folder.path().join("record.json");
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
-        let mut refiner = Refiner::default();
+        let mut refiner = LiveEstimator::default();
         first(&mut refiner, (&design, None), &scene, |_| true);
         let warm = first(&mut refiner, (&design, None), &scene, |_| true);
         let record = serde_json::to_value(LiveRecord::new(&design, &scene, &warm)).unwrap();

@@ -8,11 +8,11 @@ use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::optics::{Encoder, LensletArray};
 use crate::workbench::ideal::{DesignRun, KeptRun, RunStatus, Start};
-use crate::workbench::session::Workbench;
+use crate::workbench::session::Session;
 
 /// What the workbench knows of the run beside the run itself.
 #[derive(Debug, Default)]
-pub(crate) struct WatchedRun {
+pub(crate) struct RunPreview {
     /// Whether masks are shown as they come.
     pub following: bool,
     /// Number of the lenslets that it started with, where that was the open design's own mask.
@@ -24,14 +24,14 @@ pub(crate) struct WatchedRun {
     accepted: Option<(LensletArray, u64)>,
 }
 
-impl Workbench {
+impl Session {
     /// The run that goes on or went on last.
     pub fn run(&self) -> Option<DesignRun> {
         self.designer.run()
     }
 
     /// Keeps the states of runs in a folder, so that they survive the program, and takes up the run that is there:
-    /// [`Workbench::run`] tells which.
+    /// [`Session::run`] tells which.
     ///
     /// # Errors
     /// Where the folder cannot be made, or another program keeps its runs there.
@@ -47,7 +47,7 @@ impl Workbench {
         let is_own = matches!(&starts[..], [only] if only.design.encoder == self.open_design().encoder);
         self.designer.start(starts, settings)?;
         let lenslets = is_own.then_some(self.lenslets);
-        self.watched = WatchedRun { following: true, lenslets, contents: vec![self.contents], accepted: None };
+        self.watched = RunPreview { following: true, lenslets, contents: vec![self.contents], accepted: None };
         Ok(())
     }
 
@@ -120,14 +120,14 @@ impl Workbench {
         if self.watched.following
             && let Some(run) = &run
         {
-            self.look_at(&run.array, &run.start);
+            self.preview(&run.array, &run.start);
             self.watched.following = run.is_active();
         }
         run
     }
 
     /// Shows a mask of the run, before the scene that it was designed for, in place of the open design, which stays as it is.
-    pub fn look_at(&mut self, array: &LensletArray, start: &Design) {
+    pub fn preview(&mut self, array: &LensletArray, start: &Design) {
         let shown = Design { encoder: Encoder::Lenslets(array.clone()), ..start.clone() };
         if shown == **self.open_design() {
             if let Some(open) = self.open.take() {
@@ -140,7 +140,7 @@ impl Workbench {
     }
 
     /// Whether a mask of the run is shown in place of the open design.
-    pub fn is_looking(&self) -> bool {
+    pub fn is_previewing(&self) -> bool {
         self.open.is_some()
     }
 
@@ -149,11 +149,11 @@ impl Workbench {
     pub fn shows_own_lenslets(&self) -> bool {
         let count = |design: &Design| design.encoder.lenslets().map(|array| array.lenslets.len());
         let is_own = self.watched.lenslets == Some(self.lenslets);
-        !self.is_looking() || (is_own && count(&self.design) == count(self.open_design()))
+        !self.is_previewing() || (is_own && count(&self.design) == count(self.open_design()))
     }
 
     /// Shows the open design again.
-    pub fn look_away(&mut self) {
+    pub fn end_preview(&mut self) {
         self.watched.following = false;
         if let Some(open) = self.open.take() {
             self.show(open);
@@ -164,11 +164,11 @@ impl Workbench {
     /// started, but by masks of the run.
     pub fn can_accept(&self) -> bool {
         let is_start = || self.designer.run().is_some_and(|run| *run.start == **self.open_design());
-        self.is_looking() && (self.watched.contents.contains(&self.contents) || is_start())
+        self.is_previewing() && (self.watched.contents.contains(&self.contents) || is_start())
     }
 
     /// Puts the mask that is looked at in the place of the open design, as one step of its past; tells whether that was
-    /// [possible](Workbench::can_accept).
+    /// [possible](Session::can_accept).
     pub fn accept(&mut self) -> bool {
         if !self.can_accept() {
             return false;
@@ -211,15 +211,15 @@ impl Workbench {
     }
 
     /// Opens the mask that is looked at as a design of its own, which is in no file yet.
-    pub fn accept_as_new(&mut self) {
-        if self.is_looking() {
-            self.take_up_unsaved(Design::clone(&self.design), None);
+    pub fn open_as_new(&mut self) {
+        if self.is_previewing() {
+            self.load_unsaved(Design::clone(&self.design), None);
             self.note_accepted();
         }
     }
 
     /// Whether the run has come to rest and nobody has accepted its best result, or its last mask where it has no other.
-    pub fn has_untaken_result(&self) -> bool {
+    pub fn has_unsaved_result(&self) -> bool {
         let Some(run) = self.designer.run().filter(|run| !run.is_active()) else { return false };
         let (saved, accepted) = (self.designer.saved(), self.watched.accepted.as_ref().map(|(mask, _)| mask));
         let is_taken = |mask: &LensletArray| accepted == Some(mask) || saved.as_ref() == Some(mask);
@@ -229,13 +229,13 @@ impl Workbench {
     }
 
     /// Whether the end of the run would lose something: a result that nobody has accepted, results beside that, or a comparison.
-    pub fn would_miss_run(&self) -> bool {
+    pub fn would_lose_run_data(&self) -> bool {
         let Some(run) = self.designer.run().filter(|run| !run.is_active()) else { return false };
-        run.ranked.len() > 1 || run.comparison.is_some() || self.has_untaken_result()
+        run.ranked.len() > 1 || run.comparison.is_some() || self.has_unsaved_result()
     }
 
     /// Whether the next program can take up the run as it is: it has a folder to be kept in, which can be written to.
-    pub fn keeps_run(&self) -> bool {
+    pub fn run_is_persisted(&self) -> bool {
         self.designer.keeps()
     }
 

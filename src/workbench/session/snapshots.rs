@@ -96,7 +96,7 @@ impl Snapshot {
     fn take_up(&mut self, live: &Live, estimates: &Estimates) {
         let Some(revision) = self.revision else { return };
         let before = self.numbers.clone();
-        self.take_up_numbers(revision, live, estimates);
+        self.sync_numbers(revision, live, estimates);
         self.changed |= self.numbers != before;
     }
 
@@ -124,7 +124,7 @@ impl Snapshot {
         self.revision = Some(revision);
     }
 
-    fn take_up_numbers(&mut self, revision: u64, live: &Live, estimates: &Estimates) {
+    fn sync_numbers(&mut self, revision: u64, live: &Live, estimates: &Estimates) {
         if let Some(optics) = live.optics.as_ref().filter(|optics| optics.revision == revision) {
             self.optics = Some(Arc::clone(&optics.value));
         }
@@ -312,7 +312,7 @@ impl Snapshots {
     }
 
     /// Takes up a measurement that was asked for.
-    pub fn take_up_measurement(&mut self, number: u64, measurement: Result<Array2<f32>, String>) {
+    pub fn set_measurement(&mut self, number: u64, measurement: Result<Array2<f32>, String>) {
         if let Some(snapshot) = self.entries.iter_mut().find(|snapshot| snapshot.number == number) {
             snapshot.measurement = Some(measurement);
         }

@@ -20,7 +20,7 @@ pub use record::{StudyCell, StudyRecord};
 pub(in crate::workbench) use run::RECORD as STUDY_RECORD;
 pub use run::{Study, StudyEvent, StudyStep};
 pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
-pub use summary::{OverSensor, RankCorrelation, StudySummary, WithinPublished};
+pub use summary::{PatchToSensorRatio, RankCorrelation, StudySummary, WithinPublished};
 
 #[cfg(test)]
 mod tests;

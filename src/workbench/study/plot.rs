@@ -231,8 +231,8 @@ mod tests {
                 estimate: bounds.map(|(lower, upper, density)| bracketed(lower, upper, density)),
                 failure: None,
                 machine: Machine::here(),
-                told: Vec::new(),
-                first_less_this: None,
+                patch_information: Vec::new(),
+                difference_to_reference: None,
             });
         }
         record

@@ -53,14 +53,14 @@ pub struct StudyCell {
     pub failure: Option<String>,
     /// What computed it.
     pub machine: Machine,
-    /// What the density model tells of each test patch, bits per pixel: kept of the first of several designs, which the others are
-    /// compared with.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub told: Vec<f64>,
-    /// By how much more the first design tells by the density model, on the same test patches; none of the first, and where its
-    /// measurements have another size.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub first_less_this: Option<PairedDifference>,
+    /// Information of each test patch by the density model, bits per pixel: of the first of several designs, with which the others
+    /// are compared.
+    #[serde(default, alias = "told", skip_serializing_if = "Vec::is_empty")]
+    pub patch_information: Vec<f64>,
+    /// Information of the first design less that of this one by the density model, on the same test patches; none for the first, and
+    /// for measurements of another size.
+    #[serde(default, alias = "difference_to_reference", skip_serializing_if = "Option::is_none")]
+    pub difference_to_reference: Option<PairedDifference>,
 }
 
 impl StudyCell {
@@ -84,8 +84,8 @@ impl StudyCell {
             estimate,
             failure,
             machine,
-            told: Vec::new(),
-            first_less_this: None,
+            patch_information: Vec::new(),
+            difference_to_reference: None,
         }
     }
 

@@ -183,15 +183,15 @@ impl Study {
             return cell;
         }
         if planned.design.name == first.name {
-            return StudyCell { told: patches.told, ..cell };
+            return StudyCell { patch_information: patches.told, ..cell };
         }
         let is_first = |other: &&StudyCell| {
             (&other.objects, &other.design, other.patch) == (&cell.objects, &first.name, cell.patch)
         };
-        let of = self.record.cells.iter().find(is_first).map_or(&[][..], |of| &of.told);
+        let of = self.record.cells.iter().find(is_first).map_or(&[][..], |of| &of.patch_information);
         // What is no finite number has failed as an estimate.
-        let first_less_this = PairedDifference::new(of, &patches, settings.seed).unwrap_or_default();
-        StudyCell { first_less_this, ..cell }
+        let difference_to_reference = PairedDifference::new(of, &patches, settings.seed).unwrap_or_default();
+        StudyCell { difference_to_reference, ..cell }
     }
 
     /// The estimate of a cell, or the sentence that says why there is none.

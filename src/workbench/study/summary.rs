@@ -27,7 +27,7 @@ pub struct StudySummary {
     /// Whether the density model puts designs in the published order, by objects.
     pub rank_correlations: Vec<RankCorrelation>,
     /// How far patches overstate the whole sensor, in a study of patches that has it.
-    pub over_sensor: Vec<OverSensor>,
+    pub patch_to_sensor_ratio: Vec<PatchToSensorRatio>,
 }
 
 /// Estimates at or below the published value and a margin.
@@ -58,7 +58,7 @@ pub struct RankCorrelation {
 
 /// An estimate from patches beside that from the whole sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct OverSensor {
+pub struct PatchToSensorRatio {
     /// The patch.
     pub patch: String,
     /// Estimate of the patch less that of the whole sensor, bits per pixel.
@@ -81,7 +81,7 @@ impl StudySummary {
             above_ceiling: cells.iter().filter(above).count(),
             within_published: within_published(compared),
             rank_correlations: rank_correlations(settings, compared),
-            over_sensor: over_sensor(settings, cells),
+            patch_to_sensor_ratio: patch_to_sensor_ratio(settings, cells),
         }
     }
 
@@ -158,14 +158,14 @@ fn rank_correlations(settings: &StudySettings, cells: &[StudyCell]) -> Vec<RankC
         .collect()
 }
 
-fn over_sensor(settings: &StudySettings, cells: &[StudyCell]) -> Vec<OverSensor> {
+fn patch_to_sensor_ratio(settings: &StudySettings, cells: &[StudyCell]) -> Vec<PatchToSensorRatio> {
     let whole = cells.iter().find(|cell| cell.patch.is_none()).and_then(StudyCell::bits_per_pixel);
     let Some(whole) = whole.filter(|&bits| bits > 0.0 && settings.kind == StudyKind::Patches) else {
         return Vec::new();
     };
     let row = |cell: &StudyCell| {
         let bits = cell.bits_per_pixel()?;
-        Some(OverSensor { patch: patch_name(cell.patch), difference: bits - whole, ratio: bits / whole })
+        Some(PatchToSensorRatio { patch: patch_name(cell.patch), difference: bits - whole, ratio: bits / whole })
     };
     cells.iter().filter_map(row).collect()
 }

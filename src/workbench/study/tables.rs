@@ -28,8 +28,8 @@ pub(super) const CSV_HEADER: [&str; 31] = [
     "posterior_sampling_upper_bits_per_px",
     "density_bound_bits_per_px",
     "first_design_less_this_density_model_bits_per_px",
-    "first_less_this_low_95_bits_per_px",
-    "first_less_this_high_95_bits_per_px",
+    "difference_to_reference_low_95_bits_per_px",
+    "difference_to_reference_high_95_bits_per_px",
     "gaussian_bound_bits_per_px",
     "ceiling_bits_per_px",
     "published_bits_per_px",
@@ -78,9 +78,9 @@ pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String>
         number(cell.lower_from("posterior sampling")),
         number(cell.upper_from("posterior sampling")),
         number(cell.upper_from("density")),
-        number(cell.first_less_this.map(|difference| difference.bits_per_pixel)),
-        number(cell.first_less_this.map(|difference| difference.interval_95[0])),
-        number(cell.first_less_this.map(|difference| difference.interval_95[1])),
+        number(cell.difference_to_reference.map(|difference| difference.bits_per_pixel)),
+        number(cell.difference_to_reference.map(|difference| difference.interval_95[0])),
+        number(cell.difference_to_reference.map(|difference| difference.interval_95[1])),
         number(cell.upper_from("gaussian")),
         number(cell.ceiling()),
         number(cell.published.map(|published| published.bits_per_pixel)),
@@ -181,7 +181,7 @@ fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         upper_from(cell),
         lower(cell),
         density(cell),
-        cell.first_less_this.map_or(NOTHING.into(), signed),
+        cell.difference_to_reference.map_or(NOTHING.into(), signed),
         bits(cell.ceiling()),
         published(cell),
         difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
@@ -194,7 +194,7 @@ const PATCHES: [&str; 7] =
 
 fn patches_row(record: &StudyRecord, cell: &StudyCell) -> Vec<String> {
     let patch = patch_name(cell.patch);
-    let over = record.summary.over_sensor.iter().find(|over| over.patch == patch);
+    let over = record.summary.patch_to_sensor_ratio.iter().find(|over| over.patch == patch);
     vec![
         patch.clone(),
         estimate(cell),

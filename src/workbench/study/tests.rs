@@ -311,10 +311,13 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     let mut study = Study::open(settings, folder.path()).unwrap();
     study.run_with(&compute, &mut on).unwrap();
     let [first, second, wide] = study.record().cells.as_slice() else { panic!("three cells") };
-    assert_eq!((first.told.len(), first.first_less_this, second.told.len()), (50, None, 0));
-    let PairedDifference { bits_per_pixel, interval_95: [low, high] } = second.first_less_this.unwrap();
+    assert_eq!(
+        (first.patch_information.len(), first.difference_to_reference, second.patch_information.len()),
+        (50, None, 0)
+    );
+    let PairedDifference { bits_per_pixel, interval_95: [low, high] } = second.difference_to_reference.unwrap();
     assert!((bits_per_pixel - 0.100_005).abs() < 1e-9 && low > 0.1 && high < 0.10001, "{low} to {high}");
-    assert_eq!(wide.first_less_this, None, "its patches are others");
+    assert_eq!(wide.difference_to_reference, None, "its patches are others");
     assert!(study.markdown().contains("| +0.1000 (+0.1000 to +0.1000) |"), "{}", study.markdown());
     let table = std::fs::read_to_string(folder.path().join("study.csv")).unwrap();
     assert!(table.lines().nth(2).unwrap().contains(&format!(",{bits_per_pixel:?},{low:?},{high:?},")), "{table}");

@@ -6,7 +6,7 @@ use crate::studio::canvas::image_view::{Shown, max_texture_side, subsampled};
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
-use crate::workbench::{Closer, CloserKey, Colormap};
+use crate::workbench::{Colormap, InspectionKey, SampleInspection};
 
 /// Opacity of the most informative pixel.
 const MOST_OPAQUE: f32 = 0.85;
@@ -34,8 +34,8 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
 }
 
 /// Draws the map over the measurement, and adds the bits under the pointer to the status bar.
-pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&Closer>) {
-    let current = |key: &CloserKey| key.sample == state.sample && state.is_current(key.revision);
+pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&SampleInspection>) {
+    let current = |key: &InspectionKey| key.sample == state.sample && state.is_current(key.revision);
     let map = closer.filter(|closer| state.overlay.shown && current(&closer.key));
     let Some((key, map)) = map.and_then(|closer| Some((closer.key, closer.map.as_ref()?))) else {
         state.overlay.drawn = None;

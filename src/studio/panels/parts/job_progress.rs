@@ -1,6 +1,6 @@
 //! Progress of jobs as text.
 
-use crate::evaluation::spoken;
+use crate::evaluation::format_duration;
 use crate::studio::state::app_state::State;
 use crate::workbench::Activity;
 
@@ -19,8 +19,8 @@ pub fn summary(state: &State) -> Option<String> {
 /// Remaining time as text.
 pub fn left_of(activity: &Activity) -> String {
     match (activity.left, activity.step_left()) {
-        (Some(left), _) => format!(", {} left", spoken(left)),
-        (None, Some(left)) => format!(", {} left in this step", spoken(left)),
+        (Some(left), _) => format!(", {} left", format_duration(left)),
+        (None, Some(left)) => format!(", {} left in this step", format_duration(left)),
         (None, None) => String::new(),
     }
 }

@@ -71,7 +71,7 @@ fn show_result(state: &mut State, run: &DesignRun, place: usize) {
         state.optimize_form.frame = None;
         state.optimize_form.chosen = run.that_led_to(place).map(Arc::new);
         state.bench.follow_run(false);
-        state.go(|bench| bench.look_at(array, &result.design));
+        state.go(|bench| bench.preview(array, &result.design));
     }
 }
 
@@ -163,7 +163,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
         {
             state.optimize_form.frame = Some(0);
             state.bench.follow_run(false);
-            state.go(|bench| bench.look_at(array, &run.start));
+            state.go(|bench| bench.preview(array, &run.start));
         }
         ui.spacing_mut().slider_width = (ui.available_width() - NEWEST_WIDTH).max(60.0);
         let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
@@ -171,7 +171,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
         if slider.changed() && shown <= last {
             state.optimize_form.frame = Some(shown);
             state.bench.follow_run(false);
-            state.go(|bench| bench.look_at(&run.frames[shown].array, &run.start));
+            state.go(|bench| bench.preview(&run.frames[shown].array, &run.start));
         }
         let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
         name_widget(&newest, "Show newest");
@@ -179,7 +179,7 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
             (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
             let newest = state.run.clone();
             let run = newest.as_ref().unwrap_or(run);
-            state.go(|bench| bench.look_at(&run.array, &run.start));
+            state.go(|bench| bench.preview(&run.array, &run.start));
             state.bench.follow_run(run.is_active());
         }
     });

@@ -10,7 +10,7 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::colours::CEILING;
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
-use crate::workbench::{CloserKey, Curve};
+use crate::workbench::{Curve, InspectionKey};
 
 /// Draws the spectrum.
 pub fn show(ui: &mut Ui, state: &mut State) {
@@ -18,7 +18,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         placeholder(ui, "Computing");
         return;
     };
-    let Some(closer) = state.look_closer(&measurements) else {
+    let Some(closer) = state.inspect(&measurements) else {
         placeholder(ui, "Computing");
         return;
     };
@@ -64,7 +64,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 }
 
 /// Whether an inspection belongs to the shown measurement.
-fn is_shown(state: &State, key: &CloserKey) -> bool {
+fn is_shown(state: &State, key: &InspectionKey) -> bool {
     state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy)
 }
 
