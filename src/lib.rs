@@ -9,16 +9,17 @@
 //!
 //! | floor | modules | hold |
 //! |---|---|---|
-//! | -1 | [`plural`], [`seeds`] | counts beside their words, for the sentences of all floors |
-//! | 0 | [`formats`] | array and picture files, safe writing |
+//! | 0 | [`plural`], [`seeds`] | counts in words; seeds of every random draw |
+//! | 0 | [`formats`] | arrays, images, tables, documents; atomic writes, the writer thread, locks |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 1 | [`nn`] | building blocks of neural networks on the CPU; knows no optics |
 //! | 2 | [`forward`] | the forward model: objects, mask and sensor |
-//! | 3 | [`information`] | entropies, Gaussian models, ceiling, intervals, the estimate |
-//! | 4 | [`design`] | the gradient of information by the mask |
-//! | 4 | [`studies`] | scenes of known information, for tests of the estimators |
-//! | 6 | [`workbench`] | the open design, commands, the worker, exports |
-//! | 7 | `studio`, `cli` | window, command line |
+//! | 3 | [`information`] | entropies, density models, decoder, annealed importance sampling, bounds, the estimate |
+//! | 4 | [`design`] | IDEAL: the mask optimized by the information of its measurements |
+//! | 5 | [`evaluation`] | one design evaluated: its scene, bounds, estimates and their checkpoints |
+//! | 6 | [`studies`] | a study: a grid of cells, its runner, tables and plots |
+//! | 7 | [`workbench`] | the open design, commands, live estimate, estimates, runs, jobs, exports |
+//! | 8 | `studio`, `cli` | window, command line |
 //!
 //! # Conventions
 //! - Images are `ndarray` arrays of shape (rows, cols), row 0 at the top; stacks are (n, rows, cols); volumes are

@@ -1,16 +1,16 @@
 //! Fits of the causal density model: what they keep, and how they go on.
 
-mod study_stream;
+mod common;
 
 use std::ops::ControlFlow;
 
+use common::known_truths::{GaussianField, KnownTruth, TwoRates};
+use common::stream::StudyStream;
 use lenslet_studio::information::{
     CausalFit, CausalModel, CausalRequest, Estimator, FitCheckpoint, FitLength, InformationError, Init, PatchBatch,
     PatchStream, causal_estimate, causal_model,
 };
-use lenslet_studio::studies::{GaussianField, KnownTruth, TwoRates};
 use ndarray::Axis;
-use study_stream::StudyStream;
 
 /// A few patches, again and again.
 struct Few(PatchBatch);

@@ -12,7 +12,7 @@ use lenslet_studio::design::{IdealProgress, Objective};
 use lenslet_studio::evaluation::EvaluationError;
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{Estimate, PixelCnn};
-use lenslet_studio::workbench::study::StudyRecord;
+use lenslet_studio::studies::StudyRecord;
 use lenslet_studio::workbench::{GoOn, KeptRun, Record, Session, Snapshots, run_ideal};
 
 fn golden(name: &str) -> PathBuf {

@@ -1,20 +1,20 @@
 //! Estimators and intervals against studies whose information is known.
 
-mod study_stream;
+mod common;
 
 use std::ops::ControlFlow;
 
+use common::known_truths::{GaussianField, KnownTruth, OneBead, TwoRates};
+use common::stream::StudyStream;
 use lenslet_studio::information::{
     CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, Init, NoiseEntropy, PatchBatch,
     PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches, bootstrap_interval, causal_estimate,
     gaussian_estimate, paired_interval,
 };
 use lenslet_studio::sensor::Noise;
-use lenslet_studio::studies::{GaussianField, KnownTruth, OneBead, TwoRates};
 use ndarray::{Array3, Axis, s};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use study_stream::StudyStream;
 
 /// Training and held-out patches of one study.
 struct Sample {

@@ -19,7 +19,7 @@ use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::plural::counted;
-use crate::workbench::study::{PublishedSet, Study, StudyRecord, StudySettings};
+use crate::studies::{PublishedSet, Study, StudyRecord, StudySettings};
 use crate::workbench::{IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
 
 /// Arguments of `design`.
@@ -445,7 +445,7 @@ mod tests {
     use crate::information::Estimator;
     use crate::objects::ObjectSource;
     use crate::sensor::Noise;
-    use crate::workbench::study::{StudyDesign, StudyKind, StudyObjects};
+    use crate::studies::{StudyDesign, StudyKind, StudyObjects};
 
     #[test]
     fn a_comparison_of_another_result_moves_out_of_the_way() {

@@ -16,7 +16,7 @@ use crate::forward::Design;
 use crate::information::InformationError;
 use crate::objects::Progress;
 use crate::plural::counted;
-use crate::workbench::study::{StudyDesign, StudySettings};
+use crate::studies::{StudyDesign, StudySettings};
 use crate::workbench::{
     DESIGN_FILES, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, design_outputs, run_ideal,
     score_in_patches, score_settings, score_whole, write_design,

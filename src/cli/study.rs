@@ -15,7 +15,7 @@ use crate::evaluation::format_duration;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::sensor::Noise;
-use crate::workbench::study::{
+use crate::studies::{
     PublishedSet, Study, StudyCell, StudyDesign, StudyEvent, StudyObjects, StudyRecord, StudySettings, StudyStep,
 };
 

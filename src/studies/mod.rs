@@ -1,7 +1,26 @@
-//! Studies: scenes on which the estimators themselves are put to the test.
+//! Studies: one estimate for every cell of a table of objects, designs and patches, kept in a folder as it grows, so that
+//! hours of computing survive whatever stops them.
 
 mod error;
-mod known_truths;
+mod machine;
+mod plot;
+mod published;
+mod rank;
+mod record;
+mod run;
+mod settings;
+mod summary;
+mod tables;
 
 pub use error::StudyError;
-pub use known_truths::{GaussianField, KnownTruth, OneBead, TrueInformation, TwoRates};
+pub use machine::Machine;
+pub use published::{Published, PublishedSet};
+pub use rank::spearman;
+pub use record::{StudyCell, StudyRecord};
+pub(crate) use run::RECORD as STUDY_RECORD;
+pub use run::{Study, StudyEvent, StudyStep};
+pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
+pub use summary::{PatchToSensorRatio, RankCorrelation, StudySummary, WithinPublished};
+
+#[cfg(test)]
+mod tests;

@@ -10,7 +10,6 @@ mod ideal;
 mod jobs;
 mod live;
 mod session;
-pub mod study;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
 pub use document::autosave::Recovered;

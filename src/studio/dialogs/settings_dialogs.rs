@@ -6,6 +6,7 @@ use egui::{RichText, Ui};
 
 use crate::information::EngineChoice;
 use crate::plural::counted;
+use crate::studies::Machine;
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::studio::state::open_dialogs::SettingsDialog;
@@ -14,7 +15,6 @@ use crate::studio::state::preferences::{RendererChoice, THREADS, ZOOM};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::study::Machine;
 
 /// Width at which keys and gestures stand side by side, points.
 const TWO_COLUMNS: f32 = 860.0;

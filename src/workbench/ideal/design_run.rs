@@ -11,11 +11,11 @@ use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsF
 use crate::forward::Design;
 use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
+use crate::studies::StudyRecord;
 use crate::workbench::Live;
 use crate::workbench::estimates::files::is_estimate_of;
 use crate::workbench::ideal::record::IdealRecord;
 use crate::workbench::ideal::score::judge_of;
-use crate::workbench::study::StudyRecord;
 
 /// What a run is doing.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -12,10 +12,10 @@ use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::Progress;
 use crate::optics::Encoder;
+use crate::studies::Machine;
 use crate::workbench::Curve;
 use crate::workbench::export::record::RUN;
 use crate::workbench::ideal::run::{GoOn, run_ideal};
-use crate::workbench::study::Machine;
 
 /// A run as it stands in its file. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

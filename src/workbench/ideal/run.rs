@@ -17,10 +17,10 @@ use crate::forward::ForwardModel;
 use crate::forward::{forward_model, open_set_with};
 use crate::objects::Progress;
 use crate::optics::{Encoder, LensletArray, render_psf};
+use crate::studies::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::ideal::design_run::{RankedStart, Start};
 use crate::workbench::ideal::record::IdealRecord;
 use crate::workbench::ideal::score::is_about;
-use crate::workbench::study::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 
 /// Takes a state of a run, which lies between two of its rounds.
 pub(super) type Keep<'a> = &'a mut dyn FnMut(&Ideal<'_>) -> Result<(), EvaluationError>;

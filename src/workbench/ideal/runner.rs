@@ -10,13 +10,13 @@ use crate::evaluation::{EstimateProgress, EvaluationError};
 use crate::forward::Design;
 use crate::information::Estimate;
 use crate::optics::LensletArray;
+use crate::studies::{Study, StudyCell, StudyError, StudyEvent};
 use crate::workbench::background::activity::{Activities, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::ideal::design_run::{DesignRun, RankedStart, RunStatus, Start};
 use crate::workbench::ideal::record::IdealRecord;
 use crate::workbench::ideal::run::{GoOn, KeptOrder, KeptRun, run_ideal};
 use crate::workbench::ideal::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
-use crate::workbench::study::{Study, StudyCell, StudyError, StudyEvent};
 
 /// Time between two tellings of a fit's progress; moves of the mask are all told.
 const TELL_EVERY: Duration = Duration::from_millis(100);

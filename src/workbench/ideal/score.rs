@@ -10,9 +10,9 @@ use crate::forward::Design;
 use crate::forward::{forward_model, open_set};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
+use crate::studies::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
 use crate::workbench::ideal::design_run::score_request;
 use crate::workbench::ideal::record::{IdealRecord, patches_of};
-use crate::workbench::study::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
@@ -250,7 +250,7 @@ mod tests {
     use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
-    use crate::workbench::study::{Study, StudyEvent};
+    use crate::studies::{Study, StudyEvent};
     use ndarray::Array3;
     use std::ops::ControlFlow;
 

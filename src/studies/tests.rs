@@ -13,10 +13,10 @@ use crate::information::{
 };
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::{Noise, SensorError};
-use crate::workbench::study::error::StudyError;
-use crate::workbench::study::record::StudyRecord;
-use crate::workbench::study::run::{Study, StudyEvent};
-use crate::workbench::study::settings::{StudyDesign, StudyObjects, StudySettings};
+use crate::studies::error::StudyError;
+use crate::studies::record::StudyRecord;
+use crate::studies::run::{Study, StudyEvent};
+use crate::studies::settings::{StudyDesign, StudyObjects, StudySettings};
 
 /// An estimate of this many bits per pixel.
 pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
@@ -96,7 +96,7 @@ fn only_missing_cells_are_computed() {
     let record = saved(folder.path());
     let bits: Vec<f64> = record.cells.iter().map(|cell| (cell.bits_per_pixel().unwrap() * 100.0).round()).collect();
     assert_eq!(bits, [25.0, 50.0, 25.0, 50.0], "cells stand in the order of the settings");
-    let names: Vec<String> = record.cells.iter().map(crate::workbench::study::StudyCell::name).collect();
+    let names: Vec<String> = record.cells.iter().map(crate::studies::StudyCell::name).collect();
     assert_eq!(names[1], "beads:0.008, heuristic:4, 32 x 32 px");
     for name in ["study.json", "study.md", "study.csv"] {
         assert!(folder.path().join(name).is_file(), "{name}");

@@ -3,8 +3,8 @@
 use crate::information::PairedDifference;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
-use crate::workbench::study::record::{StudyCell, StudyRecord};
-use crate::workbench::study::settings::{StudyKind, StudySettings, patch_name};
+use crate::studies::record::{StudyCell, StudyRecord};
+use crate::studies::settings::{StudyKind, StudySettings, patch_name};
 
 /// Columns of the CSV table; information and intervals in bits per pixel. What is not known is empty.
 pub(super) const CSV_HEADER: [&str; 31] = [
@@ -62,7 +62,7 @@ pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String>
         cell.objects.clone(),
         number(density_of(cell)),
         cell.design.clone(),
-        count(design.and_then(crate::workbench::study::StudyDesign::lenslets)),
+        count(design.and_then(crate::studies::StudyDesign::lenslets)),
         count(patch.map(|[rows, _]| rows).or(cell.patch.map(|(rows, _)| rows))),
         count(patch.map(|[_, cols]| cols).or(cell.patch.map(|(_, cols)| cols))),
         settings.estimator.to_string(),

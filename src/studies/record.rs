@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
 use crate::information::{Estimate, NUMBERS_VERSION, PairedDifference};
-use crate::workbench::study::error::StudyError;
-use crate::workbench::study::machine::Machine;
-use crate::workbench::study::published::Published;
-use crate::workbench::study::settings::{PlannedCell, StudySettings, patch_name};
-use crate::workbench::study::summary::StudySummary;
+use crate::studies::error::StudyError;
+use crate::studies::machine::Machine;
+use crate::studies::published::Published;
+use crate::studies::settings::{PlannedCell, StudySettings, patch_name};
+use crate::studies::summary::StudySummary;
 
 /// The kind of the file.
 const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study");
@@ -220,7 +220,7 @@ impl StudyRecord {
     }
 
     /// Puts a cell in its place, instead of an earlier one of the same objects, design and patch.
-    pub(in crate::workbench) fn put(&mut self, cell: StudyCell) {
+    pub(crate) fn put(&mut self, cell: StudyCell) {
         let mut cells = std::mem::take(&mut self.cells);
         cells.retain(|old| (&old.objects, &old.design, old.patch) != (&cell.objects, &cell.design, cell.patch));
         cells.push(cell);

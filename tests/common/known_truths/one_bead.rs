@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::{CLEAN_STREAM, StudyError, TrueInformation, check};
-use crate::sensor::Noise;
+use lenslet_studio::sensor::Noise;
 
 /// Patches that the information is averaged over.
 const SAMPLES: usize = 8192;
@@ -36,7 +36,7 @@ impl Default for OneBead {
 }
 
 impl OneBead {
-    pub(super) fn check(&self) -> Result<(), StudyError> {
+    pub fn check(&self) -> Result<(), StudyError> {
         check("the bead's width in pixels", "0.1 to 16", self.sigma_px, 0.1..=16.0)?;
         check("the bead's peak in photons", "0 to 1000000", self.peak, 0.0..=1e6)?;
         check("the background in photons", "above 0 and at most 1000000", self.bias, 1e-3..=1e6)
@@ -113,7 +113,7 @@ impl OneBead {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::information::poisson_entropy;
+    use lenslet_studio::information::poisson_entropy;
 
     #[test]
     fn one_pixel_agrees_with_the_sum_over_counts() {

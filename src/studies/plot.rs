@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::workbench::study::record::{StudyCell, StudyRecord};
-use crate::workbench::study::settings::{StudyDesign, patch_name};
-use crate::workbench::study::tables::density_of;
+use crate::studies::record::{StudyCell, StudyRecord};
+use crate::studies::settings::{StudyDesign, patch_name};
+use crate::studies::tables::density_of;
 
 use crate::plural::counted;
 
@@ -212,10 +212,10 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::workbench::study::Machine;
-    use crate::workbench::study::published::Published;
-    use crate::workbench::study::settings::StudySettings;
-    use crate::workbench::study::tests::bracketed;
+    use crate::studies::Machine;
+    use crate::studies::published::Published;
+    use crate::studies::settings::StudySettings;
+    use crate::studies::tests::bracketed;
 
     /// Density, lenslets, and lower, upper and density bound.
     type Drawn = (f64, usize, Option<(f64, f64, f64)>);

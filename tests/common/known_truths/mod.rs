@@ -1,5 +1,6 @@
 //! Random patches whose true information is known: what an estimator says can be held against what is true.
 
+mod error;
 mod gaussian_field;
 mod one_bead;
 mod two_rates;
@@ -15,10 +16,9 @@ pub use gaussian_field::GaussianField;
 pub use one_bead::OneBead;
 pub use two_rates::TwoRates;
 
-use super::StudyError;
-use super::error::check;
-use crate::information::InformationError;
-use crate::sensor::Noise;
+use error::{StudyError, check};
+use lenslet_studio::information::InformationError;
+use lenslet_studio::sensor::Noise;
 
 /// First random stream of clean patches; the noise takes those from 0 on.
 const CLEAN_STREAM: u64 = 1 << 40;

@@ -1,7 +1,7 @@
 //! Fresh patches of the studies with known information.
 
+use super::known_truths::KnownTruth;
 use lenslet_studio::information::{InformationError, PatchBatch, PatchStream};
-use lenslet_studio::studies::KnownTruth;
 
 /// Fresh patches of a study.
 pub struct StudyStream<'a>(pub &'a KnownTruth);

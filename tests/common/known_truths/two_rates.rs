@@ -5,7 +5,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::{StudyError, check};
-use crate::information::poisson_entropy;
+use lenslet_studio::information::poisson_entropy;
 
 /// Independent pixels, each of one of two brightnesses, with shot noise.
 ///
@@ -28,7 +28,7 @@ impl Default for TwoRates {
 }
 
 impl TwoRates {
-    pub(super) fn check(&self) -> Result<(), StudyError> {
+    pub fn check(&self) -> Result<(), StudyError> {
         for rate in self.rates {
             check("both rates in photons", "0 to 1000000", rate, 0.0..=1e6)?;
         }
@@ -65,7 +65,7 @@ impl TwoRates {
 mod tests {
     use super::super::KnownTruth;
     use super::*;
-    use crate::information::binary_entropy;
+    use lenslet_studio::information::binary_entropy;
 
     #[test]
     fn limits_are_the_entropy_of_the_question_and_nothing() {

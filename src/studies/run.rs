@@ -12,12 +12,12 @@ use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, wr
 use crate::forward::Design;
 use crate::forward::open_set;
 use crate::information::{Estimate, PairedDifference, TestPatches};
-use crate::workbench::study::error::StudyError;
-use crate::workbench::study::machine::Machine;
-use crate::workbench::study::plot::bracket_plot;
-use crate::workbench::study::record::{StudyCell, StudyRecord};
-use crate::workbench::study::settings::{PlannedCell, StudyKind, StudySettings};
-use crate::workbench::study::tables::{CSV_HEADER, csv_row, markdown};
+use crate::studies::error::StudyError;
+use crate::studies::machine::Machine;
+use crate::studies::plot::bracket_plot;
+use crate::studies::record::{StudyCell, StudyRecord};
+use crate::studies::settings::{PlannedCell, StudyKind, StudySettings};
+use crate::studies::tables::{CSV_HEADER, csv_row, markdown};
 
 /// The file that holds a study; the others are made from it.
 pub const RECORD: &str = "study.json";

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::workbench::study::rank::spearman;
-use crate::workbench::study::record::StudyCell;
-use crate::workbench::study::settings::{StudyKind, StudySettings, patch_name};
+use crate::studies::rank::spearman;
+use crate::studies::record::StudyCell;
+use crate::studies::settings::{StudyKind, StudySettings, patch_name};
 
 use crate::plural::counted;
 

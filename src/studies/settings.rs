@@ -12,8 +12,8 @@ use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
-use crate::workbench::study::error::StudyError;
-use crate::workbench::study::published::{Published, PublishedSet, heuristic_lenslets, published};
+use crate::studies::error::StudyError;
+use crate::studies::published::{Published, PublishedSet, heuristic_lenslets, published};
 
 /// Bead densities of the published grid.
 const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];

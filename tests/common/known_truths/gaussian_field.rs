@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::{StudyError, check};
-use crate::information::log2_determinant;
+use lenslet_studio::information::log2_determinant;
 
 /// A stationary Gaussian field with read noise: white noise under a Gaussian filter.
 ///
@@ -33,7 +33,7 @@ impl Default for GaussianField {
 }
 
 impl GaussianField {
-    pub(super) fn check(&self) -> Result<(), StudyError> {
+    pub fn check(&self) -> Result<(), StudyError> {
         check("the mean in photons", "finite and at most 1000000", self.mean, -1e6..=1e6)?;
         check("the field's deviation in photons", "0 to 1000000", self.deviation, 0.0..=1e6)?;
         check("the correlation length in pixels", "0 to 32", self.correlation_px, 0.0..=32.0)?;
