@@ -9,7 +9,7 @@ use super::home::at_home;
 use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
 
 #[test]
-fn what_is_no_bound_is_called_none_beside_other_designs() {
+fn approximations_are_not_called_bounds() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let is_bound = |window: &Window| studio(window).bench().live().information.unwrap().value.gaussian_is_bound;
@@ -38,7 +38,7 @@ fn what_is_no_bound_is_called_none_beside_other_designs() {
 }
 
 #[test]
-fn designs_are_kept_compared_exported_and_opened_again() {
+fn snapshots_are_compared_exported_and_opened() {
     let mut window = open(Design::default());
     menu(&mut window, &["View", "Panel", "Show Compare"]);
     window.get_by_label("Take snapshots to compare designs here.");
@@ -95,7 +95,7 @@ fn designs_are_kept_compared_exported_and_opened_again() {
 }
 
 #[test]
-fn a_measurement_that_failed_is_tried_again_when_it_is_chosen_again() {
+fn failed_measurement_is_repeated_when_chosen_again() {
     let folder = tempfile::tempdir().unwrap();
     let objects = folder.path().join("objects.npy");
     let design = Design { objects: ObjectSource::Stack(objects.clone()), ..Design::default() };
@@ -118,7 +118,7 @@ fn a_measurement_that_failed_is_tried_again_when_it_is_chosen_again() {
 }
 
 #[test]
-fn rows_out_of_sight_cost_nothing_and_come_with_the_wheel() {
+fn hidden_rows_are_skipped_until_scrolled_to() {
     let mut window = open(Design::default());
     menu(&mut window, &["View", "Panel", "Show Compare"]);
     for _ in 0..60 {

@@ -38,11 +38,11 @@ fn path_field(window: &Window) -> String {
 }
 
 #[test]
-fn a_typed_path_outlives_a_dialog_that_is_not_there_or_is_cancelled() {
+fn typed_path_survives_missing_or_cancelled_dialog() {
     let Some(programs) = std::env::var_os(PROGRAMS).map(std::path::PathBuf::from) else {
         let programs = tempfile::tempdir().unwrap();
         let output = Command::new(std::env::current_exe().unwrap())
-            .args(["dialogs::a_typed_path_outlives_a_dialog_that_is_not_there_or_is_cancelled", "--exact"])
+            .args(["dialogs::typed_path_survives_missing_or_cancelled_dialog", "--exact"])
             .env(PROGRAMS, programs.path())
             .env("PATH", programs.path())
             .env("DBUS_SESSION_BUS_ADDRESS", "unix:path=/nowhere")

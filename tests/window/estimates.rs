@@ -20,7 +20,7 @@ pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool)
 }
 
 #[test]
-fn the_live_estimate_follows_edits_and_can_be_switched_off() {
+fn live_estimate_follows_edits_and_can_be_switched_off() {
     let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, true);
     wait_for(&mut window, "the first live estimate", |window| studio(window).bench().estimates().live.is_some());
     let first = studio(&window).bench().estimates().live.unwrap();
@@ -67,7 +67,7 @@ fn the_live_estimate_follows_edits_and_can_be_switched_off() {
 }
 
 #[test]
-fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
+fn estimate_is_started_cancelled_and_kept_with_its_design() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     click(&mut window, "Estimates");
@@ -128,7 +128,7 @@ fn an_estimate_is_ordered_cancelled_and_kept_with_its_design() {
 }
 
 #[test]
-fn an_estimate_in_hand_goes_on_in_the_next_window() {
+fn running_estimate_resumes_in_next_window() {
     let folder = tempfile::tempdir().unwrap();
     let pending = folder.path().join("estimates/pending/order.json");
     let mut window = at_home(folder.path());
@@ -205,7 +205,7 @@ fn an_estimate_in_hand_goes_on_in_the_next_window() {
 }
 
 #[test]
-fn a_published_model_is_fitted_as_published_and_several_times_where_that_is_asked_for() {
+fn pixelcnn_follows_its_protocol_and_trials() {
     let folder = tempfile::tempdir().unwrap();
     let pending = folder.path().join("estimates/pending/order.json");
     let mut window = at_home(folder.path());
@@ -232,7 +232,7 @@ fn a_published_model_is_fitted_as_published_and_several_times_where_that_is_aske
 }
 
 #[test]
-fn what_is_known_of_the_whole_sensor_from_above_alone_stands_among_the_numbers() {
+fn upper_bound_of_whole_sensor_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("objects.npy");
     let stripes = ndarray::Array3::from_shape_fn((12, 80, 80), |(n, r, c)| ((r + 3 * n + c % 5) % 9) as f32);
@@ -252,7 +252,7 @@ fn what_is_known_of_the_whole_sensor_from_above_alone_stands_among_the_numbers()
 }
 
 #[test]
-fn images_of_a_camera_are_estimated_beside_the_design() {
+fn camera_images_are_estimated() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seen.npy");
     // Stripes that move from image to image, in grey levels of half a photon.

@@ -19,7 +19,7 @@ fn is_shown(window: &Window, part: &str) -> bool {
 }
 
 #[test]
-fn what_a_file_means_is_shown_and_can_be_changed_before_it_is_opened() {
+fn file_preview_offers_other_readings() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("frames.npy");
     array(&path, (40, 36, 20));
@@ -42,7 +42,7 @@ fn what_a_file_means_is_shown_and_can_be_changed_before_it_is_opened() {
 }
 
 #[test]
-fn a_file_that_is_none_is_named_before_it_is_used() {
+fn invalid_file_is_named_in_preview() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("psf.npy");
     std::fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n").unwrap();
@@ -54,7 +54,7 @@ fn a_file_that_is_none_is_named_before_it_is_used() {
 }
 
 #[test]
-fn a_psf_is_resampled_by_its_path_as_on_the_command_line() {
+fn psf_path_takes_resampling_option() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("large.npy");
     array(&path, (1, 64, 64));
@@ -68,7 +68,7 @@ fn a_psf_is_resampled_by_its_path_as_on_the_command_line() {
 }
 
 #[test]
-fn what_is_done_to_a_large_image_is_said_where_objects_are_described() {
+fn scene_panel_reports_scaling_of_large_images() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("photo.npy");
     array(&path, (1, 240, 320));

@@ -38,7 +38,7 @@ fn is_in_reach(window: &mut Window, modifiers: Modifiers, key: Key, name: &str) 
 }
 
 #[test]
-fn sheets_are_no_larger_than_a_small_window() {
+fn dialogs_fit_a_small_window() {
     let mut window = open_sized(Design::default(), Vec2::new(640.0, 360.0));
     is_in_reach(&mut window, Modifiers::NONE, Key::F1, "Close");
     is_in_reach(&mut window, Modifiers::COMMAND, Key::Comma, "Close");
@@ -86,7 +86,7 @@ fn until(window: &mut Window, done: impl Fn() -> bool) {
 }
 
 #[test]
-fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
+fn unsaved_changes_survive_a_crash_and_are_offered() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     assert!(window.query_by_label("Recover").is_none());
@@ -133,7 +133,7 @@ fn unsaved_changes_survive_a_crash_and_are_never_opened_unasked() {
 }
 
 #[test]
-fn discarded_changes_are_gone_and_undecided_ones_are_offered_again() {
+fn undecided_recoveries_are_offered_again() {
     let folder = tempfile::tempdir().unwrap();
     let unsaved = folder.path().join("unsaved");
     std::fs::create_dir(&unsaved).unwrap();
@@ -150,7 +150,7 @@ fn discarded_changes_are_gone_and_undecided_ones_are_offered_again() {
 }
 
 #[test]
-fn changes_are_kept_in_the_usual_folder_where_the_chosen_one_is_not_there() {
+fn missing_chosen_folder_falls_back_to_default() {
     let folder = tempfile::tempdir().unwrap();
     let (file, preferences) = (folder.path().join("file"), folder.path().join("preferences.json"));
     std::fs::write(&file, b"").unwrap();
@@ -163,7 +163,7 @@ fn changes_are_kept_in_the_usual_folder_where_the_chosen_one_is_not_there() {
 }
 
 #[test]
-fn changes_kept_in_the_usual_folder_are_offered_once_the_chosen_one_is_there_again() {
+fn changes_in_default_folder_are_offered_with_chosen_folder() {
     let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let leave = |unsaved: &Path, seed: u64, seconds: u64| {
         std::fs::create_dir_all(unsaved).unwrap();
@@ -187,7 +187,7 @@ fn changes_kept_in_the_usual_folder_are_offered_once_the_chosen_one_is_there_aga
 }
 
 #[test]
-fn what_was_kept_stays_until_it_is_kept_in_the_new_folder() {
+fn autosave_stays_until_new_folder_has_it() {
     let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let mut window = at_home(folder.path());
     click(&mut window, "Add lenslet");
@@ -209,7 +209,7 @@ fn what_was_kept_stays_until_it_is_kept_in_the_new_folder() {
 }
 
 #[test]
-fn theme_and_rooms_come_back_and_can_be_reset() {
+fn theme_and_layout_are_restored_and_reset() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     menu(&mut window, &["View", "Theme", "Light"]);
@@ -233,7 +233,7 @@ fn theme_and_rooms_come_back_and_can_be_reset() {
 }
 
 #[test]
-fn the_size_of_everything_is_chosen_by_keys_and_settings_and_kept() {
+fn interface_zoom_is_set_and_stored() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     let percent = |window: &Window| (100.0 * window.ctx.zoom_factor()).round();
@@ -282,7 +282,7 @@ fn the_size_of_everything_is_chosen_by_keys_and_settings_and_kept() {
 }
 
 #[test]
-fn actions_are_found_by_name_and_done_by_keyboard_alone() {
+fn palette_works_by_keyboard_alone() {
     let mut window = open(Design::default());
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     type_and_enter(&mut window, "4 heur");
@@ -322,7 +322,7 @@ fn actions_are_found_by_name_and_done_by_keyboard_alone() {
 }
 
 #[test]
-fn a_design_is_exported_by_keyboard_alone() {
+fn design_is_exported_by_keyboard_alone() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
@@ -336,7 +336,7 @@ fn a_design_is_exported_by_keyboard_alone() {
 }
 
 #[test]
-fn keys_do_not_reach_the_mask_behind_a_question() {
+fn keys_do_not_reach_mask_behind_dialog() {
     let mut window = open(Design::default());
     let before = lenslets(&window);
     window.get_by_label("Lenslet 1").click();
@@ -369,7 +369,7 @@ fn keys_do_not_reach_the_mask_behind_a_question() {
 }
 
 #[test]
-fn a_text_field_undoes_its_own_text() {
+fn text_field_undoes_its_own_text() {
     let mut window = open(Design::default());
     click(&mut window, "Add lenslet");
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
@@ -388,7 +388,7 @@ fn a_text_field_undoes_its_own_text() {
 }
 
 #[test]
-fn the_first_window_offers_samples_and_a_tour() {
+fn first_window_offers_samples_and_tour() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = first_at_home(folder.path());
     window.get_by_label("Welcome to Lenslet Studio");
@@ -425,7 +425,7 @@ fn the_first_window_offers_samples_and_a_tour() {
 }
 
 #[test]
-fn settings_are_chosen_and_kept() {
+fn settings_are_stored() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
@@ -444,7 +444,7 @@ fn settings_are_chosen_and_kept() {
 }
 
 #[test]
-fn sheets_tell_keys_and_versions() {
+fn dialogs_list_keys_and_versions() {
     let mut window = open(Design::default());
     window.key_press(Key::F1);
     window.run_steps(4);
@@ -457,7 +457,7 @@ fn sheets_tell_keys_and_versions() {
 }
 
 #[test]
-fn a_full_disk_is_told_and_the_window_goes_on() {
+fn full_disk_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     // A file where the folder should be stands for a place that cannot be written to.
     let place = folder.path().join("place");
@@ -477,7 +477,7 @@ fn a_full_disk_is_told_and_the_window_goes_on() {
 }
 
 #[test]
-fn a_design_that_the_program_was_started_with_is_among_the_recent_ones() {
+fn design_of_command_line_is_recent() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("named.json");
     Design::default().save(&path).unwrap();

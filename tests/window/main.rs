@@ -159,7 +159,7 @@ fn menu(window: &mut Window, entries: &[&str]) {
 }
 
 #[test]
-fn objects_are_opened_by_a_typed_path_and_broken_ones_do_no_harm() {
+fn objects_open_by_typed_path_and_broken_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let good = folder.path().join("digits-idx3-ubyte");
     let mut bytes = vec![0, 0, 8, 3, 0, 0, 0, 20, 0, 0, 0, 28, 0, 0, 0, 28];
@@ -199,7 +199,7 @@ fn objects_are_opened_by_a_typed_path_and_broken_ones_do_no_harm() {
 }
 
 #[test]
-fn a_design_is_exported_saved_and_opened_again() {
+fn design_is_exported_saved_and_opened() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     menu(&mut window, &["Presets", "25 random lenslets"]);
@@ -233,7 +233,7 @@ fn a_design_is_exported_saved_and_opened_again() {
 }
 
 #[test]
-fn files_of_an_earlier_export_are_replaced_after_a_question_alone() {
+fn export_asks_before_replacing_files() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let psf = out.join("psf.npy");
@@ -261,7 +261,7 @@ fn files_of_an_earlier_export_are_replaced_after_a_question_alone() {
 }
 
 #[test]
-fn a_file_of_another_design_is_replaced_after_a_question_alone() {
+fn save_asks_before_replacing_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let (file, free) = (folder.path().join("other.json"), folder.path().join("free.json"));
     let other = Design { seed: 77, ..Design::default() };
@@ -292,7 +292,7 @@ fn a_file_of_another_design_is_replaced_after_a_question_alone() {
 }
 
 #[test]
-fn noise_and_photons_are_set_in_the_scene() {
+fn scene_panel_sets_noise_and_photons() {
     let mut window = open(Design::default());
     let live = |window: &Window| studio(window).bench().live();
     click(&mut window, "Read noise");
@@ -331,7 +331,7 @@ impl egui::DroppedFile for Dropped {
 }
 
 #[test]
-fn files_are_dropped_on_the_window() {
+fn dropped_files_are_opened() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let drop = |window: &mut Window, path: std::path::PathBuf| {
@@ -357,7 +357,7 @@ fn files_are_dropped_on_the_window() {
 }
 
 #[test]
-fn of_files_that_are_dropped_at_once_none_vanishes_in_silence() {
+fn unused_dropped_files_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let drop = |window: &mut Window, paths: &[std::path::PathBuf]| {
@@ -434,7 +434,7 @@ fn closing_asks_about_unsaved_changes() {
 }
 
 #[test]
-fn a_cancelled_save_asks_again_whatever_else_is_going_on() {
+fn cancelled_save_asks_again() {
     let mut window = open(Design::default());
     menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
     for _ in 0..4 {
@@ -450,7 +450,7 @@ fn a_cancelled_save_asks_again_whatever_else_is_going_on() {
 }
 
 #[test]
-fn the_window_looks_as_it_did() {
+fn window_matches_snapshot() {
     let drivers = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
     if !drivers.iter().any(|folder| std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_some())) {
         println!("skipped: there is no Vulkan driver to draw snapshots with");
@@ -477,7 +477,7 @@ fn a_small_window_still_works() {
 }
 
 #[test]
-fn a_window_at_rest_asks_for_no_frames() {
+fn idle_window_requests_no_frames() {
     let mut window = open(Design::default());
     // Animations of the first frames fade out; then nothing may ask for another frame.
     window.run_steps(60);

@@ -12,7 +12,7 @@ use super::estimates::wait_for;
 use super::{Window, click, drag, lenslets, menu, open, settle, studio, turn, type_number};
 
 #[test]
-fn a_lenslet_is_dragged_and_every_number_follows() {
+fn numbers_follow_dragged_lenslet() {
     let mut window = open(Design::default());
     let before = studio(&window).bench().live();
     let start = lenslets(&window);
@@ -32,7 +32,7 @@ fn a_lenslet_is_dragged_and_every_number_follows() {
 }
 
 #[test]
-fn a_lenslet_that_the_pointer_has_left_within_a_frame_is_dragged() {
+fn fast_drag_moves_pressed_lenslet() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
     let from = window.get_by_label("Lenslet 1").rect().center();
@@ -55,7 +55,7 @@ fn a_lenslet_that_the_pointer_has_left_within_a_frame_is_dragged() {
 }
 
 #[test]
-fn a_drag_of_two_points_is_a_click() {
+fn drag_of_two_points_is_a_click() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
     let from = window.get_by_label("Lenslet 3").rect().center();
@@ -66,7 +66,7 @@ fn a_drag_of_two_points_is_a_click() {
 }
 
 #[test]
-fn a_drag_of_four_points_moves_and_a_long_press_that_trembles_does_not() {
+fn drag_of_four_points_moves_and_trembling_does_not() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
     let from = window.get_by_label("Lenslet 3").rect().center();
@@ -115,7 +115,7 @@ fn lenslets_are_added_nudged_and_deleted() {
 }
 
 #[test]
-fn a_double_click_adds_where_it_was() {
+fn double_click_adds_lenslet_at_pointer() {
     let mut window = open(Design::default());
     let place = window.get_by_label("PSF").rect().left_top() + Vec2::new(45.0, 60.0);
     for _ in 0..2 {
@@ -132,7 +132,7 @@ fn a_double_click_adds_where_it_was() {
 }
 
 #[test]
-fn shift_click_takes_one_out_of_the_selection_and_space_leaves_it_as_it_is() {
+fn shift_click_toggles_selection_and_space_keeps_it() {
     let mut window = open(Design::default());
     let shift_click = |window: &mut Window, name: &str| {
         window.get_by_label(name).click_modifiers(Modifiers::SHIFT);
@@ -156,7 +156,7 @@ fn shift_click_takes_one_out_of_the_selection_and_space_leaves_it_as_it_is() {
 }
 
 #[test]
-fn the_right_button_neither_moves_lenslets_nor_selects() {
+fn right_button_neither_moves_nor_selects() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
     let picture = window.get_by_label("PSF").rect();
@@ -174,7 +174,7 @@ fn the_right_button_neither_moves_lenslets_nor_selects() {
 }
 
 #[test]
-fn several_lenslets_are_selected_by_a_box_and_move_together() {
+fn box_selection_moves_together() {
     let mut window = open(Design::default());
     let picture = window.get_by_label("PSF").rect();
     drag(&mut window, picture.left_top() + Vec2::splat(3.0), picture.size() - Vec2::splat(7.0), PointerButton::Primary);
@@ -189,7 +189,7 @@ fn several_lenslets_are_selected_by_a_box_and_move_together() {
 }
 
 #[test]
-fn the_table_takes_typed_numbers() {
+fn table_takes_typed_numbers() {
     let mut window = open(Design::default());
     for (field, text) in [("Lenslet 2 x", "12.25"), ("Lenslet 2 width", "1.5"), ("Lenslet 2 weight", "0.5")] {
         type_number(&mut window, field, text);
@@ -200,7 +200,7 @@ fn the_table_takes_typed_numbers() {
 }
 
 #[test]
-fn numbers_that_are_left_as_they_are_keep_all_their_decimals() {
+fn unchanged_numbers_keep_all_decimals() {
     let mut array = heuristic_layout(3);
     for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
         let part = index as f64 / 7.0;
@@ -277,7 +277,7 @@ fn presets_replace_the_mask() {
 }
 
 #[test]
-fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
+fn typed_number_applies_to_selection() {
     let mut window = open(Design::default());
     click(&mut window, "Edit");
     click(&mut window, "Select all lenslets");
@@ -287,7 +287,7 @@ fn a_number_typed_for_one_of_a_selection_is_set_for_all() {
 }
 
 #[test]
-fn locked_lenslets_stay_locked_while_others_go_and_a_run_leaves_them() {
+fn locked_lenslets_stay_locked_and_unmoved() {
     let mut window = open(Design::default());
     let is_locked = |window: &Window, number: usize| {
         let name = format!("Lock lenslet {number}");
@@ -315,7 +315,7 @@ fn locked_lenslets_stay_locked_while_others_go_and_a_run_leaves_them() {
 }
 
 #[test]
-fn after_an_undo_nothing_is_selected_or_locked_that_was_another_lenslet() {
+fn undo_resets_selection_and_restores_locks() {
     let mut window = open(Design::default());
     let is_locked = |window: &Window| {
         let node = window.get_by_label("Lock lenslet 1");
@@ -351,7 +351,7 @@ fn after_an_undo_nothing_is_selected_or_locked_that_was_another_lenslet() {
 }
 
 #[test]
-fn another_document_has_no_locks_though_it_has_as_many_lenslets() {
+fn new_document_has_no_locks() {
     let mut window = open(Design::default());
     let is_locked = |window: &Window| {
         let node = window.get_by_label("Lock lenslet 3");
@@ -365,7 +365,7 @@ fn another_document_has_no_locks_though_it_has_as_many_lenslets() {
 }
 
 #[test]
-fn the_wheel_changes_weight_and_with_alt_width() {
+fn wheel_changes_weight_and_alt_wheel_width() {
     let mut window = open(Design::default());
     let turned = |window: &mut Window, modifiers: Modifiers| {
         let place = window.get_by_label("Lenslet 5").rect().center();
@@ -383,7 +383,7 @@ fn the_wheel_changes_weight_and_with_alt_width() {
 }
 
 #[test]
-fn a_lenslet_that_is_deleted_while_it_is_held_takes_no_other_with_it() {
+fn deleting_a_dragged_lenslet_moves_no_other() {
     let mut window = open(Design::default());
     let mut left = lenslets(&window);
     left.remove(2);

@@ -31,7 +31,7 @@ fn tops(window: &Window, text: &str) -> Vec<f32> {
 }
 
 #[test]
-fn messages_show_in_the_corner_for_a_while_and_stay_in_the_list() {
+fn toasts_disappear_and_stay_in_the_log() {
     let mut window = open(Design::default());
     let told = |number: usize| format!("Saved as layout {number}");
     menu(&mut window, &["View", "Layout", "Save as layout 1"]);
@@ -54,7 +54,7 @@ fn messages_show_in_the_corner_for_a_while_and_stay_in_the_list() {
 }
 
 #[test]
-fn failures_stand_in_a_strip_until_they_are_dismissed_and_stay_in_the_list() {
+fn failure_banner_stays_until_dismissed() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let fail = |window: &mut Window| {

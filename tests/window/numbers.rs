@@ -57,7 +57,7 @@ fn by_the_rules(text: &str) -> Option<f64> {
 }
 
 #[test]
-fn random_texts_of_three_locales_are_what_the_rules_say_or_the_old_number_stays() {
+fn random_texts_of_three_locales_follow_the_rules() {
     const FIELD: &str = "Images: offset";
     let window = RefCell::new(with_images(Design::default()));
     let text = proptest::prop_oneof![
@@ -90,7 +90,7 @@ fn random_texts_of_three_locales_are_what_the_rules_say_or_the_old_number_stays(
 }
 
 #[test]
-fn what_is_refused_is_said_with_the_number_that_stays() {
+fn rejection_message_names_old_number() {
     let mut window = with_images(Design::default());
     type_number(&mut window, "Images: gain", "0,46");
     assert_eq!(number(&window, "Images: gain"), 0.46);
@@ -123,7 +123,7 @@ fn what_is_refused_is_said_with_the_number_that_stays() {
 }
 
 #[test]
-fn a_number_counts_when_it_is_committed_and_escape_takes_it_back() {
+fn number_counts_when_committed_and_escape_cancels() {
     let mut window = open(Design::default());
     let before = lenslets(&window);
     let undoes = |window: &Window| studio(window).bench().undoes().map(str::to_owned);
@@ -162,7 +162,7 @@ fn a_number_counts_when_it_is_committed_and_escape_takes_it_back() {
 }
 
 #[test]
-fn a_drag_over_a_field_changes_the_number_while_it_goes_on() {
+fn drag_changes_number_continuously() {
     let mut window = open(Design::default());
     let before = lenslets(&window)[0].x;
     let place = window.get_by_label("Lenslet 1 x").rect().center();

@@ -31,7 +31,7 @@ fn state(window: &Window) -> Option<ActivityState> {
 }
 
 #[test]
-fn an_edit_that_cannot_be_computed_stays_and_the_next_one_gets_its_numbers() {
+fn failed_edit_stays_and_next_one_is_computed() {
     let mut window = open(Design::default());
     let armed = break_once(&window, "lenslet-computation");
     click(&mut window, "Add lenslet");
@@ -60,7 +60,7 @@ fn an_edit_that_cannot_be_computed_stays_and_the_next_one_gets_its_numbers() {
 }
 
 #[test]
-fn objects_that_cannot_be_read_leave_the_design_as_it_was() {
+fn unreadable_objects_leave_design_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("digits-idx3-ubyte");
     let mut bytes = vec![0, 0, 8, 3, 0, 0, 0, 20, 0, 0, 0, 28, 0, 0, 0, 28];
@@ -85,7 +85,7 @@ fn objects_that_cannot_be_read_leave_the_design_as_it_was() {
 }
 
 #[test]
-fn estimates_and_runs_that_break_are_told_and_can_be_started_again() {
+fn panics_of_estimates_and_runs_are_reported() {
     let mut window = open(Design::default());
     let before = Arc::clone(studio(&window).bench().design());
     break_once(&window, "lenslet-estimate");

@@ -42,7 +42,7 @@ fn pixel_told(text: &str, picture: &str) -> (i64, i64) {
 }
 
 #[test]
-fn the_wheel_zooms_around_the_pointer_and_a_double_click_shows_all_again() {
+fn wheel_zooms_around_pointer_and_double_click_resets() {
     let mut window = open(Design::default());
     let whole = rect_of(&window, "Object");
     let place = whole.min + whole.size() * vec2(0.25, 0.7);
@@ -72,7 +72,7 @@ fn the_wheel_zooms_around_the_pointer_and_a_double_click_shows_all_again() {
 }
 
 #[test]
-fn a_drag_moves_the_zoomed_picture_and_keys_do_too() {
+fn drag_and_keys_pan_zoomed_image() {
     let mut window = open(Design::default());
     let whole = rect_of(&window, "Object");
     drag(&mut window, whole.center(), vec2(30.0, 0.0), egui::PointerButton::Primary);
@@ -98,7 +98,7 @@ fn a_drag_moves_the_zoomed_picture_and_keys_do_too() {
 }
 
 #[test]
-fn samples_are_chosen_in_order_and_by_chance() {
+fn samples_are_chosen_in_order_and_at_random() {
     let mut window = open(Design::default());
     let shown = |window: &Window, text: &str| window.query_all_by_label(text).count();
     assert_eq!(shown(&window, "1 of 64"), 2, "object and measurement are of one sample");
@@ -109,7 +109,7 @@ fn samples_are_chosen_in_order_and_by_chance() {
 }
 
 #[test]
-fn object_and_measurement_are_linked_until_they_are_not() {
+fn object_and_measurement_are_linked_until_unlinked() {
     let mut window = open(Design::default());
     let measured = rect_of(&window, "Measurement");
     let place = measured.min + measured.size() * vec2(0.6, 0.4);
@@ -159,7 +159,7 @@ fn object_and_measurement_are_linked_until_they_are_not() {
 }
 
 #[test]
-fn a_pointer_that_rests_on_a_linked_picture_asks_for_no_frames() {
+fn resting_pointer_requests_no_frames() {
     let mut window = open(Design::default());
     let place = rect_of(&window, "Measurement").center();
     turn(&mut window, place, 2.0, Modifiers::NONE);
@@ -170,7 +170,7 @@ fn a_pointer_that_rests_on_a_linked_picture_asks_for_no_frames() {
 }
 
 #[test]
-fn the_link_is_remembered() {
+fn link_is_stored() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("preferences.json"), "{\"welcomed\": true}").unwrap();
     let at_home = || {
@@ -193,7 +193,7 @@ fn the_link_is_remembered() {
 }
 
 #[test]
-fn the_mask_is_zoomed_with_ctrl_and_still_edited_without() {
+fn ctrl_wheel_zooms_the_mask() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
     let place = window.get_by_label("Lenslet 1").rect().center();
@@ -256,7 +256,7 @@ fn the_mask_is_zoomed_with_ctrl_and_still_edited_without() {
 }
 
 #[test]
-fn levels_are_set_by_hand_kept_for_other_pictures_and_exported() {
+fn display_range_is_set_kept_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let measured = studio(&window).bench().live().measurements.unwrap();
@@ -320,7 +320,7 @@ fn scale_bars_shrink_as_pixels_grow() {
 }
 
 #[test]
-fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
+fn spectrum_is_drawn_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     menu(&mut window, &["View", "Panel", "Show MTF"]);
@@ -347,7 +347,7 @@ fn the_spectrum_of_the_measurement_is_drawn_and_exported() {
 }
 
 #[test]
-fn where_information_comes_from_is_laid_over_the_measurement() {
+fn information_is_overlaid_on_measurement() {
     let mut window = open_window(Design::default(), vec2(1280.0, 800.0), Theme::Dark, true);
     let told = |window: &Window| {
         let node = window.get_by_role_and_label(Role::Image, "Measurement");
@@ -372,7 +372,7 @@ fn where_information_comes_from_is_laid_over_the_measurement() {
 }
 
 #[test]
-fn pictures_have_a_menu_of_their_own() {
+fn images_have_a_context_menu() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let place = rect_of(&window, "Measurement");
@@ -402,7 +402,7 @@ fn pictures_have_a_menu_of_their_own() {
 }
 
 #[test]
-fn a_failure_in_the_row_of_the_density_model_wraps_and_leaves_the_gauge_in_sight() {
+fn long_failure_wraps_in_its_row() {
     // More light than the model can count; the Gaussian bound knows no such limit.
     let design = Design { bias_photons: 1e7, noise: Noise::Read { sigma: 0.05 }, ..Design::default() };
     let mut window = open_window(design, vec2(1280.0, 800.0), Theme::Dark, true);

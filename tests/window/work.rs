@@ -57,7 +57,7 @@ fn states(window: &Window) -> Vec<ActivityState> {
 
 #[test]
 #[cfg(unix)]
-fn copied_commands_give_the_same_numbers_bit_for_bit() {
+fn copied_commands_reproduce_numbers_bit_for_bit() {
     // A mask that no flag names, so that the whole design comes along.
     let design =
         Design { encoder: Encoder::Lenslets(lenslet_studio::optics::random_layout(3, 5)), ..Design::default() };
@@ -86,7 +86,7 @@ fn copied_commands_give_the_same_numbers_bit_for_bit() {
 }
 
 #[test]
-fn numbers_of_an_earlier_edit_say_so_and_are_not_exported() {
+fn stale_numbers_are_marked_and_not_exported() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let can_export = |window: &Window| !window.get_by_label("Export measurements...").accesskit_node().is_disabled();
@@ -119,7 +119,7 @@ fn numbers_of_an_earlier_edit_say_so_and_are_not_exported() {
 }
 
 #[test]
-fn lenslets_are_fitted_to_a_psf_that_was_imported() {
+fn lenslets_are_fitted_to_imported_psf() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let before = lenslets(&window);
@@ -145,7 +145,7 @@ fn lenslets_are_fitted_to_a_psf_that_was_imported() {
 
 #[test]
 #[cfg(unix)]
-fn the_live_estimate_is_repeated_bit_for_bit() {
+fn live_estimate_is_reproduced_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     studio(&window).bench().set_live(true);
@@ -179,7 +179,7 @@ fn the_live_estimate_is_repeated_bit_for_bit() {
 }
 
 #[test]
-fn jobs_wait_for_each_other_can_be_stopped_and_keep_their_log() {
+fn jobs_queue_stop_and_keep_their_log() {
     let mut window = open(Design::default());
     ask_for_steps(&mut window, "100000");
     click(&mut window, "Start estimate");
@@ -211,7 +211,7 @@ fn jobs_wait_for_each_other_can_be_stopped_and_keep_their_log() {
 }
 
 #[test]
-fn closing_asks_while_work_goes_on() {
+fn closing_asks_while_jobs_run() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     ask_for_steps(&mut window, "100000");
@@ -238,7 +238,7 @@ fn closing_asks_while_work_goes_on() {
 }
 
 #[test]
-fn a_run_stands_among_the_jobs_and_can_be_repeated() {
+fn run_is_listed_among_jobs_and_reproducible() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
     type_number(&mut window, "Steps", "10");
@@ -264,7 +264,7 @@ fn a_run_stands_among_the_jobs_and_can_be_repeated() {
 }
 
 #[test]
-fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
+fn layouts_are_saved_and_panels_maximize() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     menu(&mut window, &["View", "Panel", "Show Compare"]);
@@ -303,7 +303,7 @@ fn arrangements_are_remembered_and_a_room_can_fill_the_window() {
 }
 
 #[test]
-fn several_shortcuts_in_one_slow_frame_are_all_taken_in_their_order() {
+fn shortcuts_of_one_frame_run_in_order() {
     let mut window = open(Design::default());
     let press = |window: &mut Window, keys: &[Key]| {
         for &key in keys {
@@ -327,7 +327,7 @@ fn several_shortcuts_in_one_slow_frame_are_all_taken_in_their_order() {
 }
 
 #[test]
-fn kept_designs_are_there_the_other_day() {
+fn snapshots_are_restored_in_next_session() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
@@ -361,7 +361,7 @@ fn kept_designs_are_there_the_other_day() {
 }
 
 #[test]
-fn a_room_is_kept_as_a_picture() {
+fn panel_is_exported_as_image() {
     let mut window = open(Design::default());
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
     settle(&mut window);
@@ -392,7 +392,7 @@ fn a_room_is_kept_as_a_picture() {
 }
 
 #[test]
-fn threads_engine_and_folder_are_chosen_and_remembered() {
+fn threads_engine_and_folder_are_stored() {
     let folder = tempfile::tempdir().unwrap();
     let elsewhere = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());

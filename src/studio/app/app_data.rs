@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_chosen_comes_back_and_broken_files_do_no_harm() {
+    fn preferences_are_restored_and_broken_files_are_ignored() {
         let folder = tempfile::tempdir().unwrap();
         let (mut app_data, mut preferences, layout) = home_in(folder.path());
         assert!(preferences == Preferences::default() && layout.is_none());
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn two_windows_keep_what_either_has_chosen() {
+    fn changes_of_two_windows_are_merged() {
         let folder = tempfile::tempdir().unwrap();
         let (mut one, mut chosen, _) = home_in(folder.path());
         let (mut other, mut zoomed, _) = home_in(folder.path());
@@ -256,7 +256,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn a_path_that_json_cannot_hold_costs_no_other_preference() {
+    fn non_unicode_path_is_skipped_alone() {
         use std::os::unix::ffi::OsStrExt;
         let odd = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
         assert!(text_of(&odd).is_err());
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_cannot_be_written_is_refused_in_one_sentence() {
+    fn unwritable_folder_is_refused_in_one_sentence() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, b"").unwrap();

@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_part_of_the_screen_is_cut_at_its_pixels() {
+    fn panel_image_is_cut_at_whole_pixels() {
         let pixels = (0..6 * 4).map(|index| Color32::from_rgb(index as u8, 7, 0)).collect();
         let screen = ColorImage::new([6, 4], pixels);
         let part = cut(&screen, Rect::from_min_max(pos2(1.0, 0.5), pos2(2.0, 9.0)), 2.0);

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_of_other_versions_are_dropped_and_new_ones_added() {
+    fn unknown_panels_are_dropped_and_missing_ones_added() {
         let text = serde_json::to_string(&default_layout()).unwrap();
         let older = text.replace("\"Optimize\"", "\"Teleport\"");
         let tree = restored(serde_json::from_str(&older).unwrap()).unwrap();
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_arrangement_is_refused() {
+    fn invalid_layout_is_refused() {
         let mut tree = default_layout();
         tree.root = None;
         assert!(restored(tree).is_none());

@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_of_one_name_are_told_apart() {
+    fn equal_file_names_show_their_folders() {
         let all: Vec<PathBuf> = ["/a/one.json", "/b/one.json", "/b/two.json"].map(PathBuf::from).to_vec();
         let names: Vec<String> = all.iter().map(|path| short_name(path, &all)).collect();
         assert_eq!(names, ["one.json in /a", "one.json in /b", "two.json"]);

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_that_take_long_come_less_often() {
+    fn slow_frames_come_less_often() {
         assert_eq!(every(1e-4), EVERY.0);
         assert!(EVERY.0 < every(5e-3) && every(5e-3) < every(9e-3) && every(9e-3) < EVERY.1);
         assert_eq!((every(0.5), every(f32::NAN)), (EVERY.1, EVERY.1));

@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_compositor_that_answers_is_one() {
+    fn compositor_must_answer() {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("wayland-1");
         assert!(answers(&socket, PATIENCE).is_err(), "there is none");
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_display_lies_in_the_runtime_folder_unless_it_is_a_path() {
+    fn relative_display_lies_in_runtime_folder() {
         let runtime = Path::new("/run/user/7");
         assert_eq!(socket_of(Path::new("wayland-0"), Some(runtime)), Some(runtime.join("wayland-0")));
         assert_eq!(socket_of(Path::new("/tmp/w"), Some(runtime)), Some("/tmp/w".into()));

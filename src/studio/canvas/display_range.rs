@@ -297,7 +297,7 @@ mod tests {
     use ndarray::{Array2, arr2};
 
     #[test]
-    fn whole_numbers_have_bins_of_whole_numbers() {
+    fn integers_have_bins_of_integer_width() {
         let image = arr2(&[[0.0, 1.0, 1.0], [3.0, 3.0, f32::NAN]]);
         let counted = Histogram::of(image.view());
         assert_eq!((counted.start, counted.width), (-0.5, 1.0));
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn every_pixel_is_counted_once() {
+    fn histogram_counts_every_pixel_once() {
         let image = Array2::from_shape_fn((30, 40), |(row, col)| ((row * 37 + col * 11) % 97) as f32 * 0.173 - 3.0);
         let counted = Histogram::of(image.view());
         assert_eq!(counted.counts.len(), Histogram::BINS);
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_follow_the_picture_and_set_limits_do_not() {
+    fn rules_follow_the_image_and_fixed_ranges_do_not() {
         let mut image = Array2::from_shape_fn((50, 40), |(row, col)| (row * 40 + col) as f32);
         assert_eq!(DisplayRange::Full.limits(image.view(), None), (0.0, 1999.0));
         // 0.35 % of 2000 pixels are seven at either end.

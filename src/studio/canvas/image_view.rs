@@ -350,7 +350,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_pictures_are_thinned_until_renderers_take_them() {
+    fn large_images_are_subsampled_for_the_renderer() {
         let image = Array2::from_shape_fn((64, 10_000), |(row, col)| (10_000 * row + col) as f32);
         let thin = subsampled(image.view(), 8192);
         assert_eq!((thin.dim(), thin[(1, 0)], thin[(0, 4999)]), ((64, 5000), 10_000.0, 9998.0));

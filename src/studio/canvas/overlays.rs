@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_short_and_stand_out() {
+    fn pixel_values_are_short_and_have_contrast() {
         for (value, text) in [(0.0, "0"), (134.0, "134"), (45.0, "45"), (45.25, "45.2"), (0.01234, "0.0123")] {
             assert_eq!(short(value), text);
         }

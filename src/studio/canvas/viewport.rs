@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pixel_under_the_pointer_stays_there_while_zooming_in() {
+    fn zoom_keeps_pixel_under_pointer() {
         let pointer = pos2(200.0, 61.0);
         let mut viewport = Viewport::default();
         let before = viewport.placement(fit(), DIM).to_pixels(pointer);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pan_moves_pixels_with_the_pointer_up_to_the_border() {
+    fn pan_follows_pointer_up_to_border() {
         let viewport = Viewport::default().zoomed(4.0, fit().center(), fit(), DIM);
         let before = viewport.placement(fit(), DIM).to_screen(30.0, 20.0);
         let panned = viewport.panned(vec2(25.0, -12.0), fit(), DIM);
@@ -207,14 +207,14 @@ mod tests {
     }
 
     #[test]
-    fn pixels_do_not_grow_without_end() {
+    fn zoom_is_limited() {
         let viewport = Viewport::default().zoomed(1e6, fit().center(), fit(), DIM);
         assert!((f64::from(viewport.placement(fit(), DIM).scale) - LARGEST_PIXEL).abs() < 1e-2);
         assert_eq!(viewport.zoomed(f64::NAN, fit().center(), fit(), DIM), viewport);
     }
 
     #[test]
-    fn pixels_in_sight_are_those_that_are_drawn() {
+    fn visible_pixels_are_those_drawn() {
         let all = Viewport::default().placement(fit(), DIM);
         assert_eq!(all.pixels_in(fit(), DIM), (0..48, 0..64));
         let viewport = Viewport::default().zoomed(8.0, fit().min, fit(), DIM).placement(fit(), DIM);

@@ -204,14 +204,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dropped_files_are_told_apart() {
+    fn dropped_files_are_classified() {
         assert_eq!(kind_of(Path::new("a/Design.JSON")), FileKind::Design);
         assert_eq!(kind_of(Path::new("t10k-images-idx3-ubyte.gz")), FileKind::Objects);
         assert_eq!(kind_of(Path::new("test_batch.bin")), FileKind::Objects);
     }
 
     #[test]
-    fn all_pictures_of_a_folder_are_one_set_and_the_rest_of_other_drops_is_named() {
+    fn all_images_of_a_folder_are_one_set() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str| {
             let path = folder.path().join(name);

@@ -1,9 +1,9 @@
 //! The PSF plane: the PSF image under one handle per lenslet.
 //!
-//! Click selects (Shift adds, or takes out), drag moves the selection, a drag on the image draws a box, a double click adds,
-//! Delete removes, arrow keys nudge (Shift: tenfold), the wheel over a handle changes its weight, Alt and wheel its
-//! width. Ctrl and wheel (or a pinch, plus and minus) zooms; a drag with the middle button, or while Space is held, moves
-//! the zoomed image.
+//! Click selects, Shift+click toggles, a drag on a handle moves the selection, a drag on the image selects in a box. A
+//! double click adds a lenslet, Delete removes the selection, arrow keys nudge it (Shift: tenfold). The wheel over a
+//! handle changes its weight, Alt+wheel its width. Ctrl+wheel, a pinch, plus and minus zoom; a middle drag or Space+drag
+//! pans.
 
 use std::collections::BTreeSet;
 
@@ -23,20 +23,20 @@ use crate::studio::state::views::MaskDrag;
 use crate::studio::widgets::controls::{placeholder, toolbar};
 use crate::workbench::{Command, DesignRun, LensletChange, PositionGradient};
 
-/// One arrow key moves by this many pixels.
+/// Step of an arrow key, PSF px.
 const NUDGE_PX: f64 = 0.1;
-/// One notch of the wheel changes weight or width by this factor.
+/// Factor of weight or width per notch of the wheel.
 const WHEEL_FACTOR: f64 = 1.08;
-/// Points that a touch pad reports for what a wheel would call one notch.
+/// Points of a touch pad that equal one notch of a wheel.
 const POINTS_PER_NOTCH: f32 = 40.0;
 /// Length of the longest gradient arrow, PSF px.
 const LONGEST_ARROW_PX: f64 = 3.0;
-/// Colour of gradient arrows, which is in no colour map.
+/// Colour of gradient arrows, which no colour map contains.
 const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
-/// Handles are never smaller than this, in points.
+/// Minimal radius of a handle, points.
 const MIN_HANDLE: f32 = 7.0;
 
-/// Shows the canvas.
+/// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     toolbar(ui, |ui| {
         state.views.psf.colour_controls(ui, &state.palettes);
@@ -45,7 +45,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             ui.label(
                 "Gradient of the information by the position of each lenslet, where it is statistically significant; the longest arrow is 3 px.",
             );
-            if let Some(pulls) = pulls_of(state) {
+            if let Some(pulls) = position_gradients(state) {
                 let significant = pulls.iter().filter(|pull| pull.is_significant).count();
                 ui.label(format!("Significant: {significant} of {}", pulls.len()));
             }
@@ -74,7 +74,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, PointerMode::Edit);
     let (placement, response) = (shown.placement, shown.response.clone());
     if !state.views.psf.viewport.is_fitted() {
-        // Lenslets that are out of sight lie under other things.
+        // Hidden lenslets do not cover other controls.
         ui.set_clip_rect(shown.seen);
     }
     if let Some(position) = response.hover_pos() {
@@ -94,7 +94,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     image_menu::show(ui, state, View::Psf, &shown, add_here);
     let design = state.bench.design().clone();
     let Some(array) = design.encoder.lenslets() else { return };
-    // The image of an older design may have another shape than the array now.
+    // A stale image may have another shape than the array.
     if (array.rows, array.cols) != image.dim() {
         return;
     }
@@ -110,11 +110,11 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     keyboard(ui, state, array, &shown);
 }
 
-/// Where the gradient beside the live estimate would move each lenslet, or that of the run whose mask is shown; the longest arrow
-/// has [`LONGEST_ARROW_PX`].
+/// Draws the position gradient of each lenslet, by the previewed run or the live estimate; the longest arrow has
+/// [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let certain = |pull: &PositionGradient| if pull.is_significant { (pull.x, pull.y) } else { (0.0, 0.0) };
-    let by_live = || Some(pulls_of(state)?.iter().map(certain).collect());
+    let significant = |gradient: &PositionGradient| if gradient.is_significant { (gradient.x, gradient.y) } else { (0.0, 0.0) };
+    let by_live = || Some(position_gradients(state)?.iter().map(significant).collect());
     let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
     let run = state.run.as_ref().filter(of_run);
     let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);
@@ -134,13 +134,13 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
     }
 }
 
-/// Where information pulls the lenslets of the open design, by its live estimate.
-fn pulls_of(state: &State) -> Option<&[PositionGradient]> {
+/// Position gradients of the current live estimate.
+fn position_gradients(state: &State) -> Option<&[PositionGradient]> {
     let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
     live?.value.pulls.as_deref()
 }
 
-/// The region and the width that can be made, drawn as a dashed frame.
+/// Draws the limits of position and width as dashed lines.
 fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits, selection: &BTreeSet<usize>) {
     let (left, right) = limits.coordinate_range(array.cols);
     let (top, bottom) = limits.coordinate_range(array.rows);
@@ -158,7 +158,7 @@ fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Lim
     }
 }
 
-/// Box selection, deselection and adding, on the image itself.
+/// Gestures on the image: box selection, deselection, adding.
 fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
     let shift = ui.input(|input| input.modifiers.shift);
     if response.double_clicked()
@@ -175,7 +175,7 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
         && !is_panning(ui)
         && let Some(position) = ui.input(|input| input.pointer.press_origin())
     {
-        // Where frames are slow the pointer has left the lenslet that it pressed before this is called.
+        // In a slow frame the pointer may already have left the lenslet that it pressed.
         if let Some(pressed) =
             array.lenslets.iter().rposition(|lenslet| frame_of(placement, lenslet).contains(position))
         {
@@ -210,7 +210,7 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
     }
 }
 
-/// Starts to move a lenslet, with the others of the selection if it belongs to that.
+/// Starts the drag of a lenslet, together with its selection.
 fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, pointer: Pos2) {
     if !state.selection.contains(&index) {
         select(state, index, ui.input(|input| input.modifiers.shift));
@@ -219,7 +219,7 @@ fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, poi
     state.drag = Some(MaskDrag::Move { from, start, begun: false });
 }
 
-/// Moves the lenslets that are held with the pointer.
+/// Moves dragged lenslets with the pointer.
 fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
     if response.dragged_by(PointerButton::Primary)
         && let Some(MaskDrag::Move { from, start, begun }) = &mut state.drag
@@ -237,13 +237,13 @@ fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Respo
     }
 }
 
-/// Where the handle of a lenslet lies on the screen.
+/// Screen rectangle of a handle.
 fn frame_of(placement: Placement, lenslet: &Lenslet) -> Rect {
     let reach = (lenslet.spot.mean_sigma() as f32 * placement.scale).clamp(MIN_HANDLE, 24.0);
     Rect::from_center_size(placement.to_screen(lenslet.x, lenslet.y), Vec2::splat(2.0 * reach))
 }
 
-/// A lenslet that fits into the array: as wide as the others, as bright as their mean.
+/// A new lenslet with the width of the last one and the mean weight.
 fn new_lenslet(array: &LensletArray, x: f64, y: f64) -> Lenslet {
     let count = array.lenslets.len().max(1) as f64;
     let weight = array.lenslets.iter().map(|lenslet| lenslet.weight).sum::<f64>() / count;
@@ -251,7 +251,7 @@ fn new_lenslet(array: &LensletArray, x: f64, y: f64) -> Lenslet {
     Lenslet::round(x, y, sigma, if weight > 0.0 { weight } else { 1.0 })
 }
 
-/// Draws one handle and does what the pointer does on it.
+/// Shows one handle and handles its gestures.
 fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray, index: usize, lenslet: &Lenslet) {
     let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
     let rect = frame_of(placement, lenslet);
@@ -263,7 +263,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
     let shift = ui.input(|input| input.modifiers.shift);
 
     if response.clicked() {
-        // Space is a click, too, and is held to move the image: it leaves the others as they are.
+        // Space counts as a click and is held for panning: it keeps the selection.
         if response.clicked_by(PointerButton::Primary) || shift || !selected {
             select(state, index, shift);
         }
@@ -280,7 +280,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         // Arrow keys nudge lenslets instead of moving the focus.
         let filter = egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
         ui.memory_mut(|memory| memory.set_focus_lock_filter(id, filter));
-        // By Tab: a click has selected it, or taken it out.
+        // Focus by Tab; a click has changed the selection already.
         if response.gained_focus() && !response.clicked() && !state.selection.contains(&index) {
             select(state, index, false);
         }
@@ -307,7 +307,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
     response.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
 }
 
-/// Lenslets moved together, as far as the grid lets all of them go.
+/// Lenslets moved together, as far as all of them stay inside the grid.
 fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -> Vec<(usize, Lenslet)> {
     let limit = |change: f64, last: f64, of: &dyn Fn(&Lenslet) -> f64| {
         let smallest = from.iter().map(|(_, lenslet)| of(lenslet)).fold(f64::INFINITY, f64::min);
@@ -321,13 +321,13 @@ fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -
 
 /// The wheel over a handle changes the weight of the selection, with Alt the width.
 ///
-/// Each turn counts with the modifiers it was made with; egui's smoothed scrolling would go on after Alt is released.
+/// Raw wheel events carry their own modifiers; egui's smoothed scrolling would continue after Alt is released.
 fn wheel(ui: &Ui, state: &mut State, index: usize) {
     let turns: Vec<(f64, bool)> = ui.input(|input| {
         let turn = |event: &egui::Event| match event {
-            // With Ctrl it zooms the image.
+            // Ctrl+wheel zooms.
             egui::Event::MouseWheel { unit, delta, modifiers, .. } if !modifiers.command => {
-                // Some systems turn the wheel sideways while Alt or Shift is held.
+                // Some systems report a horizontal wheel while Alt or Shift is held.
                 let notches = match unit {
                     egui::MouseWheelUnit::Point => (delta.x + delta.y) / POINTS_PER_NOTCH,
                     egui::MouseWheelUnit::Line | egui::MouseWheelUnit::Page => delta.x + delta.y,
@@ -383,7 +383,7 @@ fn draw_handle(
             ellipse(xx, xy, yy).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect()
         }
     };
-    // A dark line outside and a light one inside are seen on every colour below.
+    // A light line with a dark outline is visible on every colour.
     if outline.is_empty() {
         let radius = radius.max(3.5);
         painter.circle(centre, radius, fill, Stroke::new(width, base));
@@ -409,7 +409,7 @@ fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
     })
 }
 
-/// Arrows, and keys that zoom around the selection, unless a text field has the keyboard.
+/// Keys that nudge the selection or zoom around it, unless another control has the keyboard.
 fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
     let is_behind_a_question = !ui.memory(|memory| memory.allows_interaction(ui.layer_id()));
     if ui.ctx().text_edit_focused() || is_behind_a_question {
@@ -434,7 +434,7 @@ fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
     }
 }
 
-/// Arrow keys belong to lenslets only while no other control wants them.
+/// Whether a handle or no control has the keyboard.
 fn a_handle_or_nothing_has_focus(ui: &Ui, array: &LensletArray) -> bool {
     match ui.memory(egui::Memory::focused) {
         None => true,
@@ -448,7 +448,7 @@ mod tests {
     use crate::optics::heuristic_layout;
 
     #[test]
-    fn a_group_stops_at_the_border_without_losing_its_shape() {
+    fn group_stops_at_border_and_keeps_its_shape() {
         let array = heuristic_layout(3);
         let from: Vec<_> = array.lenslets.iter().copied().enumerate().collect();
         let moved = moved_by(&from, 100.0, -100.0, &array);
@@ -460,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ellipse_has_the_widths_of_its_covariance() {
+    fn ellipse_has_widths_of_its_covariance() {
         let radii: Vec<f64> = ellipse(4.0, 1.0, 2.0).map(|(x, y)| f64::from(x.hypot(y))).collect();
         let (minor, major) = Spot::Anisotropic { xx: 4.0, xy: 1.0, yy: 2.0 }.principal_sigmas();
         assert!((radii.iter().copied().fold(0.0, f64::max) - major).abs() < 0.02);

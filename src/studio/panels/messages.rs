@@ -1,4 +1,4 @@
-//! What the studio has told: the newest shows in the status bar, all stay in the log.
+//! Display of messages: failure banner, toasts, status line and log window.
 
 use std::time::Duration;
 
@@ -9,13 +9,13 @@ use crate::studio::state::messages::{Message, Messages, Severity};
 use crate::studio::widgets::controls::speak;
 
 impl Messages {
-    /// How long a message shows in the corner, and how many do at a time.
+    /// Display time of a toast, seconds, and maximal number of toasts.
     const SHOWN_SECONDS: f64 = 5.0;
     const MOST_SHOWN: usize = 3;
-    /// Width of such a message at most, points.
+    /// Maximal width of a toast, points.
     const TOAST_WIDTH: f32 = 320.0;
 
-    /// A strip with the newest failure in full, which cannot be overlooked.
+    /// Banner with the newest failure.
     pub fn banner(&mut self, ui: &mut Ui) {
         let Some(failure) = &self.failure else { return };
         let colour = ui.visuals().error_fg_color;
@@ -36,7 +36,7 @@ impl Messages {
         }
     }
 
-    /// The newest messages in the corner, for some seconds after they are first seen; failures have a strip of their own.
+    /// Toasts of the newest messages; failures have a banner instead.
     pub fn toasts(&mut self, ctx: &egui::Context) {
         let now = ctx.input(|input| input.time);
         let left = |message: &Message| Self::SHOWN_SECONDS - message.seen.map_or(0.0, |seen| now - seen);
@@ -55,7 +55,7 @@ impl Messages {
             .show(ctx, |ui| {
                 for message in shown.iter().rev() {
                     egui::Frame::popup(ui.style()).show(ui, |ui| {
-                        // Painted, not a label: the status line says the same to those who listen.
+                        // Painted: the status line already serves assistive technology.
                         let font = egui::TextStyle::Body.resolve(ui.style());
                         let text = message.text.clone();
                         let galley = ui.painter().layout(text, font, colour(ui, message.severity), Self::TOAST_WIDTH);
@@ -66,7 +66,7 @@ impl Messages {
             });
     }
 
-    /// The newest message on one line; a click opens the log.
+    /// Status line with the newest message; a click opens the log.
     pub fn status_line(&mut self, ui: &mut Ui) {
         let Some(message) = self.entries.last() else {
             ui.weak("Ready");
@@ -81,7 +81,7 @@ impl Messages {
         speak(&response, Live::Polite);
     }
 
-    /// The window with all messages, newest first.
+    /// Log window with all messages, newest first.
     pub fn log_window(&mut self, ctx: &egui::Context) {
         let mut open = self.log_open;
         let corner = ctx.content_rect().left_bottom() + egui::vec2(12.0, -36.0);

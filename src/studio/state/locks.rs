@@ -71,7 +71,7 @@ mod tests {
     use crate::optics::Lenslet;
 
     #[test]
-    fn locks_come_back_with_the_lenslets_that_they_were_on() {
+    fn undo_restores_locks() {
         let set = |indices: &[usize]| indices.iter().copied().collect::<BTreeSet<_>>();
         let mut locks = Locks::default();
         locks.check(1);

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_text_that_the_system_does_not_get_is_a_failure_and_stays_in_the_window() {
+    fn failed_system_copy_is_reported() {
         let copied = |clipboard: &mut Clipboard| {
             let ctx = egui::Context::default();
             let mut answer = Ok(());

@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_read_well() {
+    fn numbers_have_three_significant_digits() {
         for (value, text) in
             [(0.0, "0"), (1.0, "1.00"), (134.2, "134"), (0.04567, "0.0457"), (1234.5, "1234"), (2e-7, "2.00e-7")]
         {

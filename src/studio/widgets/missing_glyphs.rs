@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_characters_without_a_font_are_named() {
+    fn message_names_characters_without_font() {
         let ctx = Context::default();
         let mut told = Vec::new();
         // System fonts are not loaded here.

@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_of_rules_holds() {
+    fn documented_examples_hold() {
         let minus = '\u{2212}';
         for (text, number) in [
             ("0.46", 0.46),

@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn noise_has_the_power_of_its_variance() {
+    fn noise_power_is_its_variance() {
         assert_eq!(noise_level(Noise::Shot, 40.0).1, Some(40.0));
         assert_eq!(noise_level(Noise::Read { sigma: 3.0 }, 40.0).1, Some(9.0));
         assert_eq!(noise_level(Noise::ShotRead { sigma: 3.0 }, 40.0).1, Some(49.0));
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn marks_stay_few_however_far_the_axes_are_zoomed_out() {
+    fn marks_stay_few_on_long_axes() {
         let marks = |bounds| {
             let input = || GridInput { bounds, base_step_size: 0.01 };
             [tenths(input()), decades(input())].map(|marks| marks.len())
