@@ -25,7 +25,7 @@ const LAYOUT_KIND: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/
 /// File in which eframe stores size and position of the window.
 const GEOMETRY: &str = "app.ron";
 /// Folder of the snapshots.
-pub const KEPT: &str = "kept";
+pub const SNAPSHOTS: &str = "kept";
 
 /// Why a folder cannot store application data.
 #[derive(Debug, Error)]
@@ -143,7 +143,7 @@ impl AppData {
     /// Writes and removes files of snapshots, on another thread.
     pub fn keep_designs(&self, changes: Vec<FileChange>) {
         for (name, content) in changes {
-            let path = self.folder.join(KEPT).join(name);
+            let path = self.folder.join(SNAPSHOTS).join(name);
             match content {
                 Some(content) => self.writer.write(path, content, None),
                 None => self.writer.remove(path, None),

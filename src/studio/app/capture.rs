@@ -11,16 +11,16 @@ use crate::studio::widgets::controls::name_widget;
 
 /// Advances a requested capture. Call once per frame.
 pub fn advance(ctx: &egui::Context, state: &mut State) {
-    let Some(wanted) = &mut state.capture.wanted else { return };
-    if wanted.wait > 0 {
-        wanted.wait -= 1;
+    let Some(capture) = &mut state.capture.pending else { return };
+    if capture.wait > 0 {
+        capture.wait -= 1;
         ctx.request_repaint();
         return;
     }
-    let Some(picture) = &wanted.picture else {
+    let Some(pending_image) = &capture.image else {
         let (sender, receiver) = channel();
-        let (rect, scale, repaint) = (wanted.rect, ctx.pixels_per_point(), ctx.clone());
-        wanted.picture = Some(receiver);
+        let (rect, scale, repaint) = (capture.rect, ctx.pixels_per_point(), ctx.clone());
+        capture.image = Some(receiver);
         ctx.request_screenshot(move |screen| {
             // The window may be closed.
             let _ = sender.send(cut(&screen, rect, scale));
@@ -28,14 +28,14 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
         });
         return;
     };
-    match picture.try_recv() {
+    match pending_image.try_recv() {
         Ok(image) => {
-            let name = wanted.name;
-            state.capture.wanted = None;
+            let name = capture.name;
+            state.capture.pending = None;
             state.path_dialog.ask(PathPurpose::ExportPicture { name, image }, state.bench.path());
         }
         Err(TryRecvError::Empty) => {}
-        Err(TryRecvError::Disconnected) => state.capture.wanted = None,
+        Err(TryRecvError::Disconnected) => state.capture.pending = None,
     }
 }
 

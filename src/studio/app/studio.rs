@@ -9,7 +9,7 @@ use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
-use crate::studio::app::app_data::{AppData, KEPT};
+use crate::studio::app::app_data::{AppData, SNAPSHOTS};
 use crate::studio::app::capture;
 use crate::studio::app::dispatch;
 use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
@@ -100,7 +100,7 @@ impl Studio {
     }
 
     /// Shows a notice in the status bar and the log.
-    pub fn tell(&mut self, notice: String) {
+    pub fn notify(&mut self, notice: String) {
         self.state.messages.push(Severity::Notice, notice);
     }
 
@@ -148,16 +148,16 @@ impl Studio {
     }
 
     fn read_kept_designs(&mut self, folder: &Path) {
-        match Snapshots::read(&folder.join(KEPT)) {
+        match Snapshots::read(&folder.join(SNAPSHOTS)) {
             Ok((snapshots, (broken, unlisted))) => {
                 self.state.snapshots = snapshots;
                 if broken > 0 {
                     let (designs, they) = (counted(broken, "snapshot"), one_or_many(broken, "it is", "they are"));
-                    self.tell(format!("{designs} could not be read; {they} left unchanged"));
+                    self.notify(format!("{designs} could not be read; {they} left unchanged"));
                 }
                 if unlisted > 0 {
                     let (designs, are) = (counted(unlisted, "older snapshot"), one_or_many(unlisted, "is", "are"));
-                    self.tell(format!("{designs} {are} not listed; the files stay unchanged"));
+                    self.notify(format!("{designs} {are} not listed; the files stay unchanged"));
                 }
             }
             // The user knows that this folder is not writable.
@@ -170,15 +170,15 @@ impl Studio {
         match self.state.bench.keep_runs_in(&folder.join("run")) {
             Ok(()) => match self.state.bench.run() {
                 Some(run) if run.status == RunStatus::Stopped => {
-                    self.tell("A run was interrupted; it can be resumed in Optimize.".into());
+                    self.notify("A run was interrupted; it can be resumed in Optimize.".into());
                 }
                 Some(_) if self.state.bench.has_unsaved_result() => {
-                    self.tell("The result of the last run was not accepted; Optimize shows it.".into());
+                    self.notify("The result of the last run was not accepted; Optimize shows it.".into());
                 }
                 _ => {}
             },
             Err(EvaluationError::File(FormatError::Busy { .. })) => {
-                self.tell(
+                self.notify(
                     "Another window stores its runs; a run of this window is lost at its end unless it is accepted."
                         .into(),
                 );
@@ -202,7 +202,7 @@ impl Studio {
             }
             Some(LayoutRequest::Remember(number)) => {
                 self.state.preferences.layouts.insert(number, self.layout.clone());
-                self.tell(format!("Saved as layout {number}"));
+                self.notify(format!("Saved as layout {number}"));
             }
             Some(LayoutRequest::Recall(number)) => {
                 if let Some(layout) = self.state.preferences.layouts.get(&number) {
@@ -307,7 +307,7 @@ impl Studio {
         let named = format!("{} {}", file_name(self.state.bench.path()), self.state.bench.design().objects);
         if named != self.named {
             if let Some(sentence) = missing_glyphs::missing_glyphs(ctx, &named) {
-                self.tell(sentence);
+                self.notify(sentence);
             }
             self.named = named;
         }

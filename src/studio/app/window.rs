@@ -150,7 +150,7 @@ impl Opening {
         studio.drawn_by(renderer);
         studio.copy_to(clipboard);
         for notice in self.notices {
-            studio.tell(notice);
+            studio.notify(notice);
         }
         match self.folder {
             Some(folder) => studio.keep_data_in(&creation.egui_ctx, &folder),

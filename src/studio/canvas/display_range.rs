@@ -126,7 +126,7 @@ impl Histogram {
 }
 
 /// An image whose display range is edited.
-pub struct Edited<'a> {
+pub struct EditedImage<'a> {
     /// Name of the image, with which the names of the controls begin.
     pub name: &'a str,
     /// Unit of its values.
@@ -140,9 +140,9 @@ pub struct Edited<'a> {
 }
 
 /// Shows the histogram with two draggable limits, number fields and rules.
-pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, logarithmic: &mut bool) {
+pub fn editor(ui: &mut Ui, edited: &EditedImage<'_>, levels: &mut DisplayRange, logarithmic: &mut bool) {
     ui.set_width(WIDTH);
-    let name = picture.name;
+    let name = edited.name;
     ui.horizontal(|ui| {
         ui.strong(name);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -150,9 +150,9 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
             name_widget(&log, &format!("{name} logarithmic counts"));
         });
     });
-    let mut limits = picture.limits;
-    histogram(ui, picture, &mut limits, *logarithmic);
-    ui.weak(picture.histogram.summary(picture.unit));
+    let mut limits = edited.limits;
+    histogram(ui, edited, &mut limits, *logarithmic);
+    ui.weak(edited.histogram.summary(edited.unit));
     ui.horizontal(|ui| {
         let (low, high) = limits;
         let speed = f64::from(high - low) * 0.005;
@@ -173,11 +173,11 @@ pub fn editor(ui: &mut Ui, picture: &Edited<'_>, levels: &mut DisplayRange, loga
         ui.weak("to");
         let expected = format!("above the lowest value, {}", shown(low));
         field(ui, &mut limits.1, above(low)..=f32::MAX, "highest", expected);
-        if !picture.unit.is_empty() {
-            ui.weak(picture.unit);
+        if !edited.unit.is_empty() {
+            ui.weak(edited.unit);
         }
     });
-    if limits != picture.limits {
+    if limits != edited.limits {
         *levels = DisplayRange::Fixed(limits.0, limits.1);
     }
     ui.horizontal(|ui| {
@@ -206,11 +206,11 @@ fn above(value: f32) -> f32 {
 }
 
 /// Draws histogram, colour strip and the two draggable limits.
-fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarithmic: bool) {
+fn histogram(ui: &mut Ui, edited: &EditedImage<'_>, limits: &mut (f32, f32), logarithmic: bool) {
     let (all, _) = ui.allocate_exact_size(vec2(WIDTH, HEIGHT + STRIP + 8.0), Sense::hover());
     // The handles stay inside.
     let bars = Rect::from_min_size(all.min + vec2(REACH, 0.0), vec2(WIDTH - 2.0 * REACH, HEIGHT));
-    let counted = picture.histogram;
+    let counted = edited.histogram;
     let first = counted.start.min(f64::from(limits.0));
     let last = counted.end().max(f64::from(limits.1));
     let x_of = |value: f64| egui::remap(value, first..=last, f64::from(bars.left())..=f64::from(bars.right())) as f32;
@@ -231,7 +231,7 @@ fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarit
         let right = right.max(left + 1.0);
         painter.rect_filled(Rect::from_min_max(pos2(left, top), pos2(right, bars.bottom())), 0.0, colour);
     }
-    strip(&painter, bars, picture.colours, [x_of(f64::from(limits.0)), x_of(f64::from(limits.1))]);
+    strip(&painter, bars, edited.colours, [x_of(f64::from(limits.0)), x_of(f64::from(limits.1))]);
     let value_at = |x: f32| {
         let value = egui::remap(f64::from(x), f64::from(bars.left())..=f64::from(bars.right()), first..=last);
         value.clamp(first, last) as f32
@@ -241,7 +241,7 @@ fn histogram(ui: &mut Ui, picture: &Edited<'_>, limits: &mut (f32, f32), logarit
         let x = x_of(f64::from(value));
         let grip = Rect::from_x_y_ranges(x - REACH..=x + REACH, all.y_range());
         let response = ui.interact(grip, ui.scope_id().with(what), Sense::drag());
-        let name = format!("{} {what}", picture.name);
+        let name = format!("{} {what}", edited.name);
         response.widget_info(|| egui::WidgetInfo::slider(true, f64::from(value), &name));
         let response = response.on_hover_and_drag_cursor(egui::CursorIcon::ResizeHorizontal);
         if response.dragged()
@@ -334,7 +334,7 @@ mod tests {
         assert!(DisplayRange::Auto.limits(image.view(), None).1 < 2000.0);
         assert_eq!(DisplayRange::Fixed(3.0, 4.0).limits(image.view(), None), (3.0, 4.0));
         assert_eq!(DisplayRange::Fixed(3.0, 4.0).limits(image.view(), Some((0.0, 9.0))), (3.0, 4.0));
-        assert_eq!(DisplayRange::Auto.limits(image.view(), Some((0.0, 9.0))), (0.0, 9.0), "common to several pictures");
+        assert_eq!(DisplayRange::Auto.limits(image.view(), Some((0.0, 9.0))), (0.0, 9.0), "common to several images");
         // If nearly all pixels are equal, the range covers the few others.
         let mut dark = Array2::zeros((50, 40));
         dark[(4, 4)] = 8.0;

@@ -131,7 +131,7 @@ impl ImageView {
     }
 
     /// Resets the display range for another quantity.
-    pub fn forget_levels(&mut self) {
+    pub fn reset_display_range(&mut self) {
         self.levels = DisplayRange::default();
     }
 
@@ -167,7 +167,7 @@ impl ImageView {
             Some((_, histogram)) => {
                 let (name, unit) = (self.name, self.unit);
                 let colours = palettes.of(self.colormap);
-                let edited = display_range::Edited { name, unit, colours, histogram, limits: self.limits };
+                let edited = display_range::EditedImage { name, unit, colours, histogram, limits: self.limits };
                 display_range::editor(ui, &edited, &mut self.levels, &mut self.logarithmic);
             }
             None => {
@@ -283,20 +283,20 @@ impl ImageView {
         let image = subsampled(image, longest);
         let (rows, cols) = image.dim();
         let pixels = image.iter().map(|&value| palette[Colormap::index(value, self.limits)]).collect();
-        let picture = ColorImage::new([cols, rows], pixels);
+        let color_image = ColorImage::new([cols, rows], pixels);
         match &mut self.texture {
-            Some(texture) => texture.set(picture, TextureOptions::NEAREST),
-            None => self.texture = Some(ctx.load_texture(self.name, picture, TextureOptions::NEAREST)),
+            Some(texture) => texture.set(color_image, TextureOptions::NEAREST),
+            None => self.texture = Some(ctx.load_texture(self.name, color_image, TextureOptions::NEAREST)),
         }
         self.drawn = Some(wanted);
     }
 
     /// Draws the colour bar right of the image, highest value at the top.
-    fn colour_bar(&self, ui: &Ui, palettes: &ColourPalettes, picture: Rect, room: Rect) {
+    fn colour_bar(&self, ui: &Ui, palettes: &ColourPalettes, image: Rect, room: Rect) {
         const WIDTH: f32 = 12.0;
         let painter = ui.painter_at(room);
-        let left = picture.right() + 6.0;
-        let bar = Rect::from_min_max(pos2(left, picture.top()), pos2(left + WIDTH, picture.bottom()));
+        let left = image.right() + 6.0;
+        let bar = Rect::from_min_max(pos2(left, image.top()), pos2(left + WIDTH, image.bottom()));
         let palette = palettes.of(self.colormap);
         let mut mesh = egui::Mesh::default();
         for step in (0..=255).step_by(5) {

@@ -197,10 +197,7 @@ mod tests {
         let after = panned.placement(fit(), DIM).to_screen(30.0, 20.0);
         assert!((after - before - vec2(25.0, -12.0)).length() < 1e-2);
         let far = viewport.panned(vec2(1e5, 1e5), fit(), DIM).placement(fit(), DIM);
-        assert!(
-            (far.rect.min - fit().min).length() < 1e-2,
-            "the corner of the picture stops at the corner of the view"
-        );
+        assert!((far.rect.min - fit().min).length() < 1e-2, "the corner of the image stops at the corner of the view");
         let back = viewport.panned(vec2(1e5, 0.0), fit(), DIM).panned(vec2(-50.0, 0.0), fit(), DIM);
         assert!((back.placement(fit(), DIM).rect.min.x - fit().min.x + 50.0).abs() < 1e-2, "a border has no memory");
         assert_eq!(Viewport::default().panned(vec2(30.0, 0.0), fit(), DIM), Viewport::default());

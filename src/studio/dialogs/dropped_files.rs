@@ -30,7 +30,7 @@ struct Images {
 /// The question about dropped images.
 #[derive(Default)]
 pub struct Dropped {
-    pictures: Option<Images>,
+    images: Option<Images>,
     /// Path of the first image, with the chosen options.
     text: String,
     preview: Preview,
@@ -39,7 +39,7 @@ pub struct Dropped {
 impl Dropped {
     /// Whether a question is open.
     pub fn is_open(&self) -> bool {
-        self.pictures.is_some()
+        self.images.is_some()
     }
 
     /// Takes files that were dropped in this frame.
@@ -55,9 +55,9 @@ impl Dropped {
                 name_unused(state, &path, &unused);
                 state.bench.open_objects(ObjectSource::guess(&path));
             }
-            Some((Chosen::Images(pictures), _)) => {
-                self.text = path_text(&pictures.first);
-                self.pictures = Some(pictures);
+            Some((Chosen::Images(images), _)) => {
+                self.text = path_text(&images.first);
+                self.images = Some(images);
             }
             None => {}
         }
@@ -65,7 +65,7 @@ impl Dropped {
 
     /// Asks whether images are objects or a PSF.
     pub fn ask(&mut self, ctx: &egui::Context, state: &mut State) {
-        let Some(Images { first, others, folder }) = &self.pictures else { return };
+        let Some(Images { first, others, folder }) = &self.images else { return };
         let mut answered = false;
         modal::show(ctx, "dropped file", 420.0, |ui| {
             let all = 1 + others.len();
@@ -107,7 +107,7 @@ impl Dropped {
             });
         });
         if answered {
-            self.pictures = None;
+            self.images = None;
         }
     }
 }
@@ -218,22 +218,22 @@ mod tests {
             std::fs::write(&path, b"").unwrap();
             path
         };
-        let pictures: Vec<PathBuf> = (0..8).map(|number| file(&format!("{number}.png"))).collect();
-        let mut turned = pictures.clone();
+        let images: Vec<PathBuf> = (0..8).map(|number| file(&format!("{number}.png"))).collect();
+        let mut turned = images.clone();
         turned.reverse();
-        let Some((Chosen::Images(found), unused)) = chosen(turned) else { panic!("no pictures") };
+        let Some((Chosen::Images(found), unused)) = chosen(turned) else { panic!("no images") };
         assert_eq!((found.folder.as_deref(), found.others.len(), unused.len()), (Some(folder.path()), 7, 0));
         // Some images of a folder are no set, and neither is a single one.
         for count in [7, 1] {
-            let Some((Chosen::Images(found), _)) = chosen(pictures[..count].to_vec()) else { panic!("no pictures") };
+            let Some((Chosen::Images(found), _)) = chosen(images[..count].to_vec()) else { panic!("no images") };
             assert_eq!((found.folder, found.others.len()), (None, count - 1));
         }
         let (one, other) = (file("one.json"), file("other.json"));
-        let dropped = vec![pictures[0].clone(), one.clone(), other.clone()];
-        assert_eq!(chosen(dropped), Some((Chosen::Design(one), vec![pictures[0].clone(), other])));
+        let dropped = vec![images[0].clone(), one.clone(), other.clone()];
+        assert_eq!(chosen(dropped), Some((Chosen::Design(one), vec![images[0].clone(), other])));
         let objects = file("train-images-idx3-ubyte");
-        let dropped = vec![pictures[0].clone(), objects.clone()];
-        assert_eq!(chosen(dropped), Some((Chosen::Objects(objects), vec![pictures[0].clone()])));
+        let dropped = vec![images[0].clone(), objects.clone()];
+        assert_eq!(chosen(dropped), Some((Chosen::Objects(objects), vec![images[0].clone()])));
         assert_eq!(chosen(Vec::new()), None);
     }
 }

@@ -70,8 +70,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             }
         });
         if question.is_alone {
-            let told = ui.colored_label(ui.visuals().warn_fg_color, NO_DIALOG);
-            speak(&told, Live::Assertive);
+            let notice = ui.colored_label(ui.visuals().warn_fg_color, NO_DIALOG);
+            speak(&notice, Live::Assertive);
         }
         if let Some(of) = question.purpose.file_use() {
             question.preview.show_in_place(ui, &mut question.path, of);

@@ -11,7 +11,7 @@ use crate::studio::state::app_state::State;
 use crate::studio::state::comparison::{ComparedSide, Comparison, Quantity};
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
-use crate::studio::widgets::colours::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
 
@@ -45,9 +45,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let curve = state.snapshots.table();
                 state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
             }
-            let picture = ui.small_button("Image...").on_hover_text("Exports this panel as PNG");
-            name_widget(&picture, "Export comparison as PNG");
-            if picture.clicked() {
+            let export = ui.small_button("Image...").on_hover_text("Exports this panel as PNG");
+            name_widget(&export, "Export comparison as PNG");
+            if export.clicked() {
                 state.capture.request(&state.panel_rects, Pane::Compare);
             }
         });
@@ -205,8 +205,8 @@ fn thumbnail(
         let peak = image.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
         let palette = palettes.of(Colormap::Viridis);
         let pixels = image.iter().map(|&value| palette[Colormap::index(value, (0.0, peak))]).collect();
-        let picture = ColorImage::new([image.ncols(), image.nrows()], pixels);
-        ui.ctx().load_texture(format!("snapshot {}", snapshot.number), picture, TextureOptions::NEAREST)
+        let pixels = ColorImage::new([image.ncols(), image.nrows()], pixels);
+        ui.ctx().load_texture(format!("snapshot {}", snapshot.number), pixels, TextureOptions::NEAREST)
     });
     let image = egui::Image::new((texture.id(), texture.size_vec2())).fit_to_exact_size(Vec2::splat(THUMBNAIL));
     ui.add(image.alt_text(format!("PSF of {}", snapshot.name)));
@@ -251,18 +251,18 @@ fn pair(ui: &mut Ui, state: &mut State) {
             if response.clicked() && comparison.what != what {
                 comparison.what = what;
                 // A display range belongs to one quantity.
-                comparison.picture.forget_levels();
-                comparison.difference.forget_levels();
+                comparison.image.reset_display_range();
+                comparison.difference.reset_display_range();
             }
         }
         let shown = if comparison.side == ComparedSide::Difference {
             &mut comparison.difference
         } else {
-            &mut comparison.picture
+            &mut comparison.image
         };
         shown.colour_controls(ui, palettes);
     });
-    let (Some(one), Some(other)) = (picture(a, comparison.what), picture(b, comparison.what)) else {
+    let (Some(one), Some(other)) = (image_of(a, comparison.what), image_of(b, comparison.what)) else {
         let reason = [a, b].into_iter().find_map(|snapshot| snapshot.measurement.as_ref()?.as_ref().err());
         ui.weak(reason.map_or("Simulating", String::as_str));
         return;
@@ -290,8 +290,8 @@ fn pair(ui: &mut Ui, state: &mut State) {
         side => {
             // A common display range makes the flip show differences only.
             let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
-            comparison.picture.fix_limits((low_a.min(low_b), high_a.max(high_b)));
-            (&mut comparison.picture, CowArray::from(if side == ComparedSide::A { one } else { other }))
+            comparison.image.fix_limits((low_a.min(low_b), high_a.max(high_b)));
+            (&mut comparison.image, CowArray::from(if side == ComparedSide::A { one } else { other }))
         }
     };
     let side = ui.available_width().clamp(120.0, 340.0);
@@ -321,7 +321,7 @@ fn measure(state: &mut State) {
     }
 }
 
-fn picture(snapshot: &Snapshot, what: Quantity) -> Option<&Array2<f32>> {
+fn image_of(snapshot: &Snapshot, what: Quantity) -> Option<&Array2<f32>> {
     match what {
         Quantity::Psf => snapshot.optics.as_ref().map(|optics| &optics.image),
         Quantity::Measurement => snapshot.measurement.as_ref()?.as_ref().ok(),
@@ -344,7 +344,7 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
         .x_axis_label("sensor Tamura coefficient")
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
-            plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(CEILING).width(1.0));
+            plot.vline(VLine::new("published optima", TAMURA_GUIDE).color(ENTROPY_BOUND).width(1.0));
             for (name, is_bound) in [("Gaussian bound", true), ("Gaussian approximation", false)] {
                 let of = points(&|s| Some(s.numbers.gaussian.filter(|_| s.gaussian_is_bound() == is_bound)?.bits));
                 plot.points(Points::new(name, of).color(GAUSSIAN).radius(2.5));
@@ -358,7 +358,7 @@ fn scatter(ui: &mut Ui, all: &Snapshots) {
                 };
                 if let (Some(lower), Some(upper)) = (lower, snapshot.upper()) {
                     let ends: PlotPoints<'_> = vec![[tamura, lower.bits], [tamura, upper.bits]].into();
-                    plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(CEILING).width(3.0));
+                    plot.line(Line::new(format!("bounds of {}", snapshot.name), ends).color(ENTROPY_BOUND).width(3.0));
                 }
                 if let Some(Bits { bits, .. }) = live.map(|live| live.0).or(gaussian) {
                     let text = if scenes.len() > 1 {

@@ -7,7 +7,7 @@ use crate::plural::counted;
 use crate::studio::state::app_state::State;
 use crate::studio::state::edit_history::EditPoint;
 use crate::studio::state::path_question::PathPurpose;
-use crate::studio::widgets::colours::{CEILING, DENSITY, GAUSSIAN};
+use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
 /// Shows the bounds after each edit.
@@ -34,22 +34,22 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .show(ui, |plot| {
             let mut first = 0;
             // A gap where the scene or the sensor changed: numbers on its two sides are not comparable.
-            for run in state.edit_history.runs() {
+            for segment in state.edit_history.comparable_segments() {
                 let line = |value: &dyn Fn(&EditPoint) -> Option<f64>| -> PlotPoints<'static> {
-                    let points = run.iter().enumerate();
+                    let points = segment.iter().enumerate();
                     points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
                 };
-                let is_bound = run.iter().all(|point| point.gaussian_is_bound);
+                let is_bound = segment.iter().all(|point| point.gaussian_is_bound);
                 let gaussian = if is_bound { "Gaussian bound" } else { "Gaussian approximation" };
                 for (name, colour, value) in [
                     (gaussian, GAUSSIAN, &(|point: &EditPoint| Some(point.gaussian)) as &dyn Fn(&_) -> _),
-                    ("entropy bound", CEILING, &|point: &EditPoint| point.ceiling),
+                    ("entropy bound", ENTROPY_BOUND, &|point: &EditPoint| point.entropy_bound),
                     ("density model", DENSITY, &|point: &EditPoint| point.live),
                 ] {
                     plot.line(Line::new(name, line(value)).color(colour).width(2.0));
                     plot.points(Points::new(name, line(value)).color(colour).radius(2.5));
                 }
-                first += run.len();
+                first += segment.len();
             }
         });
 }

@@ -8,7 +8,7 @@ use crate::studio::panels::parts::tamura_gauge;
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::studio::state::bound_summary::BoundSummary;
-use crate::studio::widgets::colours::{CEILING, DENSITY, FITTED, GAUSSIAN, LOWER, SAMPLED};
+use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, FITTED, GAUSSIAN, LOWER, SAMPLED};
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{RunBounds, RunStatus};
@@ -29,12 +29,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
         return;
     };
-    let known = BoundSummary::of(state, &information.value, information.revision);
+    let summary = BoundSummary::of(state, &information.value, information.revision);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        headline(ui, state, &known);
-        bound_bar(ui, &known);
-        details(ui, state, &known);
-        warning(ui, &known);
+        headline(ui, state, &summary);
+        bound_bar(ui, &summary);
+        details(ui, state, &summary);
+        warning(ui, &summary);
         ui.add_space(4.0);
         ui.separator();
         tamura_gauge::show(ui, state);
@@ -59,11 +59,12 @@ fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
 }
 
 /// Headline: the bracket, or else the smallest upper bound, with its source.
-fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
-    let (upper, from) = known.upper();
-    let (rows, cols) = known.bounds.patch;
-    let of_sensor = known.run_of_sensor.as_ref().filter(|_| known.sensor_bracket().is_none()).and_then(bound_of_run);
-    let (text, name, patch) = match (known.sensor_bracket(), known.lower()) {
+fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
+    let (upper, from) = summary.upper();
+    let (rows, cols) = summary.bounds.patch;
+    let of_sensor =
+        summary.run_of_sensor.as_ref().filter(|_| summary.sensor_bracket().is_none()).and_then(bound_of_run);
+    let (text, name, patch) = match (summary.sensor_bracket(), summary.lower()) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
             format!("whole sensor: {}", bound.from),
@@ -75,8 +76,8 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
             format!(
                 "{rows} x {cols} px, {} bits each; below: {} x {} px patches",
                 whole_bits((lower, *upper), rows * cols),
-                known.bounds.patch.0,
-                known.bounds.patch.1
+                summary.bounds.patch.0,
+                summary.bounds.patch.1
             ),
         ),
         (_, Some(lower)) => (
@@ -84,7 +85,7 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
             both(&lower.from, &from),
             format!("Lower and upper bound for {rows} x {cols} px patches."),
         ),
-        _ if known.upper_bound().is_none() => (
+        _ if summary.upper_bound().is_none() => (
             format!("\u{2248} {upper:.3}"),
             from,
             format!(
@@ -94,16 +95,16 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
         _ => (
             format!("\u{2264} {upper:.3}"),
             from,
-            if known.bounds.ceiling.is_some() {
+            if summary.bounds.ceiling.is_some() {
                 format!("Upper bound for {rows} x {cols} px patches; the live estimate adds a lower bound.")
             } else {
                 format!(
-                    "Upper bound for {rows} x {cols} px patches; these objects have no known prior and so no lower bound."
+                    "Upper bound for {rows} x {cols} px patches; these objects have no summary prior and so no lower bound."
                 )
             },
         ),
     };
-    let run = known.run.as_ref().or(known.run_of_sensor.as_ref());
+    let run = summary.run.as_ref().or(summary.run_of_sensor.as_ref());
     let patch = match run {
         Some(run) if !run.is_of_mask && of_sensor.is_some() => {
             "Whole measurements, at an earlier step of the run.".to_owned()
@@ -113,15 +114,15 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
     };
     let text = RichText::new(text).size(28.0);
     // Numbers of a followed run lag behind its masks.
-    let moving = run.is_some() && state.bench.is_following();
-    let fresh = known.current || moving;
-    let text = if fresh { text.strong() } else { text.weak() };
+    let is_followed = run.is_some() && state.bench.is_following();
+    let is_current = summary.current || is_followed;
+    let text = if is_current { text.strong() } else { text.weak() };
     // A refining number is italic.
-    let goes_on = !is_paused(state) && state.bench.is_live();
-    let changes = goes_on && known.current_live().is_some_and(|live| live.remaining.is_some() || live.bounding);
-    let refining = known.sensor_bracket().is_none() && changes;
-    let text = if refining || moving { text.italics() } else { text };
-    let name = if fresh { name } else { format!("{name}, of an earlier edit") };
+    let is_active = !is_paused(state) && state.bench.is_live();
+    let is_refining = is_active && summary.current_live().is_some_and(|live| live.remaining.is_some() || live.bounding);
+    let refining = summary.sensor_bracket().is_none() && is_refining;
+    let text = if refining || is_followed { text.italics() } else { text };
+    let name = if is_current { name } else { format!("{name}, of an earlier edit") };
     ui.horizontal(|ui| {
         // The space beside the button in the corner.
         let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
@@ -136,8 +137,9 @@ fn headline(ui: &mut Ui, state: &mut State, known: &BoundSummary<'_>) {
         });
         more(ui, state);
     });
-    let from =
-        known.sensor_bracket().and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
+    let from = summary
+        .sensor_bracket()
+        .and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
     let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
     ui.weak(patch).on_hover_text(format!("Mutual information between objects and noisy measurements{from}"));
     ui.add_space(4.0);
@@ -155,12 +157,12 @@ fn both(below: &str, above: &str) -> String {
 }
 
 /// Warns about estimates above the entropy bound.
-fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
-    let Some(ceiling) = known.bounds.ceiling_bits() else { return };
-    let fitted = known.fitted.as_ref().map(|fitted| fitted.bits_per_pixel);
-    let models = known.current_live().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
+fn warning(ui: &mut Ui, summary: &BoundSummary<'_>) {
+    let Some(ceiling) = summary.bounds.ceiling_bits() else { return };
+    let fitted = summary.fitted.as_ref().map(|fitted| fitted.bits_per_pixel);
+    let models = summary.current_live().map(|live| live.bits_per_pixel).into_iter().chain(fitted);
     let density = models.into_iter().any(|bits| bits > ceiling);
-    let warning = match (density, known.gaussian() > ceiling) {
+    let warning = match (density, summary.gaussian() > ceiling) {
         (true, true) => "Density model and Gaussian exceed the entropy bound. They cannot rank masks.",
         (true, false) => "The density model exceeds the entropy bound. It cannot rank masks.",
         (false, true) => "The Gaussian exceeds the entropy bound. It cannot rank masks.",
@@ -170,22 +172,22 @@ fn warning(ui: &mut Ui, known: &BoundSummary<'_>) {
 }
 
 /// All bounds on one axis from 0; the range between lower and upper bound is filled.
-fn bound_bar(ui: &mut Ui, known: &BoundSummary<'_>) {
-    let upper = known.upper_bound().map(|(bits, _)| bits);
-    let lower = known.lower().map(|lower| lower.bits_per_pixel);
-    let mut marks = vec![(known.bounds.gaussian_name(), known.gaussian(), GAUSSIAN)];
-    marks.extend(known.bounds.ceiling_bits().map(|ceiling| ("entropy bound", ceiling, CEILING)));
-    let density = known.current_live().map(|live| live.bits_per_pixel);
-    let density = density.or_else(|| Some(known.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
+fn bound_bar(ui: &mut Ui, summary: &BoundSummary<'_>) {
+    let upper = summary.upper_bound().map(|(bits, _)| bits);
+    let lower = summary.lower().map(|lower| lower.bits_per_pixel);
+    let mut marks = vec![(summary.bounds.gaussian_name(), summary.gaussian(), GAUSSIAN)];
+    marks.extend(summary.bounds.ceiling_bits().map(|ceiling| ("entropy bound", ceiling, ENTROPY_BOUND)));
+    let density = summary.current_live().map(|live| live.bits_per_pixel);
+    let density = density.or_else(|| Some(summary.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
     marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
-    marks.extend(known.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
+    marks.extend(summary.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
-    let sampled = known.current_live().and_then(|live| live.upper.as_ref());
+    let sampled = summary.current_live().and_then(|live| live.upper.as_ref());
     marks.extend(sampled.map(|upper| ("AIS upper bound", upper.bits_per_pixel, SAMPLED)));
     let end = nice_end(marks.iter().map(|(_, bits, _)| *bits).fold(0.0, f64::max));
     let (response, painter) = ui.allocate_painter(vec2(ui.available_width(), 34.0), Sense::hover());
     let text = marks.iter().map(|(name, bits, _)| format!("{name} {bits:.3}")).collect::<Vec<_>>().join(", ");
-    let age = if known.current { "" } else { ", of an earlier edit" };
+    let age = if summary.current { "" } else { ", of an earlier edit" };
     let text = format!("{text} bits per pixel{age}");
     response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Meter, true, &text));
     let rect = response.rect;
@@ -217,8 +219,8 @@ fn nice_end(value: f64) -> f64 {
         .unwrap_or(value)
 }
 
-fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
-    let bound = &known.bounds.gaussian;
+fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
+    let bound = &summary.bounds.gaussian;
     // A long value wraps at the border of the panel.
     let end = ui.max_rect().right();
     egui::Grid::new("information details").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
@@ -236,33 +238,33 @@ fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
             ui.label(value).on_hover_text(hint);
             ui.end_row();
         };
-        if let Some(edit) = known.current_live().and_then(|live| live.edit) {
+        if let Some(edit) = summary.current_live().and_then(|live| live.edit) {
             let PairedDifference { bits_per_pixel, interval_95: [low, high] } = edit;
             let hint = "Change of the decoder's information by the last edit, from the same objects imaged with both masks, with 95 % interval";
             let interval = if low < high { format!(" [{low:+.4}, {high:+.4}]") } else { String::new() };
             line("Last edit", format!("{bits_per_pixel:+.4}{interval}"), None, hint);
         }
-        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = known.lower() {
+        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = summary.lower() {
             let hint = "Information that a decoder, or annealed importance sampling (AIS), extracts from new measurements, with 95 % interval";
             let value = format!("{} {from}", with_interval(bits_per_pixel, interval_95));
             line("Lower bound", value, Some(LOWER), hint);
         }
-        if let Some(upper) = known.current_live().and_then(|live| live.upper.as_ref()) {
+        if let Some(upper) = summary.current_live().and_then(|live| live.upper.as_ref()) {
             let hint = "Upper bound by annealed importance sampling (AIS) from the decoder's posterior; it tightens with computing time";
             let value = with_interval(upper.bits_per_pixel, upper.interval_95);
             line("AIS upper bound", value, Some(SAMPLED), hint);
         }
-        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = &known.fitted {
+        if let Some(NamedBound { bits_per_pixel, interval_95, from }) = &summary.fitted {
             let hint = "Smallest finished estimate of this design by one density model, with 95 % interval";
             let value = format!("{} {from}", with_interval(*bits_per_pixel, *interval_95));
             line("Upper bound", value, Some(FITTED), hint);
         }
-        if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &known.sensor {
+        if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &summary.sensor {
             let hint = "Smallest finished estimate of whole measurements of this design, with 95 % interval";
             let value = format!("{} {upper_from}", with_interval(*upper, *upper_interval_95));
             line("Whole sensor", value, Some(FITTED), hint);
         }
-        let (value, entropies) = live_line(state, known);
+        let (value, entropies) = live_line(state, summary);
         line(
             "Density model",
             value,
@@ -270,23 +272,23 @@ fn details(ui: &mut Ui, state: &State, known: &BoundSummary<'_>) {
             "Live estimate: cross-entropy of a causal density model on held-out patches minus the noise entropy, with 95 % interval",
         );
         line(
-            known.bounds.gaussian_name(),
-            with_interval(bound.bits_per_pixel, known.bounds.interval_95),
+            summary.bounds.gaussian_name(),
+            with_interval(bound.bits_per_pixel, summary.bounds.interval_95),
             Some(GAUSSIAN),
             "Entropy of the Gaussian with the covariance of the measurements minus the noise entropy, with 95 % interval; it is loose for sparse objects",
         );
-        match known.bounds.ceiling_bits() {
+        match summary.bounds.ceiling_bits() {
             Some(ceiling) => line(
                 "Entropy bound",
                 rounded(ceiling),
-                Some(CEILING),
+                Some(ENTROPY_BOUND),
                 "Object-entropy bound: the entropy of the objects, counted as far as this PSF resolves single beads",
             ),
             None => line("Entropy bound", "unknown".into(), None, "The entropy of these objects is unknown."),
         }
         line(
             "Infinite patch",
-            rounded(known.bounds.infinite_patch_bits()),
+            rounded(summary.bounds.infinite_patch_bits()),
             None,
             "The same Gaussian for an infinitely large sensor (spectral integral)",
         );
@@ -306,20 +308,20 @@ fn is_paused(state: &State) -> bool {
 }
 
 /// Live estimate with its state, and the entropies of the best available model.
-fn live_line(state: &State, known: &BoundSummary<'_>) -> (String, (&'static str, f64, f64)) {
-    let bound = &known.bounds.gaussian;
+fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static str, f64, f64)) {
+    let bound = &summary.bounds.gaussian;
     let gaussian = ("Gaussian model", bound.entropy_y, bound.entropy_y_given_x);
     let failure = state.estimates.live_failure.as_ref().filter(|(revision, _)| state.is_current(*revision));
     if let Some((_, failure)) = failure {
         return (failure.clone(), gaussian);
     }
-    if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&known.live, &known.run) {
+    if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&summary.live, &summary.run) {
         let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), upper.from);
         return (text, gaussian);
     }
     let off = !state.bench.is_live();
     let paused = is_paused(state);
-    match &known.live {
+    match &summary.live {
         None if off => ("off".into(), gaussian),
         None if paused => ("paused".into(), gaussian),
         None => ("computing".into(), gaussian),

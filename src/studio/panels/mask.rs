@@ -113,7 +113,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 /// Draws the position gradient of each lenslet, by the previewed run or the live estimate; the longest arrow has
 /// [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let significant = |gradient: &PositionGradient| if gradient.is_significant { (gradient.x, gradient.y) } else { (0.0, 0.0) };
+    let significant =
+        |gradient: &PositionGradient| if gradient.is_significant { (gradient.x, gradient.y) } else { (0.0, 0.0) };
     let by_live = || Some(position_gradients(state)?.iter().map(significant).collect());
     let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
     let run = state.run.as_ref().filter(of_run);
@@ -181,17 +182,17 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
         {
             take_hold(ui, state, placement, pressed, position);
         } else {
-            let kept = if shift { state.selection.clone() } else { BTreeSet::new() };
-            state.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), kept });
+            let before = if shift { state.selection.clone() } else { BTreeSet::new() };
+            state.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), before });
         }
     }
     drag_lenslets(state, placement, response, array);
-    if let Some(MaskDrag::Select { start, kept }) = &state.drag {
+    if let Some(MaskDrag::Select { start, before }) = &state.drag {
         let held = response.dragged_by(PointerButton::Primary);
         if let (true, Some(position)) = (held, ui.input(|input| input.pointer.latest_pos())) {
             let end = placement.to_pixels(position);
             let between = |a: f64, b: f64, value: f64| (a.min(b)..=a.max(b)).contains(&value);
-            state.selection = kept.clone();
+            state.selection = before.clone();
             state.selection.extend(array.lenslets.iter().enumerate().filter_map(|(index, lenslet)| {
                 (between(start.0, end.0, lenslet.x) && between(start.1, end.1, lenslet.y)).then_some(index)
             }));

@@ -113,7 +113,7 @@ impl<'a> BoundSummary<'a> {
     /// Smallest upper bound for patches and its name, if any.
     pub fn upper_bound(&self) -> Option<(f64, String)> {
         let mut bounds = Vec::from_iter(self.bounds.gaussian_is_bound.then(|| self.named_gaussian()));
-        bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "ceiling".to_owned())));
+        bounds.extend(self.bounds.ceiling_bits().map(|ceiling| (ceiling, "entropy bound".to_owned())));
         if let Some((live, true)) = &self.live {
             bounds.push((live.bits_per_pixel, "density model".into()));
         }

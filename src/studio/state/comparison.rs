@@ -16,7 +16,7 @@ pub struct Comparison {
     pub what: Quantity,
     /// The user has just chosen a design or the measurement: failed simulations are repeated.
     pub tries_again: bool,
-    pub picture: ImageView,
+    pub image: ImageView,
     pub difference: ImageView,
     /// Their common zoom and pan.
     pub viewport: Viewport,
@@ -44,7 +44,7 @@ impl Default for Comparison {
             side: ComparedSide::A,
             what: Quantity::Psf,
             tries_again: false,
-            picture: ImageView::new("Comparison", "", Colormap::Viridis),
+            image: ImageView::new("Comparison", "", Colormap::Viridis),
             difference: ImageView::new("Difference", "", Colormap::Diverging),
             viewport: Viewport::default(),
             thumbnails: HashMap::new(),

@@ -13,41 +13,41 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
         return;
     };
-    let mut known = BoundSummary::of(state, &information.value, information.revision);
-    known.run.take_if(|run| !run.is_of_mask);
-    known.run_of_sensor.take_if(|run| !run.is_of_mask);
-    let live = known.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
+    let mut summary = BoundSummary::of(state, &information.value, information.revision);
+    summary.run.take_if(|run| !run.is_of_mask);
+    summary.run_of_sensor.take_if(|run| !run.is_of_mask);
+    let live = summary.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
         json!({
             "bits_per_pixel": live.bits_per_pixel, "interval_95": live.interval_95, "steps": live.recipe.steps,
             "converged": live.remaining.is_none(), "test_patches": live.recipe.test_patches, "warm": live.start.is_some(),
         })
     });
-    let (upper, upper_from) = known.upper_bound().unzip();
+    let (upper, upper_from) = summary.upper_bound().unzip();
     let design = state.bench.design();
     let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let numbers = json!({
         "format": "lenslet-studio/numbers",
-        "format_version": 1,
+        "format_version": 2,
         "program_version": NUMBERS_VERSION,
         "encoder": design.encoder.describe(),
         "design": &**design,
-        "current": known.current,
-        "patch": known.bounds.patch,
+        "current": summary.current,
+        "patch": summary.bounds.patch,
         "upper": upper,
         "upper_from": upper_from,
-        "lower": known.lower(),
-        "posterior_sampling": known.current_live().and_then(|live| live.upper.clone()),
-        "gaussian_bound": known.gaussian(),
-        "gaussian_is_bound": known.bounds.gaussian_is_bound,
-        "gaussian_interval_95": known.bounds.interval_95,
-        "entropy_y_given_x": known.bounds.gaussian.entropy_y_given_x,
-        "ceiling": known.bounds.ceiling_bits(),
+        "lower": summary.lower(),
+        "ais_upper_bound": summary.current_live().and_then(|live| live.upper.clone()),
+        "gaussian_bound": summary.gaussian(),
+        "gaussian_is_bound": summary.bounds.gaussian_is_bound,
+        "gaussian_interval_95": summary.bounds.interval_95,
+        "entropy_y_given_x": summary.bounds.gaussian.entropy_y_given_x,
+        "entropy_bound": summary.bounds.ceiling_bits(),
         "live_estimate": live,
-        "last_edit": known.current_live().and_then(|live| live.edit),
-        "bracket": known.bracket,
-        "fitted": known.fitted,
-        "sensor_bracket": known.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
-        "sensor_of_run": known.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
+        "last_edit": summary.current_live().and_then(|live| live.edit),
+        "bracket": summary.bracket,
+        "fitted": summary.fitted,
+        "sensor_bracket": summary.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
+        "sensor_of_run": summary.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
         "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
         "object_tamura": scene.map(|scene| scene.value.tamura.mean),
     });

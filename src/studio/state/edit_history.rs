@@ -23,7 +23,7 @@ pub struct EditPoint {
     /// Whether that is a bound.
     pub gaussian_is_bound: bool,
     /// Object-entropy bound.
-    pub ceiling: Option<f64>,
+    pub entropy_bound: Option<f64>,
     /// Newest live estimate.
     pub live: Option<f64>,
     /// Number of the scene; points of different scenes are not comparable.
@@ -52,7 +52,7 @@ impl EditHistory {
             revision,
             gaussian: information.gaussian.bits_per_pixel,
             gaussian_is_bound: information.gaussian_is_bound,
-            ceiling: information.ceiling_bits(),
+            entropy_bound: information.ceiling_bits(),
             live: None,
             setting: last.map_or(0, |last| last.setting + changed),
         });
@@ -66,7 +66,7 @@ impl EditHistory {
     }
 
     /// Segments of comparable points.
-    pub fn runs(&self) -> impl Iterator<Item = &[EditPoint]> {
+    pub fn comparable_segments(&self) -> impl Iterator<Item = &[EditPoint]> {
         self.points.chunk_by(|one, next| one.setting == next.setting)
     }
 
@@ -79,7 +79,7 @@ impl EditHistory {
                 "setting",
                 "gaussian_bound_bits_per_pixel",
                 "gaussian_is_bound",
-                "ceiling_bits_per_pixel",
+                "entropy_bound_bits_per_pixel",
                 "live_estimate_bits_per_pixel",
             ]
             .map(String::from)
@@ -88,10 +88,10 @@ impl EditHistory {
                 .points
                 .iter()
                 .map(|point| {
-                    let known = |bits: Option<f64>| bits.unwrap_or(f64::NAN);
+                    let cell = |bits: Option<f64>| bits.unwrap_or(f64::NAN);
                     let (revision, setting) = (point.revision as f64, point.setting as f64);
                     let is_bound = f64::from(u8::from(point.gaussian_is_bound));
-                    vec![revision, setting, point.gaussian, is_bound, known(point.ceiling), known(point.live)]
+                    vec![revision, setting, point.gaussian, is_bound, cell(point.entropy_bound), cell(point.live)]
                 })
                 .collect(),
         }

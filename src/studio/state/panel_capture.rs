@@ -13,7 +13,7 @@ const FRAMES: u8 = 8;
 /// The pending capture, if any.
 #[derive(Default)]
 pub struct Capture {
-    pub wanted: Option<PendingCapture>,
+    pub pending: Option<PendingCapture>,
 }
 
 pub struct PendingCapture {
@@ -21,14 +21,14 @@ pub struct PendingCapture {
     pub rect: Rect,
     /// Frames to wait.
     pub wait: u8,
-    pub picture: Option<Receiver<Array3<u8>>>,
+    pub image: Option<Receiver<Array3<u8>>>,
 }
 
 impl Capture {
     /// Asks for an image of a panel that is drawn; a question for its file follows.
     pub fn request(&mut self, drawn: &[(Pane, Rect)], pane: Pane) {
         if let Some(&(_, rect)) = drawn.iter().find(|(other, _)| *other == pane) {
-            self.wanted = Some(PendingCapture { name: pane.title(), rect, wait: FRAMES, picture: None });
+            self.pending = Some(PendingCapture { name: pane.title(), rect, wait: FRAMES, image: None });
         }
     }
 }

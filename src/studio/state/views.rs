@@ -38,7 +38,7 @@ pub enum MaskDrag {
         /// Pointer (x, y).
         start: (f64, f64),
         /// Selection before the drag, which stays.
-        kept: BTreeSet<usize>,
+        before: BTreeSet<usize>,
     },
 }
 

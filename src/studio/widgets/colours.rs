@@ -5,7 +5,7 @@ use egui::Color32;
 /// Colour of the Gaussian bound.
 pub const GAUSSIAN: Color32 = Color32::from_rgb(74, 158, 255);
 /// Colour of the entropy bound.
-pub const CEILING: Color32 = Color32::from_rgb(240, 138, 36);
+pub const ENTROPY_BOUND: Color32 = Color32::from_rgb(240, 138, 36);
 /// Colour of density models.
 pub const DENSITY: Color32 = Color32::from_rgb(196, 122, 232);
 /// Colour of finished estimates by one density model.

@@ -154,7 +154,7 @@ impl<'a> NumberField<'a> {
         let response = ui.add(field);
         name_widget(&response, self.name);
         if let Some(sentence) = refused.take() {
-            tell(ui.ctx(), sentence);
+            report(ui.ctx(), sentence);
         }
         // Arrow keys and assistive technology may leave the range.
         let (least, most) = (*self.range.start(), *self.range.end());
@@ -234,11 +234,11 @@ fn place() -> Id {
 }
 
 /// Stores a message until it is taken. A field is parsed in two passes when it loses the keyboard; the message counts once.
-fn tell(ctx: &egui::Context, sentence: String) {
+fn report(ctx: &egui::Context, sentence: String) {
     let (now, last) = (ctx.cumulative_pass_nr(), Id::unique("last refused number"));
     ctx.data_mut(|data| {
-        let told = data.get_temp::<(u64, String)>(last);
-        if told.is_none_or(|(pass, told)| told != sentence || pass + 1 < now) {
+        let reported = data.get_temp::<(u64, String)>(last);
+        if reported.is_none_or(|(pass, reported)| reported != sentence || pass + 1 < now) {
             data.get_temp_mut_or_default::<Vec<String>>(place()).push(sentence.clone());
         }
         data.insert_temp(last, (now, sentence));

@@ -5,7 +5,7 @@ use ndarray::{Array2, Axis};
 
 use crate::studio::canvas::image_view::{ImageView, Shown};
 use crate::studio::canvas::viewport::Viewport;
-use crate::studio::panels::parts::linked_cursor::{follow, measurement_of, object_of};
+use crate::studio::panels::parts::linked_cursor::{measurement_of, object_of, sync_viewports};
 use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::views::{MtfView, Side};
@@ -62,7 +62,7 @@ impl View {
     }
 
     /// Its image, shape (rows, cols).
-    fn picture(self, state: &State) -> Option<Array2<f32>> {
+    fn image(self, state: &State) -> Option<Array2<f32>> {
         let live = &state.live;
         Some(match self {
             Self::Psf => live.optics.as_ref()?.value.image.clone(),
@@ -95,7 +95,7 @@ pub fn export_menu(ui: &mut Ui, state: &mut State) {
 }
 
 fn export(state: &mut State, view: View) {
-    let Some(image) = view.picture(state) else { return };
+    let Some(image) = view.image(state) else { return };
     let shown = view.of(state);
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
     state.path_dialog.ask(PathPurpose::ExportView { name, image, limits, colormap }, state.bench.path());
@@ -116,14 +116,14 @@ pub fn show(ui: &Ui, state: &mut State, view: View, shown: &Shown, more: impl Fn
         if ui.add_enabled(!fitted, egui::Button::new("Show all")).clicked() {
             view.of_mut(state).viewport = Viewport::default();
             match view {
-                View::Object => follow(ui, state, Side::Object),
-                View::Measurement => follow(ui, state, Side::Measurement),
+                View::Object => sync_viewports(ui, state, Side::Object),
+                View::Measurement => sync_viewports(ui, state, Side::Measurement),
                 View::Psf | View::Mtf | View::Information => {}
             }
             ui.close();
         }
         if ui.button("Copy value").clicked() {
-            let image = view.picture(state);
+            let image = view.image(state);
             let text = image.and_then(|image| view.of(state).describe_pixel(image.view(), place));
             if let Some(text) = text {
                 state.copy(ui.ctx(), text, "Value");

@@ -53,10 +53,10 @@ pub fn draw(ui: &Ui, state: &mut State, shown: &Shown, closer: Option<&SampleIns
             Color32::from_rgba_unmultiplied(r, g, b, (255.0 * MOST_OPAQUE * share) as u8)
         };
         let map = subsampled(map.view(), max_texture_side(ui.ctx()));
-        let picture = ColorImage::new([map.ncols(), map.nrows()], map.iter().map(colour).collect());
+        let pixels = ColorImage::new([map.ncols(), map.nrows()], map.iter().map(colour).collect());
         match &mut overlay.texture {
-            Some(texture) => texture.set(picture, TextureOptions::NEAREST),
-            None => overlay.texture = Some(ui.ctx().load_texture("information", picture, TextureOptions::NEAREST)),
+            Some(texture) => texture.set(pixels, TextureOptions::NEAREST),
+            None => overlay.texture = Some(ui.ctx().load_texture("information", pixels, TextureOptions::NEAREST)),
         }
     }
     if let Some(texture) = &overlay.texture {

@@ -36,7 +36,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
         .on_hover_text("Links zoom and cursor of object and measurement");
     name_widget(&response, "Link views");
     if response.clicked() {
-        follow(ui, state, Side::Object);
+        sync_viewports(ui, state, Side::Object);
     }
 }
 
@@ -44,7 +44,7 @@ pub fn switch(ui: &mut Ui, state: &mut State) {
 pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: ArrayView2<'_, f32>) {
     let linked = state.preferences.link_views;
     if shown.moved {
-        follow(ui, state, side);
+        sync_viewports(ui, state, side);
     }
     let pass = ui.ctx().cumulative_pass_nr();
     let pointer = shown.response.hover_pos().filter(|_| shown.response.hovered() || shown.response.dragged());
@@ -56,29 +56,29 @@ pub fn update(ui: &Ui, state: &mut State, side: Side, shown: &Shown, image: Arra
         if linked {
             describe_other(state, side, place);
         }
-    } else if before.is_some_and(|noted| noted.side == side) {
+    } else if before.is_some_and(|cursor| cursor.side == side) {
         state.cursor.0 = None;
     }
-    let moved = |noted: Option<CursorPlace>| noted.map(|noted| (noted.side, noted.place));
+    let moved = |cursor: Option<CursorPlace>| cursor.map(|cursor| (cursor.side, cursor.place));
     if linked && moved(before) != moved(state.cursor.0) {
         // The other image may be drawn already.
         ui.ctx().request_repaint();
     }
-    if linked && let Some(noted) = state.cursor.0.filter(|noted| noted.side != side && noted.pass + 1 >= pass) {
-        draw(ui, state, side, noted, shown, image.dim());
+    if linked && let Some(cursor) = state.cursor.0.filter(|cursor| cursor.side != side && cursor.pass + 1 >= pass) {
+        draw(ui, state, side, cursor, shown, image.dim());
     }
 }
 
 /// Copies the viewport to the other image if both are linked.
-pub fn follow(ui: &Ui, state: &mut State, side: Side) {
-    let Some(by) = way(state, side).filter(|_| state.preferences.link_views) else { return };
+pub fn sync_viewports(ui: &Ui, state: &mut State, side: Side) {
+    let Some(by) = offset_to_other(state, side).filter(|_| state.preferences.link_views) else { return };
     let viewport = side.view(&mut state.views).viewport.shifted(by);
     side.other().view(&mut state.views).viewport = viewport;
     ui.ctx().request_repaint();
 }
 
 /// Offset (x, y) from pixel coordinates of this image to those of the other.
-fn way(state: &State, from: Side) -> Option<(f64, f64)> {
+fn offset_to_other(state: &State, from: Side) -> Option<(f64, f64)> {
     let (_, _, rows, cols) = state.live.scene.as_ref()?.value.objects.dim();
     let (_, measured_rows, measured_cols) = state.live.measurements.as_ref()?.value.noisy.dim();
     // A stale measurement may have another shape.
@@ -90,7 +90,7 @@ fn way(state: &State, from: Side) -> Option<(f64, f64)> {
 
 /// Adds the value at the same position of the other image to the status bar.
 fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
-    let Some(by) = way(state, side) else { return };
+    let Some(by) = offset_to_other(state, side) else { return };
     let place = (x + by.0, y + by.1);
     let (scene, measurements) = (state.live.scene.clone(), state.live.measurements.clone());
     let text = match side.other() {
@@ -108,9 +108,9 @@ fn describe_other(state: &mut State, side: Side, (x, y): (f64, f64)) {
 }
 
 /// Draws a cross hair at the pointer position of the other image.
-fn draw(ui: &Ui, state: &mut State, side: Side, noted: CursorPlace, shown: &Shown, (rows, cols): (usize, usize)) {
-    let Some(by) = way(state, noted.side) else { return };
-    let (x, y) = (noted.place.0 + by.0, noted.place.1 + by.1);
+fn draw(ui: &Ui, state: &mut State, side: Side, cursor: CursorPlace, shown: &Shown, (rows, cols): (usize, usize)) {
+    let Some(by) = offset_to_other(state, cursor.side) else { return };
+    let (x, y) = (cursor.place.0 + by.0, cursor.place.1 + by.1);
     let inside = |value: f64, count: usize| (-0.5..count as f64 - 0.5).contains(&value);
     if !(inside(x, cols) && inside(y, rows)) {
         return;

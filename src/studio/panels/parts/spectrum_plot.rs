@@ -7,7 +7,7 @@ use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
 use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
-use crate::studio::widgets::colours::CEILING;
+use crate::studio::widgets::colours::ENTROPY_BOUND;
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{Curve, InspectionKey};
@@ -58,7 +58,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let line = Line::new(if current { "measurement" } else { "earlier measurement" }, points);
         plot.line(line.width(if current { 2.0 } else { 1.0 }));
         if let Some(noise) = noise {
-            plot.hline(HLine::new(name, noise.log10()).color(CEILING).width(1.5));
+            plot.hline(HLine::new(name, noise.log10()).color(ENTROPY_BOUND).width(1.5));
         }
     });
 }

@@ -4,7 +4,7 @@ use egui::{RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use crate::plural::counted;
 use crate::studio::state::app_state::State;
-use crate::studio::widgets::colours::{CEILING, GAUSSIAN};
+use crate::studio::widgets::colours::{ENTROPY_BOUND, GAUSSIAN};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;
@@ -58,8 +58,8 @@ pub fn show(ui: &mut Ui, state: &State) {
         };
         painter.text(pos2(at(tick), axis + 8.0), align, format!("{tick:.1}"), font.clone(), weak);
     }
-    painter.vline(at(TAMURA_GUIDE), axis - 8.0..=axis + 8.0, Stroke::new(1.5, CEILING));
-    painter.text(pos2(at(TAMURA_GUIDE), axis + 8.0), egui::Align2::CENTER_TOP, "0.75", font, CEILING);
+    painter.vline(at(TAMURA_GUIDE), axis - 8.0..=axis + 8.0, Stroke::new(1.5, ENTROPY_BOUND));
+    painter.text(pos2(at(TAMURA_GUIDE), axis + 8.0), egui::Align2::CENTER_TOP, "0.75", font, ENTROPY_BOUND);
     let band =
         egui::Rect::from_x_y_ranges(at(sensor.mean - sensor.sd)..=at(sensor.mean + sensor.sd), axis - 3.0..=axis + 3.0);
     painter.rect_filled(band, 2.0, GAUSSIAN.gamma_multiply(0.4));
