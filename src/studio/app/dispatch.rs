@@ -8,7 +8,23 @@ use crate::studio::state::copied_numbers;
 use crate::studio::state::open_dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::Request;
 use crate::workbench::{Command, Job, Session, bounds_command, reproduce_command};
+
+/// Serves a request of a panel.
+pub fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
+    match request {
+        Request::Change(command) => state.send(&command),
+        Request::ChangeBy(edit, command) => state.send_edit(edit, &command),
+        Request::ChangeInOneStep(command) => {
+            state.bench.begin_step();
+            state.send(&command);
+        }
+        Request::AskPath(purpose) => state.path_dialog.ask(purpose, state.bench.path()),
+        Request::Copy { text, what } => state.copy(ctx, text, what),
+        Request::StopJob(activity) => state.bench.stop(&activity),
+    }
+}
 
 /// Runs an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {

@@ -6,6 +6,7 @@ use egui_tiles::{
     Behavior, Container, Linear, LinearDir, SimplificationOptions, Tile, TileId, Tiles, Tree, UiResponse,
 };
 
+use crate::studio::app::dispatch;
 use crate::studio::panels::compare;
 use crate::studio::panels::estimates;
 use crate::studio::panels::history;
@@ -16,9 +17,10 @@ use crate::studio::panels::mask;
 use crate::studio::panels::mtf;
 use crate::studio::panels::optimize;
 use crate::studio::panels::samples;
-use crate::studio::panels::scene;
+use crate::studio::panels::scene::{self, SceneView};
 use crate::studio::state::app_state::State;
 use crate::studio::state::pane::Pane;
+use crate::studio::state::request::Request;
 
 /// The default layout: mask and lenslets, object and measurement, numbers.
 pub fn default_layout() -> Tree<Pane> {
@@ -131,6 +133,15 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
 /// Draws the panels.
 pub struct PanelBehavior<'a>(pub &'a mut State);
 
+impl PanelBehavior<'_> {
+    /// Serves the requests of a panel.
+    fn serve(&mut self, ui: &egui::Ui, requests: impl IntoIterator<Item = Request>) {
+        for request in requests {
+            dispatch::serve(request, ui.ctx(), self.0);
+        }
+    }
+}
+
 impl Behavior<Pane> for PanelBehavior<'_> {
     fn pane_ui(&mut self, ui: &mut egui::Ui, _tile: TileId, pane: &mut Pane) -> UiResponse {
         let frame = egui::Frame::new().inner_margin(egui::Margin::symmetric(8, 6)).fill(ui.visuals().panel_fill);
@@ -142,10 +153,18 @@ impl Behavior<Pane> for PanelBehavior<'_> {
                 Pane::Lenslets => lenslets::show(ui, self.0),
                 Pane::Object => samples::show_object(ui, self.0),
                 Pane::Measurement => samples::show_measurement(ui, self.0),
-                Pane::Scene => scene::show(ui, self.0),
+                Pane::Scene => {
+                    let design = self.0.bench.design();
+                    let scene = SceneView { design, live: &self.0.live, failure: self.0.failure() };
+                    let requests = scene::show(ui, &scene);
+                    self.serve(ui, requests);
+                }
                 Pane::Information => information::show(ui, self.0),
                 Pane::Mtf => mtf::show(ui, self.0),
-                Pane::History => history::show(ui, self.0),
+                Pane::History => {
+                    let request = history::show(ui, &self.0.edit_history);
+                    self.serve(ui, request);
+                }
                 Pane::Estimates => estimates::show(ui, self.0),
                 Pane::InformationMap => information_map::show(ui, self.0),
                 Pane::Optimize => optimize::show(ui, self.0),
@@ -206,7 +225,7 @@ mod tests {
         assert!(restored(tree).is_none());
         let mut tree = default_layout();
         let _ = tree.tiles.insert_pane(Pane::Mask);
-        assert!(restored(tree).is_none(), "a room that cannot be reached");
+        assert!(restored(tree).is_none(), "a panel that cannot be reached");
         // A container that holds itself.
         let mut tree = default_layout();
         let root = tree.root.unwrap();

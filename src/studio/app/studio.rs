@@ -345,7 +345,10 @@ impl Studio {
         let ctx = ui.ctx().clone();
         self.state.messages.log_window(&ctx);
         self.state.messages.toasts(&ctx);
-        jobs::show(&ctx, &mut self.state);
+        let activities = self.state.bench.activities();
+        for request in jobs::show(&ctx, &mut self.state.jobs_open, &activities) {
+            dispatch::serve(request, &ctx, &mut self.state);
+        }
         path_dialog::show(&ctx, &mut self.state);
         palette::show(&ctx, &mut self.state);
         settings_dialogs::show(&ctx, &mut self.state);

@@ -4,26 +4,27 @@ use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 
 use crate::plural::counted;
-use crate::studio::state::app_state::State;
-use crate::studio::state::edit_history::EditPoint;
+use crate::studio::state::edit_history::{EditHistory, EditPoint};
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
-/// Shows the bounds after each edit.
-pub fn show(ui: &mut Ui, state: &mut State) {
+/// Shows the bounds after each edit; returns a request to export them.
+pub fn show(ui: &mut Ui, history: &EditHistory) -> Option<Request> {
+    let mut request = None;
     toolbar(ui, |ui| {
-        ui.weak(counted(state.edit_history.points.len(), "design"));
+        ui.weak(counted(history.points.len(), "design"));
         let export = ui.small_button("Export CSV...");
         name_widget(&export, "Export history as CSV");
         if export.clicked() {
-            let curve = state.edit_history.curve();
-            state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "information.csv" }, state.bench.path());
+            let curve = history.curve();
+            request = Some(Request::AskPath(PathPurpose::ExportCurve { curve, name: "information.csv" }));
         }
     });
-    if state.edit_history.points.is_empty() {
+    if history.points.is_empty() {
         placeholder(ui, "The bounds of each edit appear here.");
-        return;
+        return request;
     }
     Plot::new("Information of past edits")
         .legend(Legend::default().position(Corner::LeftBottom))
@@ -34,7 +35,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         .show(ui, |plot| {
             let mut first = 0;
             // A gap where the scene or the sensor changed: numbers on its two sides are not comparable.
-            for segment in state.edit_history.comparable_segments() {
+            for segment in history.comparable_segments() {
                 let line = |value: &dyn Fn(&EditPoint) -> Option<f64>| -> PlotPoints<'static> {
                     let points = segment.iter().enumerate();
                     points.filter_map(|(step, point)| Some([(first + step) as f64, value(point)?])).collect()
@@ -52,4 +53,5 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 first += segment.len();
             }
         });
+    request
 }

@@ -99,7 +99,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
                 format!("Upper bound for {rows} x {cols} px patches; the live estimate adds a lower bound.")
             } else {
                 format!(
-                    "Upper bound for {rows} x {cols} px patches; these objects have no summary prior and so no lower bound."
+                    "Upper bound for {rows} x {cols} px patches; these objects have no known prior and so no lower bound."
                 )
             },
         ),

@@ -1,39 +1,40 @@
 //! The window of jobs: progress, log and a stop button for each.
 
+use std::sync::Arc;
+
 use egui::{ProgressBar, RichText, ScrollArea, Ui};
 
 use crate::evaluation::format_duration;
 use crate::studio::panels::parts::job_progress;
-use crate::studio::state::app_state::State;
+use crate::studio::state::request::Request;
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{Activity, ActivityState};
 
 /// Height of a progress bar, points.
 const BAR: f32 = 16.0;
 
-/// Draws the window if it is open.
-pub fn show(ctx: &egui::Context, state: &mut State) {
-    let mut open = state.jobs_open;
+/// Draws the window if it is open; returns what its buttons ask for.
+pub fn show(ctx: &egui::Context, open: &mut bool, all: &[Arc<Activity>]) -> Vec<Request> {
+    let mut requests = Vec::new();
     // Placed beside the panels that start jobs.
     let corner = ctx.content_rect().center_bottom() - egui::vec2(0.0, 36.0);
-    let window = egui::Window::new("Jobs").open(&mut open).default_size([440.0, 320.0]);
+    let window = egui::Window::new("Jobs").open(open).default_size([440.0, 320.0]);
     window.pivot(egui::Align2::CENTER_BOTTOM).default_pos(corner).show(ctx, |ui| {
-        let all = state.bench.activities();
         if all.is_empty() {
             ui.weak("There are no jobs yet. Estimates, runs and file operations are listed here.");
         }
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             for activity in all.iter().rev() {
-                entry(ui, state, activity);
+                entry(ui, &mut requests, activity);
                 ui.separator();
             }
         });
     });
-    state.jobs_open = open;
+    requests
 }
 
 /// One job.
-fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
+fn entry(ui: &mut Ui, requests: &mut Vec<Request>, activity: &Arc<Activity>) {
     let number = activity.number;
     ui.horizontal(|ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -41,7 +42,7 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
                 let stop = ui.small_button("Stop");
                 name_widget(&stop, &format!("Stop job {number}"));
                 if stop.clicked() {
-                    state.bench.stop(activity);
+                    requests.push(Request::StopJob(Arc::clone(activity)));
                 }
             }
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
@@ -78,7 +79,7 @@ fn entry(ui: &mut Ui, state: &mut State, activity: &Activity) {
             let copy = ui.small_button("Copy log");
             name_widget(&copy, &format!("Copy log of job {number}"));
             if copy.clicked() {
-                state.copy(ui.ctx(), log_text(activity), "Log");
+                requests.push(Request::Copy { text: log_text(activity), what: "Log" });
             }
             egui::Grid::new(("lines", number)).num_columns(2).show(ui, |ui| {
                 for (seconds, text) in &activity.log {

@@ -5,24 +5,36 @@ use egui::Ui;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
-use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::Request;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::Command;
+use crate::workbench::{Command, Live};
 
-/// Shows the settings.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let design = state.bench.design().clone();
-    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        objects(ui, state, &design);
-        ui.add_space(6.0);
-        ui.separator();
-        sensor(ui, state, &design);
-    });
+/// What the panel shows.
+pub struct SceneView<'a> {
+    /// The shown design.
+    pub design: &'a Design,
+    /// Its results.
+    pub live: &'a Live,
+    /// Why it has no results, if it failed.
+    pub failure: Option<&'a str>,
 }
 
-fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
+/// Shows the settings; returns what their controls ask for.
+pub fn show(ui: &mut Ui, scene: &SceneView<'_>) -> Vec<Request> {
+    let mut requests = Vec::new();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        objects(ui, scene, &mut requests);
+        ui.add_space(6.0);
+        ui.separator();
+        sensor(ui, scene.design, &mut requests);
+    });
+    requests
+}
+
+fn objects(ui: &mut Ui, scene: &SceneView<'_>, requests: &mut Vec<Request>) {
+    let SceneView { design, live, failure } = *scene;
     ui.strong("Objects");
     ui.add_space(2.0);
     let density = match &design.objects {
@@ -62,7 +74,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
         );
     });
     if let Some(source) = chosen {
-        state.send(&Command::SetObjects(source));
+        requests.push(Request::Change(Command::SetObjects(source)));
     }
     let from_file = match &design.objects {
         ObjectSource::Beads { .. } | ObjectSource::BeadsMax { .. } | ObjectSource::Volume { .. } => false,
@@ -74,7 +86,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
             .on_hover_text("IDX, CIFAR-10, NPY, NPZ, TIFF, an image, or a folder of images")
             .clicked()
         {
-            state.path_dialog.ask(PathPurpose::OpenObjects, state.bench.path());
+            requests.push(Request::AskPath(PathPurpose::OpenObjects));
         }
         if from_file {
             let text = design.objects.to_string();
@@ -92,7 +104,7 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
                     ObjectSource::Volume { planes, .. } => ObjectSource::Volume { planes: *planes, density },
                     _ => ObjectSource::Beads { density },
                 };
-                state.send_edit(edit, &Command::SetObjects(source));
+                requests.push(Request::ChangeBy(edit, Command::SetObjects(source)));
             }
             ui.weak("of pixels").on_hover_text(hint);
         });
@@ -101,12 +113,12 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
         labelled(ui, "Mean", |ui| {
             let field = NumberField::new("Mean photons", 0.01..=1e7).decimals(2);
             if let Some(edit) = field.show(ui, design.mean_photons).1 {
-                state.send_edit(edit, &Command::SetMeanPhotons(edit.value));
+                requests.push(Request::ChangeBy(edit, Command::SetMeanPhotons(edit.value)));
             }
             ui.weak("photons per pixel");
         });
     }
-    if let Some(scene) = state.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
+    if let Some(scene) = live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
         ui.weak(scene.value.set.describe());
         if let Some(understood) = scene.value.set.understood() {
             ui.weak(format!("File: {understood}"));
@@ -114,14 +126,14 @@ fn objects(ui: &mut Ui, state: &mut State, design: &Design) {
         for notice in scene.value.set.notices() {
             ui.colored_label(ui.visuals().warn_fg_color, notice);
         }
-    } else if let Some(busy) = &state.live.busy {
+    } else if let Some(busy) = &live.busy {
         ui.weak(busy);
-    } else if let Some(failure) = state.failure() {
+    } else if let Some(failure) = failure {
         ui.colored_label(ui.visuals().error_fg_color, failure);
     }
 }
 
-fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
+fn sensor(ui: &mut Ui, design: &Design, requests: &mut Vec<Request>) {
     ui.strong("Sensor");
     ui.add_space(2.0);
     let sigma = design.noise.read_sigma().unwrap_or(5.0);
@@ -136,7 +148,7 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
             let response = ui.selectable_label(selected, text).on_hover_text(hint);
             name_widget(&response, &format!("{text} noise"));
             if response.clicked() && !selected {
-                state.send(&Command::SetNoise(noise));
+                requests.push(Request::Change(Command::SetNoise(noise)));
             }
         }
     });
@@ -147,7 +159,7 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
                 let sigma = edit.value;
                 let noise =
                     if design.noise.has_shot_noise() { Noise::ShotRead { sigma } } else { Noise::Read { sigma } };
-                state.send_edit(edit, &Command::SetNoise(noise));
+                requests.push(Request::ChangeBy(edit, Command::SetNoise(noise)));
             }
             ui.weak("photons, standard deviation");
         });
@@ -155,17 +167,17 @@ fn sensor(ui: &mut Ui, state: &mut State, design: &Design) {
     labelled(ui, "Background", |ui| {
         let field = NumberField::new("Background photons", 0.0..=1e7).speed(0.5).decimals(2);
         if let Some(edit) = field.show(ui, design.bias_photons).1 {
-            state.send_edit(edit, &Command::SetBias(edit.value));
+            requests.push(Request::ChangeBy(edit, Command::SetBias(edit.value)));
         }
         ui.weak("photons per pixel");
     });
     labelled(ui, "Seed", |ui| {
         if let Some(edit) = NumberField::seed("Seed").show(ui, design.seed as f64).1 {
-            state.send_edit(edit, &Command::SetSeed(edit.value as u64));
+            requests.push(Request::ChangeBy(edit, Command::SetSeed(edit.value as u64)));
         }
         if ui.button("New").on_hover_text("Draws new objects and new noise").clicked() {
-            state.bench.begin_step();
-            state.send(&Command::SetSeed(design.seed.wrapping_add(1) % 9_000_000_000_000_000));
+            requests
+                .push(Request::ChangeInOneStep(Command::SetSeed(design.seed.wrapping_add(1) % 9_000_000_000_000_000)));
         }
     });
 }

@@ -16,6 +16,7 @@ pub mod pane;
 pub mod panel_capture;
 pub mod path_question;
 pub mod preferences;
+pub mod request;
 pub mod run_start;
 pub mod unfinished_work;
 pub mod views;
