@@ -50,7 +50,7 @@ fn snapshots_are_compared_exported_and_opened() {
     let bound = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
     assert_eq!(window.query_all_by_label(&format!("\u{2264} {bound:.3}")).count(), 2, "here and as the headline");
     window.get_by_label("\u{2264} 0.442");
-    // The first two are A and B; the picture flips between them and shows what differs.
+    // The first two are A and B; the image flips between them and shows what differs.
     window.get_by_label("Comparison");
     click(&mut window, "Flip");
     window.get_by_label("Comparison");

@@ -1,4 +1,4 @@
-//! The button for the system's own file dialog, where there is none, where it is cancelled, and where it answers.
+//! The button of the system's file dialog: missing, cancelled and answered.
 #![cfg(target_os = "linux")]
 
 use std::os::unix::fs::PermissionsExt;

@@ -6,7 +6,7 @@ use egui_kittest::kittest::NodeT;
 use lenslet_studio::evaluation::DensityModel;
 use lenslet_studio::information::{EngineChoice, Estimator};
 
-/// Steps frames until `done`, for at most so many seconds.
+/// Steps frames until `done`, up to a limit in seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
     for _ in 0..36_000 {
         window.step();
@@ -52,7 +52,7 @@ fn live_estimate_follows_edits_and_can_be_switched_off() {
     let ceiling = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
     assert!(lower.bits_per_pixel > 0.7 * ceiling && lower.bits_per_pixel < ceiling, "{lower:?} {ceiling}");
     window.get_by_label("Lower bound");
-    // Where there were nine lenslets two tell less; there was no edit before that one.
+    // Two lenslets carry less information than nine; there is no earlier edit.
     assert!(first.value.edit.is_none());
     wait_for(&mut window, "what the edit has changed", |window| {
         studio(window).bench().estimates().live.is_some_and(|live| live.value.edit.is_some())
@@ -169,7 +169,7 @@ fn running_estimate_resumes_in_next_window() {
     wait_for(&mut window, "the end", |_| !pending.exists());
     drop(window);
 
-    // One in the midst of which program after program has ended is given up, and that is told.
+    // An estimate that has crashed several programs is dropped, with a message.
     std::fs::create_dir_all(pending.parent().unwrap()).unwrap();
     std::fs::write(&pending, order.replacen("\"crashes\": 0", "\"crashes\": 3", 1)).unwrap();
     assert_eq!(crashes(&pending), 3);
@@ -303,7 +303,7 @@ fn camera_images_are_estimated() {
     }
     click(&mut window, "Copy command of estimate 1");
 
-    // What cannot be read is told.
+    // Unreadable files are reported.
     std::fs::write(&path, b"no images").unwrap();
     click(&mut window, "Estimate images");
     let told = |window: &Window| window.query_all_by_label_contains("seen.npy: expected an").next().is_some();

@@ -43,7 +43,7 @@ fn dialogs_fit_a_small_window() {
     is_in_reach(&mut window, Modifiers::NONE, Key::F1, "Close");
     is_in_reach(&mut window, Modifiers::COMMAND, Key::Comma, "Close");
     is_in_reach(&mut window, Modifiers::COMMAND, Key::K, "Find an action");
-    // Both columns of keys and gestures, where there is just room for them.
+    // Both columns of keys and gestures, in a window that just fits them.
     let mut wide = open_sized(Design::default(), Vec2::new(905.0, 640.0));
     is_in_reach(
         &mut wide,
@@ -113,7 +113,7 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
     assert_eq!(lenslets(&window).len(), 3);
     assert!(studio(&window).bench().is_dirty());
-    // It is kept anew at once; saved, it is kept no more.
+    // It is autosaved again at once, and no longer once it is saved.
     until(&mut window, || kept(later.path()) == 1);
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &later.path().join("mine.json"), "Save");
@@ -180,7 +180,7 @@ fn changes_in_default_folder_are_offered_with_chosen_folder() {
     click(&mut window, "Recover");
     settle(&mut window);
     assert_eq!(studio(&window).bench().design().seed, 6, "the newest first");
-    // It is kept where it was chosen from now on.
+    // It is autosaved in the chosen folder from now on.
     until(&mut window, || kept(folder.path()) == 0);
     let files = std::fs::read_dir(elsewhere.path()).unwrap().map(|file| file.unwrap().path());
     assert_eq!(files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count(), 2);

@@ -182,7 +182,7 @@ fn objects_open_by_typed_path_and_broken_files_are_refused() {
     assert!(live.failure.is_none());
     assert!(live.information.unwrap().value.ceiling.is_none(), "the entropy of pictures is not known");
 
-    // The same file, with other pictures by now, is read again.
+    // The same file with other images is read again.
     let read = live.scene.unwrap();
     let steps = studio(&window).bench().undoes().map(String::from);
     for pixel in &mut bytes[16..] {
@@ -249,7 +249,7 @@ fn export_asks_before_replacing_files() {
     click(&mut window, "Replace");
     settle(&mut window);
     assert_ne!(std::fs::read(&psf).unwrap(), first);
-    // A picture's name is given its extension, and is asked about with it.
+    // The name of an image gets its extension, and the question names it.
     let picture = folder.path().join("measured.png");
     for written in [false, true] {
         assert_eq!(picture.is_file(), written);
@@ -345,7 +345,7 @@ fn dropped_files_are_opened() {
     settle(&mut window);
     assert_eq!(**studio(&window).bench().design(), design);
 
-    // A picture may be a PSF or an object: the window asks.
+    // An image may be a PSF or an object: the window asks.
     let picture = folder.path().join("spot.npy");
     let spot = ndarray::Array2::from_shape_fn((16, 16), |(row, col)| ((row * col) % 7) as f32);
     lenslet_studio::formats::write_array(&picture, spot.view()).unwrap();
@@ -367,7 +367,7 @@ fn unused_dropped_files_are_named() {
         window.step();
         window.run_steps(3);
     };
-    // All pictures of a folder are one set of objects.
+    // All images of a folder are one set of objects.
     let pictures: Vec<_> = (0..8).map(|number| folder.path().join(format!("{number}.npy"))).collect();
     for (number, path) in pictures.iter().enumerate() {
         let picture = ndarray::Array2::from_elem((32, 32), 1.0 + number as f32);
@@ -400,7 +400,7 @@ fn unused_dropped_files_are_named() {
     assert!(window.query_all_by_label(named).next().is_some());
 }
 
-/// What a person does with the cross in the corner.
+/// Closes the window by its title bar.
 fn close(window: &mut Window) {
     let viewport = window.input().viewport_id;
     let info = window.input_mut().viewports.entry(viewport).or_default();

@@ -1,4 +1,4 @@
-//! What the window tells: in the corner for a while, in a strip where something failed, and in a list that keeps it all.
+//! Messages: toasts, failure banner and log.
 
 use egui::accesskit::Live;
 use egui::{Shape, vec2};
@@ -33,24 +33,24 @@ fn tops(window: &Window, text: &str) -> Vec<f32> {
 #[test]
 fn toasts_disappear_and_stay_in_the_log() {
     let mut window = open(Design::default());
-    let told = |number: usize| format!("Saved as layout {number}");
+    let message = |number: usize| format!("Saved as layout {number}");
     menu(&mut window, &["View", "Layout", "Save as layout 1"]);
-    assert_eq!(in_the_corner(&window, &told(1)), 1);
+    assert_eq!(in_the_corner(&window, &message(1)), 1);
     // The status line says it to those who listen.
-    assert_eq!(window.get_by_label(&told(1)).accesskit_node().live(), Live::Polite);
+    assert_eq!(window.get_by_label(&message(1)).accesskit_node().live(), Live::Polite);
     menu(&mut window, &["View", "Layout", "Save as layout 2"]);
-    assert_eq!((in_the_corner(&window, &told(1)), in_the_corner(&window, &told(2))), (1, 1));
+    assert_eq!((in_the_corner(&window, &message(1)), in_the_corner(&window, &message(2))), (1, 1));
     window.run_steps(SEVEN_SECONDS);
-    assert_eq!((in_the_corner(&window, &told(1)), in_the_corner(&window, &told(2))), (0, 0));
+    assert_eq!((in_the_corner(&window, &message(1)), in_the_corner(&window, &message(2))), (0, 0));
 
     // All of them are a click on the status line away, the newest first.
-    click(&mut window, &told(2));
-    let (older, newer) = (tops(&window, &told(1)), tops(&window, &told(2)));
+    click(&mut window, &message(2));
+    let (older, newer) = (tops(&window, &message(1)), tops(&window, &message(2)));
     assert_eq!((older.len(), newer.len()), (1, 2), "the newest stands in the status line, too");
     assert!(newer[0] < older[0], "{newer:?} above {older:?}");
-    // The same again is told again, but is no news in the list.
+    // A repeated message shows a toast again, but is listed once.
     menu(&mut window, &["View", "Layout", "Save as layout 2"]);
-    assert_eq!((in_the_corner(&window, &told(2)), tops(&window, &told(2)).len()), (1, 2));
+    assert_eq!((in_the_corner(&window, &message(2)), tops(&window, &message(2)).len()), (1, 2));
 }
 
 #[test]
@@ -62,12 +62,12 @@ fn failure_banner_stays_until_dismissed() {
         answer(window, &folder.path().join("nothing.npy"), "Open");
     };
     fail(&mut window);
-    let told = window.get_all_by_label_contains("nothing.npy").next().and_then(|node| node.value()).unwrap();
-    assert_eq!(in_the_corner(&window, &told), 0, "it has a place of its own");
-    let strip = |window: &Window| tops(window, &told)[0] < 60.0 && window.query_by_label("Dismiss").is_some();
+    let message = window.get_all_by_label_contains("nothing.npy").next().and_then(|node| node.value()).unwrap();
+    assert_eq!(in_the_corner(&window, &message), 0, "it has a place of its own");
+    let strip = |window: &Window| tops(window, &message)[0] < 60.0 && window.query_by_label("Dismiss").is_some();
     assert!(strip(&window));
     let is_alert = |node: egui_kittest::Node<'_>| node.accesskit_node().live() == Live::Assertive;
-    assert!(window.query_all_by_label(&told).any(is_alert), "those who listen are interrupted");
+    assert!(window.query_all_by_label(&message).any(is_alert), "those who listen are interrupted");
     // Neither time nor other work takes it away.
     window.run_steps(SEVEN_SECONDS);
     click(&mut window, "Add lenslet");
@@ -76,9 +76,9 @@ fn failure_banner_stays_until_dismissed() {
     click(&mut window, "Dismiss");
     assert!(window.query_by_label("Dismiss").is_none());
     menu(&mut window, &["View", "Messages"]);
-    assert_eq!(tops(&window, &told).len(), 2, "in the list and in the status line");
+    assert_eq!(tops(&window, &message).len(), 2, "in the list and in the status line");
     // The same failure again is no less of one.
     fail(&mut window);
     assert!(strip(&window));
-    assert_eq!(tops(&window, &told).len(), 3);
+    assert_eq!(tops(&window, &message).len(), 3);
 }

@@ -149,7 +149,7 @@ fn number_counts_when_committed_and_escape_cancels() {
     window.get_by_label("Select lenslet 2").click();
     window.run_steps(3);
     type_half(&mut window, "Lenslet 1 weight", "0,49");
-    // Another room in its place takes the field away.
+    // Another panel in its place removes the field.
     click(&mut window, "Estimates");
     let mut weights = vec![lenslets(&window)[0].weight];
     while studio(&window).bench().undoes().is_some() {

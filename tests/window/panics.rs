@@ -1,5 +1,4 @@
-//! A bug that panics while something is computed is told in a sentence, and the design, the window and the work after it
-//! go on.
+//! A panic of a computation is reported in one sentence; design, window and later work survive.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -37,18 +36,18 @@ fn failed_edit_stays_and_next_one_is_computed() {
     click(&mut window, "Add lenslet");
     settle(&mut window);
     assert!(!armed.load(Ordering::SeqCst), "it has panicked");
-    let (revision, told) = studio(&window).bench().live().failure.unwrap();
+    let (revision, message) = studio(&window).bench().live().failure.unwrap();
     assert_eq!(
-        (revision, told.as_str()),
+        (revision, message.as_str()),
         (studio(&window).bench().revision(), "an internal error stopped this computation: no light")
     );
-    assert!(window.query_all_by_label(&told).next().is_some(), "the window says it");
+    assert!(window.query_all_by_label(&message).next().is_some(), "the window says it");
     assert_eq!(lenslets(&window).len(), 10);
 
     click(&mut window, "Add lenslet");
     settle(&mut window);
     let live = studio(&window).bench().live();
-    assert!(live.failure.is_none() && window.query_all_by_label(&told).next().is_none());
+    assert!(live.failure.is_none() && window.query_all_by_label(&message).next().is_none());
     assert_eq!(live.information.unwrap().revision, studio(&window).bench().revision());
     assert_eq!(live.measurements.unwrap().revision, studio(&window).bench().revision());
     for left in [10, 9] {
@@ -73,10 +72,10 @@ fn unreadable_objects_leave_design_unchanged() {
     answer(&mut window, &file, "Open");
     assert!(!armed.load(Ordering::SeqCst), "it has panicked");
     window.get_by_label("Dismiss");
-    let told = "an internal error stopped this computation: no light";
-    assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
+    let message = "an internal error stopped this computation: no light";
+    assert!(window.query_all_by_label(message).count() >= 2, "in the strip and in the status line");
     assert_eq!(*studio(&window).bench().design(), before);
-    assert_eq!(state(&window), Some(ActivityState::Failed(told.into())));
+    assert_eq!(state(&window), Some(ActivityState::Failed(message.into())));
 
     click(&mut window, "Open objects...");
     answer(&mut window, &file, "Open");
@@ -91,11 +90,11 @@ fn panics_of_estimates_and_runs_are_reported() {
     break_once(&window, "lenslet-estimate");
     click(&mut window, "Estimates");
     click(&mut window, "Start estimate");
-    let told = "an internal error stopped this estimate: no light";
+    let message = "an internal error stopped this estimate: no light";
     wait_for(&mut window, "the end of the estimate", |window| {
-        state(window) == Some(ActivityState::Failed(told.into()))
+        state(window) == Some(ActivityState::Failed(message.into()))
     });
-    assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
+    assert!(window.query_all_by_label(message).count() >= 2, "in the strip and in the status line");
     click(&mut window, "Dismiss");
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
@@ -105,10 +104,10 @@ fn panics_of_estimates_and_runs_are_reported() {
     break_once(&window, "lenslet-run");
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
-    let told = "an internal error stopped this run: no light";
-    wait_for(&mut window, "the end of the run", |window| state(window) == Some(ActivityState::Failed(told.into())));
-    assert_eq!(studio(&window).bench().run().unwrap().status, RunStatus::Failed(told.into()));
-    assert!(window.query_all_by_label(told).count() >= 2, "in the strip and in the status line");
+    let message = "an internal error stopped this run: no light";
+    wait_for(&mut window, "the end of the run", |window| state(window) == Some(ActivityState::Failed(message.into())));
+    assert_eq!(studio(&window).bench().run().unwrap().status, RunStatus::Failed(message.into()));
+    assert!(window.query_all_by_label(message).count() >= 2, "in the strip and in the status line");
     assert_eq!(*studio(&window).bench().design(), before);
     click(&mut window, "Start run");
     if window.query_by_label("Start new run").is_some() {

@@ -441,7 +441,7 @@ fn what_a_run_climbs_suits_the_objects() {
     click(&mut window, "Preset");
     click(&mut window, "default");
     assert!(offered(&window));
-    // Of pictures nobody knows the prior.
+    // Images have no known prior.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("objects.npy");
     let objects = ndarray::Array3::from_shape_fn((20, 96, 96), |(n, r, c)| ((n + r * c) % 7) as f32);

@@ -1,4 +1,4 @@
-//! Looking at pictures: zoom, pan, links, levels, spectrum.
+//! Images: zoom, pan, link, display range, spectrum.
 
 use egui::{Key, Modifiers, Role, Theme, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
@@ -8,7 +8,7 @@ use lenslet_studio::sensor::Noise;
 use super::estimates::wait_for;
 use super::{Window, answer, click, drag, lenslets, menu, open, open_window, settle, studio, turn, type_number};
 
-/// Zoom and pixel coordinates (x, y) in the middle of a picture, as assistive technology reads them.
+/// Zoom and pixel coordinates (x, y) in the centre of an image, as assistive technology reads them.
 fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
     let text = value_of(window, name);
     let number = |after: &str| {
@@ -19,23 +19,23 @@ fn view_of(window: &Window, name: &str) -> (f64, f64, f64) {
 }
 
 fn value_of(window: &Window, name: &str) -> String {
-    window.get_by_role_and_label(Role::Image, name).accesskit_node().value().expect("pictures tell their view")
+    window.get_by_role_and_label(Role::Image, name).accesskit_node().value().expect("images tell their view")
 }
 
 fn rect_of(window: &Window, name: &str) -> egui::Rect {
     window.get_by_role_and_label(Role::Image, name).rect()
 }
 
-/// The text of the status bar about a picture.
-fn told_of(window: &Window, picture: &str) -> String {
-    let start = format!("{picture}  x ");
+/// Text of the status bar about an image.
+fn status_of(window: &Window, image: &str) -> String {
+    let start = format!("{image}  x ");
     let node = window.get_by_label_contains(&start);
     node.accesskit_node().label().or_else(|| node.accesskit_node().value()).unwrap()
 }
 
-/// Column and row that the status bar tells of a picture.
-fn pixel_told(text: &str, picture: &str) -> (i64, i64) {
-    let start = text.find(&format!("{picture}  x ")).unwrap() + picture.len() + 4;
+/// Column and row of an image in the status bar.
+fn pixel_told(text: &str, image: &str) -> (i64, i64) {
+    let start = text.find(&format!("{image}  x ")).unwrap() + image.len() + 4;
     let mut numbers = text[start..].split(|c: char| !c.is_ascii_digit() && c != '-').filter(|part| !part.is_empty());
     let mut next = || numbers.next().unwrap().parse().unwrap();
     (next(), next())
@@ -49,12 +49,12 @@ fn wheel_zooms_around_pointer_and_double_click_resets() {
     assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
     window.hover_at(place);
     window.run_steps(2);
-    let before = pixel_told(&told_of(&window, "Object"), "Object");
+    let before = pixel_told(&status_of(&window, "Object"), "Object");
     turn(&mut window, place, 5.0, Modifiers::NONE);
     let (zoom, x, y) = view_of(&window, "Object");
     assert!((zoom - 1.0_f64.exp()).abs() < 0.05, "five notches of 40 points: {zoom}");
     assert!(x < 40.0 && y > 50.0, "towards the pointer: {x} {y}");
-    assert_eq!(pixel_told(&told_of(&window, "Object"), "Object"), before, "the pixel under the pointer stays");
+    assert_eq!(pixel_told(&status_of(&window, "Object"), "Object"), before, "the pixel under the pointer stays");
     // The button is there only while there is something to go back from.
     click(&mut window, "Fit Object");
     assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
@@ -116,11 +116,11 @@ fn object_and_measurement_are_linked_until_unlinked() {
     turn(&mut window, place, 6.0, Modifiers::NONE);
     let (zoom, x, y) = view_of(&window, "Measurement");
     assert!(zoom > 2.0);
-    // The pixel in the middle of the mask looks at the object 15 px further.
+    // The centre pixel of the mask maps to the object 15 px further.
     let object = view_of(&window, "Object");
     assert_eq!((object.0, (object.1 - x - 15.0).abs() < 0.02, (object.2 - y - 15.0).abs() < 0.02), (zoom, true, true));
-    // The status bar tells both values, at places that belong together.
-    let told = told_of(&window, "Measurement");
+    // The status bar shows both values, at corresponding positions.
+    let told = status_of(&window, "Measurement");
     let (col, row) = pixel_told(&told, "Measurement");
     assert_eq!(pixel_told(&told, "Object"), (col + 15, row + 15), "{told}");
     let description = |window: &Window, name: &str| {
@@ -139,20 +139,20 @@ fn object_and_measurement_are_linked_until_unlinked() {
     let whole = rect_of(&window, "Object");
     window.hover_at(whole.center());
     window.run_steps(3);
-    let told = told_of(&window, "Object");
+    let told = status_of(&window, "Object");
     let (col, row) = pixel_told(&told, "Object");
     assert_eq!(pixel_told(&told, "Measurement"), (col - 15, row - 15), "{told}");
     assert!(description(&window, "Measurement").contains("cursor of the other view"));
     window.hover_at(whole.min + vec2(4.0, 4.0));
     window.run_steps(3);
-    assert!(told_of(&window, "Object").contains("outside the field"), "{}", told_of(&window, "Object"));
+    assert!(status_of(&window, "Object").contains("outside the field"), "{}", status_of(&window, "Object"));
     assert_eq!(description(&window, "Measurement"), "");
     // Apart, each goes its own way.
     click(&mut window, "Link views");
     turn(&mut window, whole.center(), 4.0, Modifiers::NONE);
     assert!(view_of(&window, "Object").0 > 1.5);
     assert_eq!(view_of(&window, "Measurement"), (1.0, 32.0, 32.0));
-    assert!(!told_of(&window, "Object").contains("Measurement"));
+    assert!(!status_of(&window, "Object").contains("Measurement"));
     click(&mut window, "Link views");
     window.run_steps(2);
     assert_eq!(view_of(&window, "Measurement").0, view_of(&window, "Object").0, "together again at once");
@@ -164,7 +164,7 @@ fn resting_pointer_requests_no_frames() {
     let place = rect_of(&window, "Measurement").center();
     turn(&mut window, place, 2.0, Modifiers::NONE);
     window.run_steps(60);
-    assert!(told_of(&window, "Measurement").contains("Object"));
+    assert!(status_of(&window, "Measurement").contains("Object"));
     let delay = window.output().viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap();
     assert!(delay > std::time::Duration::from_secs(1), "the next frame is asked for in {delay:?}");
 }
@@ -203,7 +203,7 @@ fn ctrl_wheel_zooms_the_mask() {
     let (zoom, x, y) = view_of(&window, "PSF");
     assert!(zoom > 2.5, "{zoom}");
     assert!((window.get_by_label("Lenslet 1").rect().center() - place).length() < 1.0, "it stays under the pointer");
-    // The middle button moves the picture, even from a lenslet.
+    // The middle button pans, even from a lenslet.
     drag(&mut window, place, vec2(-40.0, 20.0), egui::PointerButton::Middle);
     let scale = f64::from(rect_of(&window, "PSF").width()) / 32.0;
     let after = view_of(&window, "PSF");
@@ -280,7 +280,7 @@ fn display_range_is_set_kept_and_exported() {
     click(&mut window, "Measurement logarithmic counts");
     click(&mut window, "Measurement display range");
     assert!(window.query_by_label("Measurement highest value").is_none());
-    // They stay for the next picture, and the exported view has them: what is at most 50 is black, what is at least 100
+    // They stay for the next image, and the exported view has them: what is at most 50 is black, what is at least 100
     // white.
     click(&mut window, "Next measurement");
     let file = folder.path().join("view.png");

@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Window, click, open_drawn_by, studio};
 
-/// Draws nothing and keeps nothing. The usual one keeps every change of a texture until a picture is asked for, which
+/// Draws nothing and stores nothing. The default one stores every texture change until an image is requested, which
 /// would be taken for a leak of the program.
 struct Unseen;
 
@@ -29,20 +29,20 @@ impl TestRenderer for Unseen {
     }
 }
 
-/// What a person at random must not press: it ends the window, waits for a person, or writes where it likes.
+/// Controls that random input must not press: they close the window, wait for the user, or write files.
 const LEFT_OUT: [&str; 9] =
     ["Quit", "Browse", "Export", "Save", "Open", "Import", "Start estimate", "Discard", "Recover"];
 
 /// Memory that the window may take in the course of a day, MB.
 const MOST_GROWTH: f64 = 50.0;
-/// Time until memory is looked at, and between two looks.
+/// Time until the first memory reading, and between readings.
 const WARM_UP: Duration = Duration::from_mins(2);
 const SAMPLED_EVERY: Duration = Duration::from_secs(10);
 /// Time in which memory that is no longer needed is given back.
 const REST: Duration = Duration::from_secs(5);
-/// Frames that are told of.
+/// Number of reported frames.
 const LONGEST: usize = 8;
-/// Time between two pictures of a screen.
+/// Time between two images of the screen.
 const SCREEN: Duration = Duration::from_micros(16_667);
 
 /// Times every frame.
@@ -80,7 +80,7 @@ impl Clock {
     }
 }
 
-/// Memory of this process, MB; none where the system does not tell.
+/// Memory of this process, MB; none if unknown.
 fn memory() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     let pages: f64 = text.split(' ').nth(1)?.parse().ok()?;

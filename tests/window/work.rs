@@ -41,7 +41,7 @@ fn run_line(line: &str) -> serde_json::Value {
     serde_json::from_slice(&shell.stdout).unwrap()
 }
 
-/// Asks for fits of the density model of so many steps.
+/// Sets the number of steps of the fits.
 fn ask_for_steps(window: &mut Window, steps: &str) {
     click(window, "Estimates");
     click(window, "Estimator");
@@ -170,7 +170,7 @@ fn live_estimate_is_reproduced_bit_for_bit() {
     let bound = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
     assert_eq!(repeated["bounds"]["information"]["gaussian_bound"].as_f64(), Some(bound));
     assert_eq!(repeated["same"], true);
-    // The same record, where a person wants it.
+    // The same record, at a chosen path.
     menu(&mut window, &["More of the numbers", "Export record of the live estimate..."]);
     let file = folder.path().join("mine.json");
     answer(&mut window, &file, "Export");
@@ -196,7 +196,7 @@ fn jobs_queue_stop_and_keep_their_log() {
     wait_for(&mut window, "the second", |window| matches!(states(window).last(), Some(ActivityState::Done(_))));
     assert_eq!(states(&window)[0], ActivityState::Stopped);
     assert!(window.query_by_label("Stop job 1").is_none() && window.query_by_label("Stop job 2").is_none());
-    // What came of it is told beside the list, and the log names the steps.
+    // The result is listed, and the log names the steps.
     assert!(window.query_all_by_label_contains("bits per pixel").count() >= 2);
     click(&mut window, "Log of job 2");
     let log = copied(&mut window, "Copy log of job 2");
@@ -222,7 +222,7 @@ fn closing_asks_while_jobs_run() {
     click(&mut window, "Cancel");
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "its end", |window| states(window) == [ActivityState::Stopped]);
-    // A run is asked about, too, and goes on behind the question.
+    // Closing asks about a run, too, which continues meanwhile.
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
     close(&mut window);
@@ -274,7 +274,7 @@ fn layouts_are_saved_and_panels_maximize() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::Num1);
     window.run_steps(4);
     window.get_by_label("Take snapshot");
-    // The room under the pointer fills the window, until Escape.
+    // The panel under the pointer is maximized until Escape.
     let at = window.get_by_role_and_label(Role::Image, "Measurement").rect().center();
     let before = window.get_by_role_and_label(Role::Image, "Measurement").rect().width();
     window.hover_at(at);
@@ -347,7 +347,7 @@ fn snapshots_are_restored_in_next_session() {
     menu(&mut window, &["View", "Panel", "Show Compare"]);
     window.get_by_label("PSF of Design 1");
     window.get_by_label(&format!("\u{2264} {bound:.3}"));
-    // Measurements are not kept, but come again for those that are compared.
+    // Measurements are not stored, and simulated again for compared snapshots.
     for name in ["A is snapshot 1", "B is snapshot 2", "Compare Measurement", "Show difference"] {
         click(&mut window, name);
     }

@@ -75,7 +75,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         Action::RememberLayout(number) => state.layout_request = Some(LayoutRequest::Remember(number)),
         Action::RecallLayout(number) => state.layout_request = Some(LayoutRequest::Recall(number)),
         Action::Maximise => maximise(ctx, state),
-        Action::ActionPalette => state.palette = Some(ActionPalette::default()),
+        Action::Palette => state.palette = Some(ActionPalette::default()),
         Action::Shortcuts => state.settings_dialog = Some(SettingsDialog::Shortcuts),
         Action::Settings => state.settings_dialog = Some(SettingsDialog::Settings),
         Action::Welcome => state.onboarding.welcome = true,

@@ -66,7 +66,7 @@ fn short_name(path: &Path, all: &[PathBuf]) -> String {
 
 /// The Help menu.
 pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
-    for action in [Action::ActionPalette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
+    for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
         action_entry::entry(ui, state, action);
     }
 }

@@ -133,7 +133,7 @@ fn answer(state: &mut State, question: PathQuestion) {
         PathPurpose::SaveAs => state.bench.save_to(path),
         PathPurpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
         PathPurpose::ChooseImages => {
-            state.estimate_form.camera.choose(question.path.trim().to_owned(), question.preview)
+            state.estimate_form.camera.choose(question.path.trim().to_owned(), question.preview);
         }
         PathPurpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
@@ -151,7 +151,7 @@ fn answer(state: &mut State, question: PathQuestion) {
             state.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
         }
         PathPurpose::ExportPicture { image, .. } => {
-            state.bench.submit(Job::ExportPicture { image: image.clone(), path })
+            state.bench.submit(Job::ExportPicture { image: image.clone(), path });
         }
         PathPurpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
         PathPurpose::ExportLive(record) => {

@@ -81,7 +81,7 @@ fn keys(ui: &mut Ui, most: f32) {
     let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
     egui::Grid::new("keys").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
         let actions: Vec<(String, String)> = Action::all()
-            .chain([Action::ActionPalette])
+            .chain([Action::Palette])
             .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
             .collect();
         let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Interface zoom".to_owned())];

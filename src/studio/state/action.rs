@@ -67,7 +67,7 @@ pub enum Action {
     /// Maximizes the panel under the pointer, or restores all panels.
     Maximise,
     /// Opens the command palette.
-    ActionPalette,
+    Palette,
     /// Shows keys and gestures.
     Shortcuts,
     /// Opens the settings.
@@ -135,7 +135,7 @@ impl Action {
     /// Actions with a shortcut; shortcuts with more modifiers come first, because a shorter one would match too.
     const WITH_SHORTCUT: [Self; 20] = [
         Self::SaveAs,
-        Self::ActionPalette,
+        Self::Palette,
         Self::CopyCommand,
         Self::Shortcuts,
         Self::KeepSnapshot,
@@ -231,7 +231,7 @@ impl Action {
             Self::RememberLayout(number) => return format!("Save as layout {number}").into(),
             Self::RecallLayout(number) => return format!("Use layout {number}").into(),
             Self::Maximise => "Maximize or restore panel",
-            Self::ActionPalette => "Find an action...",
+            Self::Palette => "Find an action...",
             Self::Shortcuts => "Keys and gestures",
             Self::Settings => "Settings...",
             Self::Welcome => "Welcome and samples...",
@@ -261,7 +261,7 @@ impl Action {
             Self::Undo => (command, Key::Z),
             Self::Redo => (command | Modifiers::SHIFT, Key::Z),
             Self::Quit => (command, Key::Q),
-            Self::ActionPalette => (command | Modifiers::SHIFT, Key::P),
+            Self::Palette => (command | Modifiers::SHIFT, Key::P),
             Self::KeepSnapshot => (command, Key::D),
             Self::CopyCommand => (command | Modifiers::SHIFT, Key::C),
             Self::Jobs => (command, Key::J),
@@ -296,7 +296,7 @@ impl Action {
         let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
         // A second shortcut that is common in other programs.
         if is(Modifiers::COMMAND, Key::K) {
-            return Some(Self::ActionPalette);
+            return Some(Self::Palette);
         }
         // For keyboards without a Delete key.
         if !typing && is(Modifiers::NONE, Key::Backspace) {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// A number with three to four format_significant digits.
+/// A number with three to four significant digits.
 pub fn format_significant(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {
