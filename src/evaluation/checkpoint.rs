@@ -448,7 +448,7 @@ mod tests {
             interval_95: [0.1, 1.0 / 3.0],
             patch: [4, 4],
             groups: 4,
-            walkers: 1,
+            particles: 1,
             levels: 9,
             samples: 5,
             seconds: 0.25,

@@ -1,4 +1,4 @@
-//! The bounds: numbers of bits per pixel with all that belongs to them.
+//! AIS bounds in bits per pixel.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -8,12 +8,12 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::chain::Walk;
-use super::checkpoint::Followed;
+use super::chain::AisChain;
+use super::checkpoint::AisCheckpoint;
 use super::light::Light;
-use super::progress::Watch;
-use super::proposals::{Effort, Guess, Steps};
-use super::state::Measured;
+use super::progress::AisObserver;
+use super::proposals::{InitialDistribution, Moves, SweepSize};
+use super::state::Measurement;
 use crate::information::decoder::channel::BeadChannel;
 use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::pass::Pass;
@@ -29,65 +29,65 @@ use crate::nn::Pool;
 
 /// Samples between two reports.
 const REPORT: usize = 4;
-/// Samples that are followed whatever the budget: fewer have no interval to speak of.
+/// Smallest number of samples, for any budget; the interval of fewer is meaningless.
 const FEWEST_SAMPLES: usize = 16;
-/// The guess is kept within these log odds, or a little beyond those of the prior.
+/// Limit of the log odds of the initial distribution, or a little beyond those of the prior.
 const MOST_CERTAIN: f64 = 14.0;
-/// Chances to change per level: of every site, and of every bead that is to be expected.
+/// Proposals per temperature: flips per site and moves per expected bead.
 const FLIPS_PER_SITE: f64 = 0.08;
 const SHIFTS_PER_BEAD: f64 = 2.5;
-/// Squared separation at which half of what a bead could tell is counted as told, and how much of the chance number of
-/// beads is taken out of the mean.
-const HALF_TOLD: f64 = 10.0;
-const TAKEN_OUT: f64 = 0.9;
-/// Levels where there is no budget, and of the few samples by which the time of others is told.
-const USUAL_LEVELS: usize = 400;
+/// Control variate: squared separation at which a bead is taken to yield half of its surprise, and the share of the bead
+/// count's variation that is removed.
+const HALF_SEPARATION: f64 = 10.0;
+const CONTROL_SHARE: f64 = 0.9;
+/// Temperatures without a budget, and of the samples that measure speed.
+const DEFAULT_LEVELS: usize = 400;
 const TRIAL_LEVELS: usize = 32;
-/// The first of those samples, far from the others.
+/// Index of the first of those samples, far from the others.
 const FIRST_TRIAL: usize = 1 << 31;
-/// Levels that a budget is worth.
+/// Range of the number of temperatures with a budget.
 const FEWEST_LEVELS: f64 = 64.0;
 const MOST_LEVELS: f64 = 16_384.0;
-/// Samples that a budget should suffice for.
+/// Samples that a budget should cover.
 const BUDGETED_SAMPLES: f64 = 48.0;
-/// Levels up to which more levels are worth more than more samples. A walk backwards by one walker gains from every level,
-/// while that from above comes to its end soon: what is left is the looseness of its groups.
-const WORTHY_LEVELS_BELOW: f64 = 1024.0;
-const WORTHY_LEVELS_ABOVE: f64 = 128.0;
-/// Pixels of a patch from which on that number of levels is larger from below: each sample tells more.
+/// Temperatures up to which more temperatures help more than more samples. The reverse chain of one particle gains from
+/// every temperature; the upper bound is soon limited by its groups.
+const USEFUL_LEVELS_BELOW: f64 = 1024.0;
+const USEFUL_LEVELS_ABOVE: f64 = 128.0;
+/// Pixels of a patch above which the number for the lower bound grows in proportion.
 const USUAL_PIXELS: f64 = 1024.0;
-/// Random streams of walks, beside those of samples.
-const WALKS: u64 = 0x7f << 56;
+/// First random stream of the chains.
+const CHAIN_STREAM: u64 = 0x7f << 56;
 
-/// How carefully the posterior is followed.
+/// Settings of an AIS bound.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AisSettings {
-    /// Groups of sites that are asked for one by one, given the others; more are looser but need fewer levels. The lower
-    /// bound always asks for all at once.
+    /// Groups of sites of the upper bound, each annealed given the others. More groups are looser and need fewer
+    /// temperatures. The lower bound uses one group.
     pub groups: usize,
-    /// Walkers of each group; the lower bound has one.
-    pub walkers: usize,
-    /// Steps from guess to posterior; without a number as many as the budget allows for 16 to 48 samples.
+    /// Particles per group; the lower bound uses one.
+    pub particles: usize,
+    /// Temperatures; `None` chooses as many as the budget allows for 16 to 48 samples.
     pub levels: Option<usize>,
     /// Largest number of samples.
     pub samples: usize,
-    /// Half width of the 95 % interval at which sampling ends, bits per pixel.
+    /// Half width of the 95 % interval at which sampling stops, bits per pixel.
     pub half_width: f64,
-    /// Time after which no further samples are begun; 16 are always followed.
+    /// Time after which no further samples start; 16 are always computed.
     pub budget: Option<Duration>,
-    /// Seed of samples, groups and walks.
+    /// Seed of samples, groups and chains.
     pub seed: u64,
 }
 
 impl AisSettings {
-    /// The usual fit within a budget of time.
+    /// Default settings for a time budget.
     pub fn within(budget: Duration, seed: u64) -> Self {
-        Self { levels: None, budget: Some(budget), ..Self::of_levels(USUAL_LEVELS, seed) }
+        Self { levels: None, budget: Some(budget), ..Self::of_levels(DEFAULT_LEVELS, seed) }
     }
 
-    /// The usual fit of a number of levels: equal seeds give equal bits, whatever the number of threads.
+    /// Default settings for a number of temperatures. Equal seeds give equal bits on any number of threads.
     pub fn of_levels(levels: usize, seed: u64) -> Self {
-        Self { groups: 4, walkers: 4, levels: Some(levels), samples: 256, half_width: 0.0015, budget: None, seed }
+        Self { groups: 4, particles: 4, levels: Some(levels), samples: 256, half_width: 0.0015, budget: None, seed }
     }
 
     fn check(&self) -> Result<(), InformationError> {
@@ -95,11 +95,11 @@ impl AisSettings {
         if !(1..=1 << 12).contains(&self.groups) {
             return refuse("1 to 4096 groups of sites", self.groups);
         }
-        if !(1..=1 << 10).contains(&self.walkers) {
-            return refuse("1 to 1024 walkers", self.walkers);
+        if !(1..=1 << 10).contains(&self.particles) {
+            return refuse("1 to 1024 particles", self.particles);
         }
         if let Some(levels) = self.levels.filter(|levels| !(1..=1 << 24).contains(levels)) {
-            return refuse("1 to 16,777,216 levels", levels);
+            return refuse("1 to 16,777,216 temperatures", levels);
         }
         if self.samples < 2 {
             return refuse("at least two samples", self.samples);
@@ -108,22 +108,22 @@ impl AisSettings {
     }
 }
 
-/// How far a bound has come; sent after every few samples.
+/// Progress of an AIS bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AisProgress {
-    /// Samples followed.
+    /// Samples done.
     pub samples: usize,
-    /// Most samples there will be.
+    /// Largest number of samples.
     pub most: usize,
     /// Time since the start.
     pub elapsed: Duration,
-    /// Time left, once it can be told; the fewest samples can take longer.
+    /// Estimated time left; `None` before the first samples.
     pub remaining: Option<Duration>,
     /// The bound so far, bits per pixel.
     pub bits_per_pixel: f64,
 }
 
-/// A bound on the information between beads and noisy measurements by following the posterior.
+/// Bound on the information between beads and noisy measurements by annealed importance sampling.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AisBound {
     /// The bound, bits per pixel of the patch.
@@ -134,27 +134,30 @@ pub struct AisBound {
     pub patch: [usize; 2],
     /// Groups of sites.
     pub groups: usize,
-    /// Walkers of each group.
-    pub walkers: usize,
-    /// Steps from guess to posterior.
+    /// Particles per group.
+    #[serde(alias = "walkers")]
+    pub particles: usize,
+    /// Temperatures.
     pub levels: usize,
-    /// Samples whose posterior was followed.
+    /// Samples.
     pub samples: usize,
-    /// Time, seconds.
+    /// Computing time, seconds.
     pub seconds: f64,
-    /// Seed of samples, groups and walks.
+    /// Seed of samples, groups and chains.
     pub seed: u64,
 }
 
-/// Hears of progress, on any thread, and answers whether to go on.
+/// Progress callback of an AIS bound, called on any thread; `Break` cancels.
 pub type OnAis<'a> = &'a mut (dyn FnMut(&AisProgress) -> ControlFlow<()> + Send);
 
-/// An upper bound on the information of a channel, for any decoder; a better one and more levels lower it. The noise is
-/// that of [`bounding`](crate::sensor::Noise::bounding). A bound whose samples `keeper` has goes on from them; where it is of a number
-/// of levels it comes to the same bits as in one go.
+/// Upper bound on the information of a channel by forward AIS. It holds for any decoder; a better decoder and more
+/// temperatures lower it. The noise is that of [`bounding`](crate::sensor::Noise::bounding).
+///
+/// A bound resumes from the checkpoint in `keeper`. With a fixed number of temperatures the result is the same to the bit.
 ///
 /// # Errors
-/// For what is no channel or no fit, where what is kept cannot be read or written or is of another bound, and when cancelled: `on_progress` is called every 50 ms and may break off.
+/// For an invalid channel or settings, for a checkpoint that cannot be read or written or belongs to another bound, and
+/// when `on_progress`, called every 50 ms, cancels.
 pub fn ais_upper_bound(
     channel: &BeadChannel,
     fit: &AisSettings,
@@ -166,8 +169,8 @@ pub fn ais_upper_bound(
     bound(&bounding, fit, (decoder, Side::Above), keeper, on_progress)
 }
 
-/// A lower bound on the information of a channel, for any decoder; a better one and more levels raise it. All sites are
-/// asked for at once by one walker, whatever the fit says.
+/// Lower bound on the information of a channel by reverse AIS. It holds for any decoder; a better decoder and more
+/// temperatures raise it. One group and one particle are used for any settings.
 ///
 /// # Errors
 /// As [`ais_upper_bound`].
@@ -178,7 +181,7 @@ pub fn ais_lower_bound(
     keeper: Option<&dyn FitCheckpoint>,
     on_progress: OnAis<'_>,
 ) -> Result<AisBound, InformationError> {
-    let fit = AisSettings { groups: 1, walkers: 1, ..fit.clone() };
+    let fit = AisSettings { groups: 1, particles: 1, ..fit.clone() };
     bound(channel, &fit, (decoder, Side::Below), keeper, on_progress)
 }
 
@@ -196,25 +199,25 @@ fn bound(
     on_progress: OnAis<'_>,
 ) -> Result<AisBound, InformationError> {
     fit.check()?;
-    let followed = keeper.map(|keeper| Followed::restore(keeper, fit.samples)).transpose()?.flatten();
+    let followed = keeper.map(|keeper| AisCheckpoint::restore(keeper, fit.samples)).transpose()?.flatten();
     let (levels, mut nats, before) = match followed {
-        Some(Followed { levels, nats, elapsed, .. }) => (Some(levels), nats, elapsed),
+        Some(AisCheckpoint { levels, nats, elapsed, .. }) => (Some(levels), nats, elapsed),
         None => (fit.levels, Vec::new(), Duration::ZERO),
     };
     let time = Stopwatch::after(before);
-    let scene = Problem::new(channel)?;
-    let known = (nats.len(), mean_and_half_width(&nats, 0.0, scene.pixels()).0);
-    let watch = Watch::new(on_progress, known, (fit.samples, fit.budget), time);
-    let follower = Follower::new(channel, &scene, fit, decoder, &watch)?;
-    let levels = levels.unwrap_or_else(|| follower.affordable_levels(side, time));
+    let problem = Problem::new(channel)?;
+    let known = (nats.len(), mean_and_half_width(&nats, 0.0, problem.pixels()).0);
+    let watch = AisObserver::new(on_progress, known, (fit.samples, fit.budget), time);
+    let sampler = AisSampler::new(channel, &problem, fit, decoder, &watch)?;
+    let levels = levels.unwrap_or_else(|| sampler.levels_within_budget(side, time));
     let mut kept = time.elapsed();
     loop {
         let first = nats.len();
-        nats.extend(follower.block(first..first + REPORT.min(fit.samples - first), levels, side));
-        if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| watch.goes_on()) {
+        nats.extend(sampler.block(first..first + REPORT.min(fit.samples - first), levels, side));
+        if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| watch.is_running()) {
             return Err(InformationError::NotFinite { what: "posteriors of the beads", patch });
         }
-        let (mean, half_width) = mean_and_half_width(&nats, follower.least_variance(), scene.pixels());
+        let (mean, half_width) = mean_and_half_width(&nats, sampler.least_variance(), problem.pixels());
         let elapsed = time.elapsed();
         if !watch.note(nats.len(), mean) {
             return Err(InformationError::Cancelled);
@@ -227,7 +230,7 @@ fn bound(
                 interval_95: [mean - half_width, mean + half_width],
                 patch: channel.patch.into(),
                 groups: fit.groups,
-                walkers: fit.walkers,
+                particles: fit.particles,
                 levels,
                 samples: nats.len(),
                 seconds: elapsed.as_secs_f64(),
@@ -237,14 +240,14 @@ fn bound(
         if let Some(keeper) = keeper
             && elapsed >= kept + keeper.every()
         {
-            Followed::keep(keeper, (levels, &nats), elapsed)?;
+            AisCheckpoint::keep(keeper, (levels, &nats), elapsed)?;
             kept = elapsed;
         }
     }
 }
 
-/// Mean of nats per sample, whose variance is known to be `least` at least, and half the width of its 95 % interval, both in
-/// bits per pixel.
+/// Mean of samples in nats and the half width of its 95 % interval, both in bits per pixel. The variance of a sample is at
+/// least `least`, nats squared.
 fn mean_and_half_width(nats: &[f64], least: f64, pixels: usize) -> (f64, f64) {
     let count = nats.len() as f64;
     let unit = pixels as f64 * std::f64::consts::LN_2;
@@ -253,58 +256,58 @@ fn mean_and_half_width(nats: &[f64], least: f64, pixels: usize) -> (f64, f64) {
     (mean / unit, student_95(count - 1.0) * (square.max(least) / count).sqrt() / unit)
 }
 
-/// What all samples share.
-struct Follower<'a> {
-    scene: &'a Problem,
+/// The parts that all samples share.
+struct AisSampler<'a> {
+    problem: &'a Problem,
     fit: &'a AisSettings,
     decoder: &'a Decoder,
-    watch: &'a Watch<'a>,
+    watch: &'a AisObserver<'a>,
     free: Pool<Pass<'a>>,
     light: Light,
-    steps: Steps,
-    /// How much a bead at each site is expected to tell, nats, less than all.
-    told: Vec<f64>,
+    steps: Moves,
+    /// Expected information of a bead at each site, nats: weights of the control variate.
+    expected_nats: Vec<f64>,
 }
 
-impl<'a> Follower<'a> {
+impl<'a> AisSampler<'a> {
     fn new(
         channel: &BeadChannel,
-        scene: &'a Problem,
+        problem: &'a Problem,
         fit: &'a AisSettings,
         decoder: &'a Decoder,
-        watch: &'a Watch<'a>,
+        watch: &'a AisObserver<'a>,
     ) -> Result<Self, InformationError> {
         let spot = channel.checked_spot()?;
-        let light = Light::new(&spot, scene);
+        let light = Light::new(&spot, problem);
         let surprise = ((1.0 - channel.probability) / channel.probability).ln();
-        let mut told = Vec::with_capacity(scene.site_count());
+        let mut expected_nats = Vec::with_capacity(problem.site_count());
         for plane in spot.outer_iter() {
             let sums = AreaSums::new(plane.dim(), |r, c| plane[[r, c]] * plane[[r, c]]);
-            for row in 0..scene.sites.rows {
-                for col in 0..scene.sites.cols {
-                    let separation = sums.over(sums.overlap((row, col), scene.patch)).max(0.0) / light.variance;
-                    told.push(TAKEN_OUT * surprise * separation / (separation + HALF_TOLD));
+            for row in 0..problem.sites.rows {
+                for col in 0..problem.sites.cols {
+                    let separation = sums.over(sums.overlap((row, col), problem.patch)).max(0.0) / light.variance;
+                    expected_nats.push(CONTROL_SHARE * surprise * separation / (separation + HALF_SEPARATION));
                 }
             }
         }
-        Ok(Self { scene, fit, decoder, watch, free: Pool::default(), light, steps: Steps::new(&spot), told })
+        Ok(Self { problem, fit, decoder, watch, free: Pool::default(), light, steps: Moves::new(&spot), expected_nats })
     }
 
-    /// Variance of a sample by the chance number of its beads alone, of which the mean leaves a part: samples that happen to
-    /// hold none agree with each other and tell nothing of it.
+    /// Variance of a sample by the random number of its beads alone, after the control variate. Samples that happen to hold
+    /// no beads agree with each other and would understate it.
     fn least_variance(&self) -> f64 {
-        let p = self.scene.probability;
-        let left = 1.0 / TAKEN_OUT - 1.0;
-        self.told.iter().map(|told| p * (1.0 - p) * (left * told).powi(2)).sum()
+        let p = self.problem.probability;
+        let left = 1.0 / CONTROL_SHARE - 1.0;
+        self.expected_nats.iter().map(|expected_nats| p * (1.0 - p) * (left * expected_nats).powi(2)).sum()
     }
 
     fn with_sample<T>(&self, index: usize, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
         self.free.with(
             |_| true,
-            || Pass::new(self.scene, self.decoder.unrolled()),
+            || Pass::new(self.problem, self.decoder.unrolled()),
             |pass| {
                 let draw = (self.fit.seed, Purpose::Posterior, index);
-                pass.sample.draw(self.scene, draw, |_| Reveal::Nothing, &mut pass.blur);
+                pass.sample.draw(self.problem, draw, |_| Reveal::Nothing, &mut pass.blur);
                 work(pass)
             },
         )
@@ -314,87 +317,88 @@ impl<'a> Follower<'a> {
     fn block(&self, samples: std::ops::Range<usize>, levels: usize, side: Side) -> Vec<f64> {
         let groups = self.fit.groups;
         let tasks = (samples.start * groups..samples.end * groups).into_par_iter().with_max_len(1);
-        let parts: Vec<f64> = tasks.map(|task| self.follow(task / groups, task % groups, (levels, side))).collect();
+        let parts: Vec<f64> =
+            tasks.map(|task| self.group_log_ratio(task / groups, task % groups, (levels, side))).collect();
         let sums = parts.chunks(groups).zip(samples);
-        sums.map(|(parts, sample)| parts.iter().sum::<f64>() - self.chance(sample)).collect()
+        sums.map(|(parts, sample)| parts.iter().sum::<f64>() - self.control_variate(sample)).collect()
     }
 
-    /// Levels for which the time of a fit suffices, from that of a few samples of few levels.
-    fn affordable_levels(&self, side: Side, spent: Stopwatch) -> usize {
-        let Some(budget) = self.fit.budget else { return USUAL_LEVELS };
-        // Samples of their own: what a bound rests on does not decide how it is computed.
+    /// Number of temperatures that the budget allows, from the speed of a few samples.
+    fn levels_within_budget(&self, side: Side, spent: Stopwatch) -> usize {
+        let Some(budget) = self.fit.budget else { return DEFAULT_LEVELS };
+        // Separate samples: those of the bound must not decide how it is computed.
         let trials = FIRST_TRIAL..FIRST_TRIAL + REPORT;
         let time = |levels: usize| {
             let before = Instant::now();
             self.block(trials.clone(), levels, side);
             before.elapsed().as_secs_f64() / REPORT as f64
         };
-        // The first samples need memory besides.
+        // The first samples allocate memory.
         time(1);
         let (fixed, trial) = (time(1), time(1 + TRIAL_LEVELS));
-        // Where timing is too coarse to tell, levels are not for free.
+        // With coarse timing a temperature still has a cost.
         let each = (trial - fixed).max(0.1 * trial).max(1e-9) / TRIAL_LEVELS as f64;
         let left = budget.saturating_sub(spent.elapsed()).as_secs_f64();
-        let worthy = match side {
-            Side::Above => WORTHY_LEVELS_ABOVE,
-            Side::Below => WORTHY_LEVELS_BELOW * (self.scene.pixels() as f64 / USUAL_PIXELS).max(1.0),
+        let useful = match side {
+            Side::Above => USEFUL_LEVELS_ABOVE,
+            Side::Below => USEFUL_LEVELS_BELOW * (self.problem.pixels() as f64 / USUAL_PIXELS).max(1.0),
         };
         let levels = |samples: f64| (left / samples - fixed) / each;
         let (most, balanced) = (levels(FEWEST_SAMPLES as f64), levels(BUDGETED_SAMPLES));
-        most.min(balanced.max(worthy)).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
+        most.min(balanced.max(useful)).clamp(FEWEST_LEVELS, MOST_LEVELS) as usize
     }
 
-    /// What the beads of a sample tell by being more or fewer than expected, nats; its mean is 0 and it varies with what
-    /// the measurement tells, so the difference varies less.
-    fn chance(&self, index: usize) -> f64 {
+    /// Control variate of a sample, nats: mean 0, correlated with the information of the measurement.
+    fn control_variate(&self, index: usize) -> f64 {
         self.with_sample(index, |pass| {
-            let beads = pass.sample.beads.iter().zip(&self.told);
-            beads.map(|(&bead, told)| (f64::from(bead) - self.scene.probability) * told).sum()
+            let beads = pass.sample.beads.iter().zip(&self.expected_nats);
+            beads.map(|(&bead, expected_nats)| (f64::from(bead) - self.problem.probability) * expected_nats).sum()
         })
     }
 
-    /// `log p(y | x) - log p(y | x of the other groups)` of one group of a sample, nats, the second by annealing.
-    fn follow(&self, index: usize, group: usize, (levels, side): (usize, Side)) -> f64 {
-        let (scene, fit) = (self.scene, self.fit);
+    /// `log p(y | x) - log p(y | x of the other groups)` of one group of a sample, nats; the second term by AIS.
+    fn group_log_ratio(&self, index: usize, group: usize, (levels, side): (usize, Side)) -> f64 {
+        let (problem, fit) = (self.problem, self.fit);
         let mut random = ChaCha8Rng::seed_from_u64(fit.seed);
-        random.set_stream(WALKS + (index * (fit.groups + 1)) as u64);
-        let asked: Vec<bool> = (0..scene.site_count()).map(|_| random.random_range(0..fit.groups) == group).collect();
-        random.set_stream(WALKS + (index * (fit.groups + 1) + group + 1) as u64);
-        let (guess, measured, lit, exact) = self.with_sample(index, |pass| {
-            pass.sample.ask(scene, |site| asked[site]);
+        random.set_stream(CHAIN_STREAM + (index * (fit.groups + 1)) as u64);
+        let in_group: Vec<bool> =
+            (0..problem.site_count()).map(|_| random.random_range(0..fit.groups) == group).collect();
+        random.set_stream(CHAIN_STREAM + (index * (fit.groups + 1) + group + 1) as u64);
+        let (initial, measured, occupied, exact) = self.with_sample(index, |pass| {
+            pass.sample.ask(problem, |site| in_group[site]);
             pass.forward(self.decoder, &self.decoder.weights);
-            let prior = f64::from(scene.prior_logit());
-            let mut log_odds = vec![scene.prior_logit(); asked.len()];
-            for &site in &scene.decoded {
+            let prior = f64::from(problem.prior_logit());
+            let mut log_odds = vec![problem.prior_logit(); in_group.len()];
+            for &site in &problem.decoded {
                 log_odds[site] = pass.claimed()[site];
             }
             let limits = (prior, MOST_CERTAIN.max(prior.abs() + 2.0));
-            let measured = Measured::new(scene, &self.light, &pass.sample, |site| !asked[site]);
+            let measured = Measurement::new(problem, &self.light, &pass.sample, |site| !in_group[site]);
             let beads = &pass.sample.beads;
-            let lit: Vec<usize> = (0..beads.len()).filter(|&site| beads[site] > 0.0 && asked[site]).collect();
+            let occupied: Vec<usize> = (0..beads.len()).filter(|&site| beads[site] > 0.0 && in_group[site]).collect();
             let exact = self.exact(&pass.sample);
-            (Guess::new(&log_odds, asked, limits), measured, lit, exact)
+            (InitialDistribution::new(&log_odds, in_group, limits), measured, occupied, exact)
         });
-        let sites = guess.free.iter().filter(|&&free| free).count() as f64;
-        let effort = Effort {
+        let sites = initial.free.iter().filter(|&&free| free).count() as f64;
+        let effort = SweepSize {
             flips: (FLIPS_PER_SITE * sites).ceil() as usize,
-            shifts: (SHIFTS_PER_BEAD * scene.probability * sites).ceil() as usize,
+            shifts: (SHIFTS_PER_BEAD * problem.probability * sites).ceil() as usize,
         };
         let (light, steps) = (&self.light, &self.steps);
-        let go_on = || self.watch.goes_on();
-        let walk = Walk { light, measured: &measured, guess: &guess, steps, effort, levels, go_on: &go_on };
+        let go_on = || self.watch.is_running();
+        let chain = AisChain { light, measured: &measured, initial: &initial, steps, effort, levels, go_on: &go_on };
         match side {
-            Side::Above => exact - walk.forwards(fit.walkers, &mut random),
-            // The walk knows its model alone, so that both logs must be of it.
-            Side::Below => walk.model_of(&lit) - walk.backwards(&lit, &mut random),
+            Side::Above => exact - chain.forward_log_weight(fit.particles, &mut random),
+            // The reverse chain uses the model likelihood, so both terms must.
+            Side::Below => chain.model_log_likelihood(&occupied) - chain.reverse_log_weight(&occupied, &mut random),
         }
     }
 
-    /// Log of the probability (density) of a sample's measurement given its beads, nats. Light that arithmetic leaves where
-    /// there is none belongs to the channel: noise was drawn of it.
+    /// Exact log-likelihood of a sample's measurement given its beads, nats. Rounding residues in dark pixels belong to the
+    /// channel, as the noise was drawn from them.
     fn exact(&self, sample: &Sample) -> f64 {
         let pixels = sample.noisy.iter().zip(&sample.clean);
-        pixels.map(|(&y, &x)| log_likelihood(self.scene.noise, f64::from(y), f64::from(x))).sum()
+        pixels.map(|(&y, &x)| log_likelihood(self.problem.noise, f64::from(y), f64::from(x))).sum()
     }
 }
 
@@ -403,7 +407,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_that_agree_by_chance_are_not_taken_for_certain() {
+    fn equal_samples_keep_a_positive_half_width() {
         let (mean, half) = mean_and_half_width(&[2.0; 16], 4.0, 100);
         let unit = 100.0 * std::f64::consts::LN_2;
         assert!((mean * unit - 2.0).abs() < 1e-12 && (half * unit - 2.1314 * 0.5).abs() < 1e-3, "{mean} {half}");

@@ -1,4 +1,4 @@
-//! How far a posterior was followed, as it is kept.
+//! Checkpoint of an AIS bound.
 
 use std::time::Duration;
 
@@ -8,21 +8,21 @@ use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::fit_checkpoint::unread;
 
-/// What was followed so far.
+/// Samples of a bound that are done.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Followed {
-    /// Says which bound it is of.
+pub(super) struct AisCheckpoint {
+    /// Identity of the bound.
     key: String,
-    /// Levels of every walk.
+    /// Temperatures of every chain.
     pub levels: usize,
     /// Log ratio of each sample, nats.
     pub nats: Vec<f64>,
-    /// Time taken, in all parts.
+    /// Computing time of all sessions.
     pub elapsed: Duration,
 }
 
-impl Followed {
-    /// What is kept of a bound of at most so many samples, if anything.
+impl AisCheckpoint {
+    /// Loads the checkpoint of a bound with at most `most` samples; `None` where there is none.
     pub fn restore(keeper: &dyn FitCheckpoint, most: usize) -> Result<Option<Self>, InformationError> {
         let Some(bytes) = keeper.load()? else { return Ok(None) };
         let followed: Self = serde_json::from_slice(&bytes).map_err(|error| unread(keeper, &error))?;
@@ -35,7 +35,7 @@ impl Followed {
         Ok(Some(followed))
     }
 
-    /// Keeps what was followed over so many levels in the time.
+    /// Writes the checkpoint.
     pub fn keep(
         keeper: &dyn FitCheckpoint,
         (levels, nats): (usize, &[f64]),

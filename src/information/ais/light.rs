@@ -1,21 +1,22 @@
-//! Which pixels a bead lights, as runs of pixels that vector code takes whole.
+//! Bead responses as runs of pixels, laid out for vector instructions.
 
 use ndarray::Array3;
 
 use crate::information::decoder::problem::Problem;
 
-/// Pixels that are worked on together; every run is a multiple of it.
+/// Pixels per vector; the length of every run is a multiple of it.
 pub(super) const LANES: usize = 8;
-/// Share of a spot's photons that is spread evenly over the patch instead, so that a bead touches fewer pixels.
+/// Largest share of a bead's photons that is spread evenly over the patch, so that a bead touches fewer pixels.
 const FAINT_SHARE: f64 = 2e-3;
-/// Most that the noise of a pixel may be exceeded by all of that light together, in squares: what it could tell of a bead is
-/// half as many nats.
+/// Largest energy of that faint light over the noise variance of a pixel. Its information about a bead is half of this,
+/// nats.
 const FAINT_ENERGY: f64 = 0.02;
 
-/// Photons of a pixel beyond which gains are computed with more care; up to there rounding makes an error of 6e-4 nats of them.
+/// Photons per pixel above which changes of the log-likelihood are computed with compensated logarithms. Below, rounding
+/// costs at most 6e-4 nats.
 const BRIGHT: f64 = 1e4;
 
-/// One stretch of a row of a spot.
+/// A run of pixels in one row of a bead response.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     row: usize,
@@ -25,7 +26,7 @@ struct Run {
     length: usize,
 }
 
-/// The light of single beads on an image of the patch with dark columns at both sides, in which no run has to be cut.
+/// Responses of single beads on an image of the patch. The image has dark columns on both sides, so no run is cut.
 #[derive(Clone, Debug)]
 pub(super) struct Light {
     /// Rows and columns of the sites of one plane.
@@ -41,18 +42,18 @@ pub(super) struct Light {
     pub variance: f64,
     /// Whether single precision rounds the ratios of light too coarsely for counts this large.
     pub is_bright: bool,
-    /// Photons per pixel without beads, and what beads add on average where their light is too faint to be followed.
+    /// Photons per pixel without beads, plus the mean of the faint light that the runs leave out.
     pub background: f64,
 }
 
 impl Light {
-    /// The light of a spot of shape (planes, rows, cols).
-    pub fn new(spot: &Array3<f64>, scene: &Problem) -> Self {
+    /// From a bead response of shape (planes, rows, cols), photons.
+    pub fn new(spot: &Array3<f64>, problem: &Problem) -> Self {
         let (_, rows, cols) = spot.dim();
         let total: f64 = spot.sum();
-        let bias = f64::from(scene.bias);
-        let sigma = scene.noise.read_sigma().unwrap_or(0.0);
-        let shot = if scene.noise.has_shot_noise() { bias + total * scene.probability } else { 0.0 };
+        let bias = f64::from(problem.bias);
+        let sigma = problem.noise.read_sigma().unwrap_or(0.0);
+        let shot = if problem.noise.has_shot_noise() { bias + total * problem.probability } else { 0.0 };
         let variance = (shot + sigma * sigma).max(f64::MIN_POSITIVE);
         let mut sorted: Vec<f64> = spot.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
@@ -84,15 +85,15 @@ impl Light {
         let followed: f64 = photons.iter().map(|&value| f64::from(value)).sum();
         let border = planes.iter().flatten().map(|run| run.length).max().unwrap_or(0);
         Self {
-            grid: (scene.sites.rows, scene.sites.cols),
-            patch: scene.patch,
+            grid: (problem.sites.rows, problem.sites.cols),
+            patch: problem.patch,
             last: (rows as isize - 1, cols as isize - 1),
             border,
             photons,
             planes,
             variance,
             is_bright: bias + peak > BRIGHT,
-            background: bias + (total - followed).max(0.0) * scene.probability,
+            background: bias + (total - followed).max(0.0) * problem.probability,
         }
     }
 
@@ -101,7 +102,7 @@ impl Light {
         self.patch.1 + 2 * self.border
     }
 
-    /// An image that holds `patch` (rows, cols) and `border` at both sides.
+    /// An image of `patch` (rows, cols) with the value `border` in the columns on both sides.
     pub fn image(&self, patch: &[f32], border: f32) -> Vec<f32> {
         let mut image = vec![border; self.patch.0 * self.stride()];
         for (line, values) in image.chunks_exact_mut(self.stride()).zip(patch.chunks_exact(self.patch.1)) {

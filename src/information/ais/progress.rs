@@ -1,4 +1,4 @@
-//! Telling of progress, and being stopped, from within long walks on any thread.
+//! Progress reports and cancellation of AIS chains on many threads.
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -8,29 +8,28 @@ use std::time::{Duration, Instant};
 use super::bound::{AisProgress, OnAis};
 use crate::information::stopwatch::Stopwatch;
 
-/// Time between two calls.
+/// Time between two reports.
 const EVERY: Duration = Duration::from_millis(50);
 
-/// The one who is told, shared by all walks.
-pub(super) struct Watch<'a> {
-    told: Mutex<Told<'a>>,
+/// Observer of a bound, shared by all chains.
+pub(super) struct AisObserver<'a> {
+    state: Mutex<ObserverState<'a>>,
     stopped: AtomicBool,
     time: Stopwatch,
     budget: Option<Duration>,
 }
 
-struct Told<'a> {
+struct ObserverState<'a> {
     on_progress: OnAis<'a>,
     progress: AisProgress,
-    /// Time by which so many samples were followed.
+    /// Time when the last sample was done.
     noted: Duration,
-    /// When that was last told.
+    /// Time of the last report.
     at: Instant,
 }
 
-impl<'a> Watch<'a> {
-    /// Of a bound whose time is taken, with the samples that were followed before, what they came to in bits per pixel, and the most
-    /// samples and the most time there will be.
+impl<'a> AisObserver<'a> {
+    /// An observer of a bound that resumes with `samples` at `bits_per_pixel`, and ends at `most` samples or the budget.
     pub fn new(
         on_progress: OnAis<'a>,
         (samples, bits_per_pixel): (usize, f64),
@@ -40,41 +39,41 @@ impl<'a> Watch<'a> {
         let (elapsed, remaining) = (Duration::ZERO, None);
         let progress = AisProgress { samples, most, elapsed, remaining, bits_per_pixel };
         Self {
-            told: Mutex::new(Told { on_progress, progress, noted: time.elapsed(), at: Instant::now() }),
+            state: Mutex::new(ObserverState { on_progress, progress, noted: time.elapsed(), at: Instant::now() }),
             stopped: AtomicBool::new(false),
             time,
             budget,
         }
     }
 
-    /// Whether to go on. To be asked often: it tells now and then, and costs next to nothing in between.
-    pub fn goes_on(&self) -> bool {
-        // Where another walk is telling, that is enough.
-        if let Ok(mut told) = self.told.try_lock()
-            && told.at.elapsed() >= EVERY
+    /// Whether the bound is still wanted. Cheap; reports every 50 ms.
+    pub fn is_running(&self) -> bool {
+        // One report at a time.
+        if let Ok(mut state) = self.state.try_lock()
+            && state.at.elapsed() >= EVERY
         {
-            self.tell(&mut told);
+            self.tell(&mut state);
         }
         !self.stopped.load(Ordering::Relaxed)
     }
 
-    /// Notes the bound after so many samples, bits per pixel, and tells it; whether to go on.
+    /// Records and reports the bound (bits per pixel) after `samples`; returns whether it is still wanted.
     pub fn note(&self, samples: usize, bits_per_pixel: f64) -> bool {
-        if let Ok(mut told) = self.told.lock()
+        if let Ok(mut state) = self.state.lock()
             && !self.stopped.load(Ordering::Relaxed)
         {
-            (told.progress.samples, told.progress.bits_per_pixel) = (samples, bits_per_pixel);
-            told.noted = self.time.elapsed();
-            self.tell(&mut told);
+            (state.progress.samples, state.progress.bits_per_pixel) = (samples, bits_per_pixel);
+            state.noted = self.time.elapsed();
+            self.tell(&mut state);
         }
         !self.stopped.load(Ordering::Relaxed)
     }
 
-    fn tell(&self, told: &mut Told<'_>) {
-        told.at = Instant::now();
-        told.progress.elapsed = self.time.elapsed();
-        told.progress.remaining = remaining(&told.progress, self.budget, told.noted);
-        let Told { on_progress, progress, .. } = told;
+    fn tell(&self, state: &mut ObserverState<'_>) {
+        state.at = Instant::now();
+        state.progress.elapsed = self.time.elapsed();
+        state.progress.remaining = remaining(&state.progress, self.budget, state.noted);
+        let ObserverState { on_progress, progress, .. } = state;
         if matches!(on_progress(progress), ControlFlow::Break(())) {
             self.stopped.store(true, Ordering::Relaxed);
         }
@@ -96,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_time_that_is_left_falls_between_two_samples() {
+    fn remaining_time_falls_between_samples() {
         let seconds = Duration::from_secs;
         let progress = |samples, elapsed| AisProgress {
             samples,

@@ -1,4 +1,4 @@
-//! Random changes of beads that leave a distribution between a guess and the posterior as it is.
+//! Metropolis proposals for beads: single flips and moves to other sites.
 
 use ndarray::Array3;
 use rand::RngExt;
@@ -6,29 +6,29 @@ use rand_chacha::ChaCha8Rng;
 
 use super::state::State;
 
-/// Beads step this far at most, px.
+/// Largest near move, px.
 const NEAR: isize = 2;
-/// Images of a bead that count as those of lenslets, and the least share of the brightest one's peak.
+/// Largest number of lenslet images of a bead, and the smallest peak of an image as a share of the brightest.
 const MOST_IMAGES: usize = 16;
 const FAINTEST_IMAGE: f64 = 0.2;
-/// Weight that every site has in the choice of the next, beside the standard deviation of its guess.
+/// Weight of every site in the choice of a flip, added to the standard deviation of its initial distribution.
 const LEAST_WEIGHT: f64 = 0.02;
 
-/// Where a bead may move: rows and columns, with every step its opposite.
+/// Offsets (rows, cols) that a bead may move by. The set contains the opposite of each.
 #[derive(Clone, Debug)]
-pub(super) struct Steps {
-    /// To close by.
+pub(super) struct Moves {
+    /// To neighbouring sites.
     near: Vec<(isize, isize)>,
-    /// To where its image through one lenslet lies near that through another.
+    /// To sites whose image through one lenslet lies near the present image through another.
     far: Vec<(isize, isize)>,
 }
 
-impl Steps {
-    /// For beads of a spot, shape (planes, rows, cols).
+impl Moves {
+    /// Moves for a bead response of shape (planes, rows, cols).
     pub fn new(spot: &Array3<f64>) -> Self {
         let around = |reach: isize| (-reach..=reach).flat_map(move |row| (-reach..=reach).map(move |col| (row, col)));
         let mut near: Vec<_> = around(NEAR).filter(|&step| step != (0, 0)).collect();
-        // The closest ones more often.
+        // Direct neighbours are proposed more often.
         near.extend([(0, 1), (0, -1), (1, 0), (-1, 0)].repeat(2));
         let mut far = Vec::new();
         for plane in spot.outer_iter() {
@@ -60,22 +60,22 @@ impl Steps {
     }
 }
 
-/// Independent probabilities of beads at the sites in question: where annealing begins.
+/// Initial distribution of annealing: independent bead probabilities at the free sites.
 #[derive(Clone, Debug)]
-pub(super) struct Guess {
-    /// Log odds of a bead; those of the prior at sites that are no question.
+pub(super) struct InitialDistribution {
+    /// Log odds of a bead per site; those of the prior at fixed sites.
     pub log_odds: Vec<f64>,
-    /// Whether the site is in question.
+    /// Whether the site is sampled.
     pub free: Vec<bool>,
     /// Log odds of the prior.
     pub prior: f64,
     chances: Vec<f64>,
-    /// Log of the prior probability of no beads over that of the guess, nats.
+    /// Log ratio of prior to initial distribution for no beads at all, nats.
     dark: f64,
 }
 
-impl Guess {
-    /// From log odds of all sites, kept within `limit` of 0.
+impl InitialDistribution {
+    /// From the log odds of all sites, clamped to `limit` around 0.
     pub fn new(log_odds: &[f32], free: Vec<bool>, (prior, limit): (f64, f64)) -> Self {
         let clamped = |(&odds, &free): (&f32, &bool)| {
             if free && !odds.is_nan() { f64::from(odds).clamp(-limit, limit) } else { prior }
@@ -88,27 +88,27 @@ impl Guess {
             sum
         });
         let chances = chances.collect();
-        let asked = log_odds.iter().zip(&free).filter(|&(_, &free)| free);
-        let dark = asked.map(|(&odds, _)| softplus(odds) - softplus(prior)).sum();
+        let in_group = log_odds.iter().zip(&free).filter(|&(_, &free)| free);
+        let dark = in_group.map(|(&odds, _)| softplus(odds) - softplus(prior)).sum();
         Self { log_odds, free, prior, chances, dark }
     }
 
-    /// Beads as the guess has them.
+    /// Draws the occupied sites.
     pub fn draw(&self, random: &mut ChaCha8Rng) -> Vec<usize> {
         let sites = 0..self.free.len();
         sites.filter(|&site| self.free[site] && random.random::<f64>() < probability(self.log_odds[site])).collect()
     }
 
-    /// Log of the prior probability of beads over that of the guess, nats.
-    pub fn prior_over_guess(&self, lit: &[u32]) -> f64 {
-        self.dark + lit.iter().map(|&site| self.prior - self.log_odds[site as usize]).sum::<f64>()
+    /// Log ratio of prior to initial distribution for beads at these sites, nats.
+    pub fn prior_over_initial(&self, occupied: &[u32]) -> f64 {
+        self.dark + occupied.iter().map(|&site| self.prior - self.log_odds[site as usize]).sum::<f64>()
     }
 
-    /// A site in question, those the guess is unsure of more often.
+    /// A free site, drawn more often where the initial distribution is uncertain.
     fn site(&self, random: &mut ChaCha8Rng) -> usize {
         let all = self.chances.last().copied().unwrap_or(0.0);
-        let chance = random.random::<f64>() * all;
-        self.chances.partition_point(|&sum| sum <= chance).min(self.chances.len().saturating_sub(1))
+        let control_variate = random.random::<f64>() * all;
+        self.chances.partition_point(|&sum| sum <= control_variate).min(self.chances.len().saturating_sub(1))
     }
 }
 
@@ -122,53 +122,56 @@ fn softplus(x: f64) -> f64 {
     x.max(0.0) + (-x.abs()).exp().ln_1p()
 }
 
-/// So many single sites and so many beads get the chance to change in random order.
+/// Number of proposals in one MCMC sweep.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Effort {
+pub(super) struct SweepSize {
+    /// Proposals to flip a single site.
     pub flips: usize,
+    /// Proposals to move a bead.
     pub shifts: usize,
 }
 
-/// Changes beads at random such that `guess^(1 - heat) (prior x likelihood)^heat` stays as it is: every change is one of
-/// Metropolis, and their random order is as likely as its reverse, so that time may run either way.
-pub(super) fn stir(
+/// One MCMC sweep that leaves `initial^(1 - beta) (prior x likelihood)^beta` invariant. All proposals are accepted by
+/// Metropolis' rule in random order, so the sweep is reversible.
+pub(super) fn mcmc_sweep(
     state: &mut State<'_>,
-    guess: &Guess,
-    steps: &Steps,
-    (heat, effort): (f64, Effort),
+    initial: &InitialDistribution,
+    steps: &Moves,
+    (beta, effort): (f64, SweepSize),
     grid: (usize, usize),
     random: &mut ChaCha8Rng,
 ) {
     let all = effort.flips + effort.shifts;
     for _ in 0..all {
         if random.random_range(0..all) < effort.flips {
-            let site = guess.site(random);
+            let site = initial.site(random);
             let sign = if state.holds(site) { -1.0 } else { 1.0 };
-            let odds = (1.0 - heat) * guess.log_odds[site] + heat * guess.prior;
-            let change = sign * odds + heat * state.gain(site, sign as f32);
+            let odds = (1.0 - beta) * initial.log_odds[site] + beta * initial.prior;
+            let change = sign * odds + beta * state.log_likelihood_change(site, sign as f32);
             if accepted(change, random) {
-                state.shine(site, sign as f32);
+                state.add_photons(site, sign as f32);
                 state.toggle(site);
             }
             continue;
         }
-        if state.lit.is_empty() {
+        if state.occupied.is_empty() {
             continue;
         }
-        let from = state.lit[random.random_range(0..state.lit.len())] as usize;
+        let from = state.occupied[random.random_range(0..state.occupied.len())] as usize;
         let Some(to) = stepped(from, steps.draw(random), grid) else { continue };
-        if state.holds(to) || !guess.free[to] {
+        if state.holds(to) || !initial.free[to] {
             continue;
         }
-        let lost = state.gain(from, -1.0);
-        state.shine(from, -1.0);
-        let change = heat * (lost + state.gain(to, 1.0)) + (1.0 - heat) * (guess.log_odds[to] - guess.log_odds[from]);
+        let lost = state.log_likelihood_change(from, -1.0);
+        state.add_photons(from, -1.0);
+        let change = beta * (lost + state.log_likelihood_change(to, 1.0))
+            + (1.0 - beta) * (initial.log_odds[to] - initial.log_odds[from]);
         if accepted(change, random) {
-            state.shine(to, 1.0);
+            state.add_photons(to, 1.0);
             state.toggle(from);
             state.toggle(to);
         } else {
-            state.shine(from, 1.0);
+            state.add_photons(from, 1.0);
         }
     }
 }
@@ -177,7 +180,7 @@ fn accepted(change: f64, random: &mut ChaCha8Rng) -> bool {
     random.random::<f64>() < change.exp()
 }
 
-/// The site so many rows and columns away in the same plane.
+/// The site at an offset in the same plane; `None` outside.
 fn stepped(site: usize, step: (isize, isize), (rows, cols): (usize, usize)) -> Option<usize> {
     let (line, col) = (site / cols, site % cols);
     let (plane, row) = (line / rows, line % rows);

@@ -1,9 +1,9 @@
-//! Beads that could have made a measurement, with their light, and what one bead more or less would change.
+//! Bead configurations with their expected image, and the change of the log-likelihood by one bead.
 //!
-//! The likelihood is that of a model: light too faint to be followed is spread evenly, no pixel expects less than a
-//! thousandth of a photon, and shot plus read noise is Gaussian with the sum of both variances. A normalised model of the
-//! measurements that is not quite the truth can only raise an upper bound, and can only lower a lower one. From above it would do so
-//! for every group of sites, so that walks end with the exact law of the noise there ([`State::correction`]).
+//! The likelihood is a model: faint light is spread evenly, every pixel expects at least a thousandth of a photon, and shot
+//! plus read noise is Gaussian with the sum of both variances. A normalised model that differs from the truth can only
+//! loosen either bound. In the upper bound this would count once per group of sites, so its chains end with the exact noise
+//! distribution ([`State::correction`]).
 
 use super::light::{LANES, Light};
 use crate::information::decoder::problem::Problem;
@@ -14,57 +14,62 @@ use crate::sensor::Noise;
 
 /// Least photons that the model expects of a pixel.
 const LEAST_PHOTONS: f32 = 1e-3;
-/// Squared skewness of shot plus read noise below which it is as good as Gaussian: a twelfth of it is about what that costs a pixel,
-/// nats.
+/// Squared skewness of shot plus read noise below which it counts as Gaussian. The cost is about a twelfth of it, nats per
+/// pixel.
 const SKEWED: f64 = 1e-3;
 /// No site.
 const NOWHERE: u32 = u32::MAX;
 
-/// A measurement, and the light that is known to be in it.
+/// A measurement and the expected photons of its fixed beads.
 #[derive(Clone, Debug)]
-pub(super) struct Measured {
+pub(super) struct Measurement {
     noise: Noise,
     /// Noisy photons, in the form of [`Light::image`].
     noisy: Vec<f32>,
     /// 1 on the patch, 0 beside it.
     inside: Vec<f32>,
-    /// Photons of the background and of the beads that are known.
+    /// Expected photons of the background and the fixed beads.
     known: Vec<f32>,
 }
 
-impl Measured {
-    /// The measurement of a sample whose beads at `known` sites are no question.
-    pub fn new(scene: &Problem, light: &Light, sample: &Sample, known: impl Fn(usize) -> bool) -> Self {
-        let inside = light.image(&vec![1.0; scene.pixels()], 0.0);
+impl Measurement {
+    /// The measurement of a sample whose beads at `known` sites are fixed.
+    pub fn new(problem: &Problem, light: &Light, sample: &Sample, known: impl Fn(usize) -> bool) -> Self {
+        let inside = light.image(&vec![1.0; problem.pixels()], 0.0);
         let mut clean = vec![light.background as f32; inside.len()];
         for site in (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0 && known(site)) {
             light.add(site, 1.0, &mut clean);
         }
-        Self { noise: scene.noise, noisy: light.image(&sample.noisy, 0.0), inside, known: clean }
+        Self { noise: problem.noise, noisy: light.image(&sample.noisy, 0.0), inside, known: clean }
     }
 }
 
-/// Beads at the sites in question.
+/// Beads at the free sites, with the image that they produce.
 #[derive(Clone, Debug)]
 pub(super) struct State<'a> {
     light: &'a Light,
-    measured: &'a Measured,
+    measured: &'a Measurement,
     /// Sites that hold a bead, in any order.
-    pub lit: Vec<u32>,
-    /// Where each site stands in that list.
+    pub occupied: Vec<u32>,
+    /// Position of each site in that list.
     places: Vec<u32>,
     clean: Vec<f32>,
 }
 
 impl<'a> State<'a> {
-    /// With beads at the given ones of `sites` sites.
-    pub fn new(light: &'a Light, measured: &'a Measured, sites: usize, lit: impl Iterator<Item = usize>) -> Self {
-        let lit: Vec<u32> = lit.map(|site| site as u32).collect();
+    /// A state with beads at the given sites, out of `sites`.
+    pub fn new(
+        light: &'a Light,
+        measured: &'a Measurement,
+        sites: usize,
+        occupied: impl Iterator<Item = usize>,
+    ) -> Self {
+        let occupied: Vec<u32> = occupied.map(|site| site as u32).collect();
         let mut places = vec![NOWHERE; sites];
-        for (place, &site) in lit.iter().enumerate() {
+        for (place, &site) in occupied.iter().enumerate() {
             places[site as usize] = place as u32;
         }
-        let mut state = Self { light, measured, lit, places, clean: Vec::new() };
+        let mut state = Self { light, measured, occupied, places, clean: Vec::new() };
         state.refresh();
         state
     }
@@ -74,10 +79,10 @@ impl<'a> State<'a> {
         self.places[site] != NOWHERE
     }
 
-    /// Adds up the light anew, without the rounding of many small changes.
+    /// Recomputes the image, without the rounding of many small changes.
     pub fn refresh(&mut self) {
         self.clean.clone_from(&self.measured.known);
-        for &site in &self.lit {
+        for &site in &self.occupied {
             self.light.add(site as usize, 1.0, &mut self.clean);
         }
     }
@@ -97,7 +102,7 @@ impl<'a> State<'a> {
         terms.sum()
     }
 
-    /// What the exact law of the noise adds to the log likelihood, nats; nothing where the model has it.
+    /// Exact minus modelled log-likelihood, nats; 0 where the model is exact.
     pub fn correction(&self) -> f64 {
         let noise @ Noise::ShotRead { sigma } = self.measured.noise else { return 0.0 };
         let pixels = self.light.patch_of(&self.measured.noisy).zip(self.light.patch_of(&self.clean));
@@ -112,10 +117,10 @@ impl<'a> State<'a> {
         terms.sum()
     }
 
-    /// What `sign` beads more at a site would add to the log likelihood, nats.
-    pub fn gain(&self, site: usize, sign: f32) -> f64 {
+    /// Change of the log-likelihood by `sign` more beads at a site, nats.
+    pub fn log_likelihood_change(&self, site: usize, sign: f32) -> f64 {
         let (light, clean) = (self.light, &self.clean[..]);
-        let Measured { noise, noisy, inside, .. } = self.measured;
+        let Measurement { noise, noisy, inside, .. } = self.measured;
         let mut sums = [0.0; LANES];
         match *noise {
             Noise::None => {}
@@ -136,28 +141,28 @@ impl<'a> State<'a> {
         sums.iter().map(|&sum| f64::from(sum)).sum()
     }
 
-    /// Adds the light of `sign` beads at a site, but not the beads.
-    pub fn shine(&mut self, site: usize, sign: f32) {
+    /// Adds the photons of `sign` beads at a site to the image, without changing the beads.
+    pub fn add_photons(&mut self, site: usize, sign: f32) {
         self.light.add(site, sign, &mut self.clean);
     }
 
-    /// Puts a bead at a dark site, or takes that of a lit one, but not its light.
+    /// Adds a bead at an empty site or removes it from an occupied one, without changing the image.
     pub fn toggle(&mut self, site: usize) {
         let place = std::mem::replace(&mut self.places[site], NOWHERE);
         if place == NOWHERE {
-            self.places[site] = self.lit.len() as u32;
-            self.lit.push(site as u32);
+            self.places[site] = self.occupied.len() as u32;
+            self.occupied.push(site as u32);
         } else {
-            self.lit.swap_remove(place as usize);
-            if let Some(&moved) = self.lit.get(place as usize) {
+            self.occupied.swap_remove(place as usize);
+            if let Some(&moved) = self.occupied.get(place as usize) {
                 self.places[moved as usize] = place;
             }
         }
     }
 }
 
-/// The body of a gain: `$term` from clean photons before and after, noisy photons.
-macro_rules! gain {
+/// Defines a change of the log-likelihood: `$term` of expected photons before and after, and of measured photons.
+macro_rules! log_likelihood_change {
     ($name:ident<$fused:ident>, ($($extra:ident),*), |$before:ident, $after:ident, $noisy:ident| $term:expr) => {
         vectorised! {
             fn $name<'a, fused $fused>(
@@ -192,18 +197,19 @@ macro_rules! gain {
     };
 }
 
-gain!(shot_gain<FUSED>, (), |before, after, noisy| noisy * logarithm::<FUSED>(after / before) - (after - before));
-// Where light is bright the rounding of the ratio, times the counts, would be as large as the gain: there the logarithm is taken of
-// the change, as Kahan does it.
-gain!(bright_gain<FUSED>, (), |before, after, noisy| {
+log_likelihood_change!(shot_gain<FUSED>, (), |before, after, noisy| noisy * logarithm::<FUSED>(after / before)
+    - (after - before));
+// At high photon counts the rounding of the ratio would dominate; Kahan's form takes the logarithm of the change instead.
+log_likelihood_change!(bright_gain<FUSED>, (), |before, after, noisy| {
     let change = after - before;
     let (ratio, share) = (after / before, change / before);
     let step = ratio - 1.0;
     let log = if step == 0.0 { share } else { logarithm::<FUSED>(ratio) * (share / step) };
     noisy * log - change
 });
-gain!(read_gain<FUSED>, (), |before, after, noisy| (after - before) * (noisy - 0.5 * (after + before)));
-gain!(both_gain<FUSED>, (variance), |before, after, noisy| {
+log_likelihood_change!(read_gain<FUSED>, (), |before, after, noisy| (after - before)
+    * (noisy - 0.5 * (after + before)));
+log_likelihood_change!(both_gain<FUSED>, (variance), |before, after, noisy| {
     let (v0, v1) = (before + variance, after + variance);
     let (d0, d1) = (noisy - before, noisy - after);
     0.5 * (d0 * d0 / v0 - d1 * d1 / v1 - logarithm::<FUSED>(v1 / v0))

@@ -7,11 +7,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::bound::{AisBound, AisProgress, AisSettings, ais_lower_bound, ais_upper_bound};
-use super::chain::Walk;
-use super::checkpoint::Followed;
+use super::chain::AisChain;
+use super::checkpoint::AisCheckpoint;
 use super::light::Light;
-use super::proposals::{Effort, Guess, Steps};
-use super::state::{Measured, State};
+use super::proposals::{InitialDistribution, Moves, SweepSize};
+use super::state::{Measurement, State};
 use crate::information::decoder::channel::BeadChannel;
 use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::problem::Problem;
@@ -29,14 +29,14 @@ fn toy(noise: Noise) -> BeadChannel {
     BeadChannel { spot, probability: 0.3, bias: 4.0, noise, patch: (1, 8) }
 }
 
-fn sample(scene: &Problem, index: usize) -> Sample {
+fn sample(problem: &Problem, index: usize) -> Sample {
     let mut sample = Sample::default();
-    sample.draw(scene, (3, Purpose::Posterior, index), |_| Reveal::Nothing, &mut scene.light.blur_workspace());
+    sample.draw(problem, (3, Purpose::Posterior, index), |_| Reveal::Nothing, &mut problem.light.blur_workspace());
     sample
 }
 
 #[test]
-fn light_that_arithmetic_leaves_in_the_dark_is_part_of_the_channel() {
+fn rounding_residues_in_dark_pixels_belong_to_the_channel() {
     // A clean image with photons where no bead sends any, as a transform may leave them, and a count there.
     let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
     let fit = AisSettings { samples: 64, ..AisSettings::of_levels(16, 1) };
@@ -45,8 +45,8 @@ fn light_that_arithmetic_leaves_in_the_dark_is_part_of_the_channel() {
     assert!(bound.bits_per_pixel > 0.2 && bound.interval_95[0] > 0.0, "{bound:?}");
     let below = ais_lower_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
     assert!(below.interval_95[0] <= bound.interval_95[1], "{below:?}");
-    let scene = Problem::new(&channel).unwrap();
-    let sample = sample(&scene, 1);
+    let problem = Problem::new(&channel).unwrap();
+    let sample = sample(&problem, 1);
     assert_eq!(sample.clean.len(), sample.noisy.len());
     let likely = |(&y, &x): (&f32, &f32)| y == 0.0 || x > 0.0;
     assert!(sample.noisy.iter().zip(&sample.clean).all(likely), "no count comes from nothing");
@@ -57,11 +57,11 @@ fn sites_of(object: usize) -> impl Iterator<Item = usize> {
 }
 
 /// Log of prior times likelihood of all objects.
-fn all_logs(scene: &Problem, light: &Light, measured: &Measured) -> Vec<f64> {
-    let (lit, dark) = (scene.probability.ln(), (1.0 - scene.probability).ln());
+fn all_logs(problem: &Problem, light: &Light, measured: &Measurement) -> Vec<f64> {
+    let (occupied, dark) = (problem.probability.ln(), (1.0 - problem.probability).ln());
     let log = |object: usize| {
         let beads = sites_of(object).count() as f64;
-        State::new(light, measured, 10, sites_of(object)).log_likelihood() + beads * lit + (10.0 - beads) * dark
+        State::new(light, measured, 10, sites_of(object)).log_likelihood() + beads * occupied + (10.0 - beads) * dark
     };
     (0..1 << 10).map(log).collect()
 }
@@ -80,26 +80,29 @@ fn mean(values: &[f64]) -> (f64, f64) {
 }
 
 #[test]
-fn a_gain_is_a_difference_of_log_likelihoods() {
+fn likelihood_change_equals_difference_of_log_likelihoods() {
     for (noise, bias, brightness) in
         NOISES.map(|noise| (noise, 6.0, 4.0)).into_iter().chain([(Noise::Shot, 5e6, 400.0)])
     {
         let level = |(z, r, c): (usize, usize, usize)| ((z * 5 + r * 3 + c * 7) % 11) as f64 * brightness;
         let spot = ndarray::Array3::from_shape_fn((2, 3, 11), level);
         let channel = BeadChannel { spot, probability: 0.15, bias, noise, patch: (6, 5) };
-        let scene = Problem::new(&channel).unwrap();
-        let light = Light::new(&channel.checked_spot().unwrap(), &scene);
-        let sample = sample(&scene, 1);
-        let measured = Measured::new(&scene, &light, &sample, |site| site % 3 == 0);
+        let problem = Problem::new(&channel).unwrap();
+        let light = Light::new(&channel.checked_spot().unwrap(), &problem);
+        let sample = sample(&problem, 1);
+        let measured = Measurement::new(&problem, &light, &sample, |site| site % 3 == 0);
         let beads = (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0 && site % 3 > 0);
         let mut state = State::new(&light, &measured, sample.beads.len(), beads);
         for site in (0..sample.beads.len()).filter(|site| site % 3 > 0) {
             let (before, sign) = (state.log_likelihood(), if state.holds(site) { -1.0 } else { 1.0 });
-            let gain = state.gain(site, sign);
+            let log_likelihood_change = state.log_likelihood_change(site, sign);
             state.toggle(site);
-            state.shine(site, sign);
+            state.add_photons(site, sign);
             let found = state.log_likelihood() - before;
-            assert!((gain - found).abs() < 1e-3 * (1.0 + found.abs()), "{noise} {site}: {gain} {found}");
+            assert!(
+                (log_likelihood_change - found).abs() < 1e-3 * (1.0 + found.abs()),
+                "{noise} {site}: {log_likelihood_change} {found}"
+            );
         }
         // The light of what is left is that of a fresh sum, and all light is that of the sample.
         let changed = state.log_likelihood();
@@ -109,7 +112,7 @@ fn a_gain_is_a_difference_of_log_likelihoods() {
 }
 
 #[test]
-fn light_that_is_not_followed_could_tell_nothing() {
+fn omitted_light_carries_no_information() {
     for (brightness, probability) in [(1.0, 0.02), (50.0, 0.02), (1.0, 0.001)] {
         let spot = crate::information::test_beads::bead_spot(4, probability) * brightness;
         let channel = BeadChannel { spot, probability, patch: (24, 20), ..toy(Noise::Shot) };
@@ -124,17 +127,17 @@ fn light_that_is_not_followed_could_tell_nothing() {
 }
 
 #[test]
-fn the_light_of_the_true_beads_is_that_of_the_sample() {
+fn image_of_true_beads_equals_clean_sample() {
     let channel = BeadChannel {
         spot: crate::information::test_beads::bead_spot(4, 0.02),
         patch: (24, 20),
         ..toy(Noise::Read { sigma: 1e-3 })
     };
     let channel = BeadChannel { probability: 0.02, ..channel };
-    let scene = Problem::new(&channel).unwrap();
-    let light = Light::new(&channel.checked_spot().unwrap(), &scene);
-    let sample = sample(&scene, 2);
-    let mut clean = light.image(&vec![light.background as f32; scene.pixels()], 0.0);
+    let problem = Problem::new(&channel).unwrap();
+    let light = Light::new(&channel.checked_spot().unwrap(), &problem);
+    let sample = sample(&problem, 2);
+    let mut clean = light.image(&vec![light.background as f32; problem.pixels()], 0.0);
     for site in (0..sample.beads.len()).filter(|&site| sample.beads[site] > 0.0) {
         light.add(site, 1.0, &mut clean);
     }
@@ -145,29 +148,29 @@ fn the_light_of_the_true_beads_is_that_of_the_sample() {
 }
 
 #[test]
-fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
+fn chains_are_unbiased_and_improve_with_more_temperatures() {
     for noise in NOISES {
         let channel = toy(noise);
-        let scene = Problem::new(&channel).unwrap();
+        let problem = Problem::new(&channel).unwrap();
         let spot = channel.checked_spot().unwrap();
-        let (light, steps) = (Light::new(&spot, &scene), Steps::new(&spot));
-        let measured = Measured::new(&scene, &light, &sample(&scene, 4), |_| false);
-        let logs = all_logs(&scene, &light, &measured);
+        let (light, steps) = (Light::new(&spot, &problem), Moves::new(&spot));
+        let measured = Measurement::new(&problem, &light, &sample(&problem, 4), |_| false);
+        let logs = all_logs(&problem, &light, &measured);
         let truth = log_sum(&logs);
         let mut random = ChaCha8Rng::seed_from_u64(5);
         // A guess that is wrong about everything, within reason.
         let odds: Vec<f32> = (0..10).map(|site| [-1.5, 0.3, 1.1][site % 3]).collect();
-        let guess = Guess::new(&odds, vec![true; 10], (f64::from(scene.prior_logit()), 14.0));
-        let effort = Effort { flips: 4, shifts: 2 };
-        let (light, measured, guess, steps) = (&light, &measured, &guess, &steps);
-        let walk = |levels| Walk { light, measured, guess, steps, effort, levels, go_on: &|| true };
+        let initial = InitialDistribution::new(&odds, vec![true; 10], (f64::from(problem.prior_logit()), 14.0));
+        let effort = SweepSize { flips: 4, shifts: 2 };
+        let (light, measured, initial, steps) = (&light, &measured, &initial, &steps);
+        let chain = |levels| AisChain { light, measured, initial, steps, effort, levels, go_on: &|| true };
         let mut last = f64::NEG_INFINITY;
-        for (levels, walkers) in [(1, 1), (6, 3), (400, 3)] {
-            let walk = walk(levels);
-            let found: Vec<f64> = (0..800).map(|_| walk.forwards(walkers, &mut random) - truth).collect();
+        for (levels, particles) in [(1, 1), (6, 3), (400, 3)] {
+            let chain = chain(levels);
+            let found: Vec<f64> = (0..800).map(|_| chain.forward_log_weight(particles, &mut random) - truth).collect();
             let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
             let (log, _) = mean(&found);
-            println!("{noise} {levels} {walkers}: {ratio} +- {error}, log {log}");
+            println!("{noise} {levels} {particles}: {ratio} +- {error}, log {log}");
             // Of too few levels rare walks carry the mean.
             let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
             assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
@@ -186,11 +189,11 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
         };
         last = f64::INFINITY;
         for levels in [1, 6, 400] {
-            let walk = walk(levels);
+            let chain = chain(levels);
             let found: Vec<f64> = (0..800)
                 .map(|_| {
                     let beads = draw(&mut random);
-                    walk.backwards(&beads, &mut random) - truth
+                    chain.reverse_log_weight(&beads, &mut random) - truth
                 })
                 .collect();
             let (ratio, error) = mean(&found.iter().map(|log| (-log).exp()).collect::<Vec<f64>>());
@@ -207,7 +210,7 @@ fn walks_estimate_probabilities_without_bias_and_better_with_more_levels() {
 }
 
 fn fit(groups: usize, levels: usize) -> AisSettings {
-    AisSettings { groups, walkers: 2, levels: Some(levels), samples: 200, half_width: 0.0, budget: None, seed: 6 }
+    AisSettings { groups, particles: 2, levels: Some(levels), samples: 200, half_width: 0.0, budget: None, seed: 6 }
 }
 
 fn bounds(channel: &BeadChannel, fit: &AisSettings) -> [AisBound; 2] {
@@ -221,23 +224,23 @@ fn bounds(channel: &BeadChannel, fit: &AisSettings) -> [AisBound; 2] {
 
 /// The information of a toy by enumeration, bits per pixel, and its standard error.
 fn truth_of(channel: &BeadChannel) -> (f64, f64) {
-    let scene = Problem::new(channel).unwrap();
-    let light = Light::new(&channel.checked_spot().unwrap(), &scene);
+    let problem = Problem::new(channel).unwrap();
+    let light = Light::new(&channel.checked_spot().unwrap(), &problem);
     let values: Vec<f64> = (0..4000)
         .map(|index| {
-            let sample = sample(&scene, index);
-            let measured = Measured::new(&scene, &light, &sample, |_| false);
+            let sample = sample(&problem, index);
+            let measured = Measurement::new(&problem, &light, &sample, |_| false);
             let sites = sample.beads.len();
             let beads = (0..sites).filter(|&site| sample.beads[site] > 0.0);
             let own = State::new(&light, &measured, sites, beads).log_likelihood();
-            (own - log_sum(&all_logs(&scene, &light, &measured))) / std::f64::consts::LN_2 / scene.pixels() as f64
+            (own - log_sum(&all_logs(&problem, &light, &measured))) / std::f64::consts::LN_2 / problem.pixels() as f64
         })
         .collect();
     mean(&values)
 }
 
 #[test]
-fn noise_beside_shot_noise_does_not_raise_the_upper_bound() {
+fn read_noise_does_not_raise_the_upper_bound() {
     // In as many groups as there are sites, each of which would pay for a Gaussian that is none.
     let of = |noise: Noise| bounds(&toy(noise), &fit(10, 200))[1].clone();
     let (shot, both) = (of(Noise::Shot), of(Noise::ShotRead { sigma: 1.0 }));
@@ -246,7 +249,7 @@ fn noise_beside_shot_noise_does_not_raise_the_upper_bound() {
 }
 
 #[test]
-fn bounds_enclose_the_truth_and_close_in_on_it() {
+fn bounds_enclose_known_truth_and_converge() {
     for noise in NOISES {
         let channel = toy(noise);
         let (truth, error) = truth_of(&channel);
@@ -295,7 +298,7 @@ fn equal_seeds_give_equal_bits_on_any_number_of_threads() {
 }
 
 #[test]
-fn a_bound_stops_when_asked_and_keeps_within_its_time() {
+fn bound_can_be_cancelled_and_respects_its_budget() {
     let channel = toy(Noise::Shot);
     let decoder = Decoder::shipped().unwrap();
     let mut calls = 0;
@@ -315,24 +318,24 @@ fn a_bound_stops_when_asked_and_keeps_within_its_time() {
 }
 
 #[test]
-fn a_bound_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
+fn resumed_bound_equals_uninterrupted_bound() {
     let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
     let fit = AisSettings { samples: 24, ..fit(3, 10) };
     for bound in [ais_lower_bound, ais_upper_bound] {
         let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
-            let mut told = Vec::new();
+            let mut expected_nats = Vec::new();
             let result = bound(&channel, &fit, decoder, keeper, &mut |progress| {
-                told.push(progress.samples);
+                expected_nats.push(progress.samples);
                 if progress.samples < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             });
-            (result.map(|bound| AisBound { seconds: 0.0, ..bound }), told)
+            (result.map(|bound| AisBound { seconds: 0.0, ..bound }), expected_nats)
         };
         let whole = run(None, usize::MAX).0.unwrap();
         let keeper = InMemory::default();
         assert_eq!(run(Some(&keeper), 12).0, Err(InformationError::Cancelled));
-        let (resumed, told) = run(Some(&keeper), usize::MAX);
+        let (resumed, expected_nats) = run(Some(&keeper), usize::MAX);
         // Samples of a block are kept once they are told.
-        assert_eq!((resumed.unwrap(), told[0] >= 8), (whole, true), "{told:?}");
+        assert_eq!((resumed.unwrap(), expected_nats[0] >= 8), (whole, true), "{expected_nats:?}");
     }
     let broken = InMemory(Some(b"a letter".to_vec()).into());
     let refusal = ais_upper_bound(&channel, &fit, decoder, Some(&broken), &mut |_| ControlFlow::Continue(()));
@@ -341,11 +344,11 @@ fn a_bound_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() 
 }
 
 #[test]
-fn levels_that_a_time_was_found_to_allow_stay_when_a_bound_goes_on() {
+fn resumed_bound_keeps_its_number_of_temperatures() {
     let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
     let keeper = InMemory::default();
     let (kept, elapsed) = ([0.25, 0.5, 0.75, 1.0].repeat(4), std::time::Duration::from_hours(2));
-    Followed::keep(&keeper, (77, &kept), elapsed).unwrap();
+    AisCheckpoint::keep(&keeper, (77, &kept), elapsed).unwrap();
     // Its time is over: one more block, and that is it.
     let fit = AisSettings { half_width: 0.0, ..AisSettings::within(std::time::Duration::from_hours(1), 6) };
     let bound = ais_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
@@ -355,7 +358,7 @@ fn levels_that_a_time_was_found_to_allow_stay_when_a_bound_goes_on() {
 }
 
 #[test]
-fn what_is_no_fit_is_refused_in_a_sentence() {
+fn invalid_settings_are_refused() {
     let refused = |fit: &AisSettings, part: &str| {
         let decoder = Decoder::shipped().unwrap();
         let result = ais_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut |_| ControlFlow::Continue(()));
@@ -363,7 +366,7 @@ fn what_is_no_fit_is_refused_in_a_sentence() {
         assert!(message.contains(part), "{message}");
     };
     refused(&fit(0, 5), "groups");
-    refused(&AisSettings { walkers: 0, ..fit(1, 5) }, "walkers");
+    refused(&AisSettings { particles: 0, ..fit(1, 5) }, "particles");
     refused(&fit(1, 0), "levels");
     refused(&AisSettings { samples: 1, ..fit(1, 5) }, "two samples");
     let none = ais_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
