@@ -41,6 +41,7 @@ pub mod nn;
 pub mod objects;
 pub mod optics;
 pub mod plural;
+pub mod prelude;
 pub mod seeds;
 pub mod sensor;
 pub mod sparsity;

@@ -141,7 +141,15 @@ impl DensityModel {
     }
 }
 
-/// What is to be estimated, and how carefully.
+/// Settings of an estimate.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let request = EstimateRequest::new(Estimator::GaussianStationary).with_patch(16, 16).with_patches(2_000, 400);
+/// assert_eq!(request.patch, Some((16, 16)));
+/// assert_eq!(request.trials, 1);
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EstimateRequest {
     /// The density model.
@@ -174,7 +182,74 @@ pub struct WeightsFiles {
     pub to: Option<PathBuf>,
 }
 
+impl Default for EstimateRequest {
+    /// A fitted stationary Gaussian, patches of 32 x 32 px, 10,000 for training and 1,500 for the test: the defaults of the
+    /// command `estimate`.
+    fn default() -> Self {
+        Self {
+            model: DensityModel::Stationary,
+            protocol: Protocol::Default,
+            patch: Some((32, 32)),
+            patches_train: 10_000,
+            patches_test: 1_500,
+            fresh: false,
+            trials: 1,
+            keep: None,
+            weights: WeightsFiles::default(),
+        }
+    }
+}
+
 impl EstimateRequest {
+    /// The default request for an estimator, with its usual time for fits.
+    pub fn new(estimator: Estimator) -> Self {
+        Self { model: DensityModel::new(estimator, None, EngineChoice::default()), ..Self::default() }
+    }
+
+    /// The same with fits of at most this time in each trial.
+    #[must_use]
+    pub fn with_budget(self, budget: Duration) -> Self {
+        let engine =
+            if let DensityModel::PixelCnn { engine, .. } = self.model { engine } else { EngineChoice::default() };
+        Self { model: DensityModel::new(self.model.estimator(), Some(budget), engine), ..self }
+    }
+
+    /// The same with fits of this number of steps: equal seeds then give equal numbers on one machine.
+    #[must_use]
+    pub fn with_steps(self, steps: usize) -> Self {
+        Self { model: self.model.of_steps(steps), ..self }
+    }
+
+    /// The same with patches of this many rows and columns of pixels.
+    #[must_use]
+    pub fn with_patch(self, rows: usize, cols: usize) -> Self {
+        Self { patch: Some((rows, cols)), ..self }
+    }
+
+    /// The same with whole measurements in place of patches.
+    #[must_use]
+    pub fn of_whole_sensor(self) -> Self {
+        Self { patch: None, ..self }
+    }
+
+    /// The same with these numbers of training and test patches.
+    #[must_use]
+    pub fn with_patches(self, train: usize, test: usize) -> Self {
+        Self { patches_train: train, patches_test: test, ..self }
+    }
+
+    /// The same with this number of trials; the smallest estimate is reported.
+    #[must_use]
+    pub fn with_trials(self, trials: usize) -> Self {
+        Self { trials, ..self }
+    }
+
+    /// The same with fits that start from random weights in place of pretrained ones.
+    #[must_use]
+    pub fn from_random_weights(self) -> Self {
+        Self { fresh: true, ..self }
+    }
+
     /// Removes what was kept, once the result is where it is to stay.
     pub fn end_kept(&self) {
         if let Some(path) = &self.keep {
@@ -243,17 +318,7 @@ mod tests {
     #[test]
     fn the_time_that_is_left_is_that_of_all_trials() {
         let minutes = |minutes: u64| Duration::from_mins(minutes);
-        let request = |estimator, trials| EstimateRequest {
-            model: DensityModel::new(estimator, Some(minutes(10)), EngineChoice::default()),
-            protocol: Protocol::Default,
-            patch: None,
-            patches_train: 0,
-            patches_test: 1,
-            fresh: false,
-            trials,
-            keep: None,
-            weights: WeightsFiles::default(),
-        };
+        let request = |estimator, trials| EstimateRequest::new(estimator).with_budget(minutes(10)).with_trials(trials);
         let left = |estimator, trials, elapsed, share| {
             request(estimator, trials).time_left(minutes(elapsed), share).map(|left| left.as_secs_f64() / 60.0)
         };
