@@ -1,5 +1,5 @@
-//! Frames of the window while a run of IDEAL goes on beside it: what one costs, and how many come in time for a screen of
-//! 60 pictures a second. The whole window is drawn by wgpu, on the graphics card where there is one, and waited for.
+//! Frame times of the window during an IDEAL run, and the share of frames in time for 60 frames a second. wgpu draws the
+//! whole window, on the graphics card if there is one.
 
 use std::error::Error;
 use std::time::{Duration, Instant};
@@ -14,18 +14,18 @@ use lenslet_studio::forward::Design;
 use lenslet_studio::optics::{Encoder, random_layout};
 use lenslet_studio::studio::Studio;
 
-/// The program's own.
+/// Allocator of the program.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// A screen's.
+/// Frame interval of a screen.
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 60);
 const WATCHED: Duration = Duration::from_secs(15);
 const LENSLETS: usize = 25;
-/// Of the window, px.
+/// Size of the window, px.
 const SIZE: (u32, u32) = (1440, 900);
 
-/// Draws into a texture, as into the picture of a window; unlike that of egui's tests it reads nothing back, as no window does.
+/// Draws into a texture, like a window; unlike the renderer of egui's tests it reads nothing back.
 struct Screen {
     state: RenderState,
     view: wgpu::TextureView,

@@ -1,6 +1,16 @@
-//! The window: it shows the workbench and sends it commands; everything that computes lives below.
+//! The window: it shows the session and sends it commands; everything that computes lies below.
 //!
-//! Sub-folders from the lowest to the highest; an import only goes down.
+//! | folder, lowest first | holds |
+//! |---|---|
+//! | `widgets` | number fields, modal dialogs, names of controls, clipboard; know nothing of designs |
+//! | `canvas` | images on screen: colours, display range, zoom, overlays |
+//! | `state` | the data that panels and dialogs show, the actions, the requests of panels |
+//! | `panels` | one file per panel; `parts` are what several panels are made of |
+//! | `dialogs` | dialogs in front of the window |
+//! | `app` | the window itself: menus, layout, dispatch of actions, files of the application |
+//!
+//! An import only goes down, and panels do not import each other. Within a frame results are loaded into the state, panels
+//! and dialogs draw it and request actions, and `app::dispatch` runs these.
 
 pub(crate) mod app;
 pub(crate) mod canvas;

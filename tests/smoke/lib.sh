@@ -18,13 +18,13 @@ wait_for() {
 servers=()
 # Starts a display of its own, with the arguments besides; $display is its name.
 new_display() {
-  local told="$work/display"
-  rm -f "$told"
+  local reported="$work/display"
+  rm -f "$reported"
   # Without -noreset the display goes away for a moment when the first program that asks it something ends.
-  Xvfb -displayfd 3 -noreset -screen 0 1300x860x24 "$@" 3>"$told" >>"$work/xvfb.log" 2>&1 &
+  Xvfb -displayfd 3 -noreset -screen 0 1300x860x24 "$@" 3>"$reported" >>"$work/xvfb.log" 2>&1 &
   servers+=($!)
-  wait_for 20 test -s "$told"
-  display=":$(cat "$told")"
+  wait_for 20 test -s "$reported"
+  display=":$(cat "$reported")"
 }
 
 # Starts the display's window manager and waits until it manages: a window that comes while it starts may stay hidden for good.
@@ -38,7 +38,7 @@ start_manager() {
 # Finds the program's window anew: one that was found at first may go away again.
 find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
 
-# The mask's room in a picture of the window.
+# The mask's panel in a screenshot of the window.
 mask=440x440+8+88
 
 # The mask is drawn when its yellow peaks are.

@@ -43,7 +43,7 @@ keys=(Tab Escape Delete Left Down space F1 plus minus 0 ctrl+z ctrl+z ctrl+shift
 # The same deeds every time.
 RANDOM=7
 open_window
-opened=1 deeds=0 told=0 end=$((SECONDS + 60 * minutes))
+opened=1 deeds=0 reported=0 end=$((SECONDS + 60 * minutes))
 while [ $SECONDS -lt $end ]; do
   x=$((5 + RANDOM % 1260)) y=$((30 + RANDOM % 740))
   case $((RANDOM % 6)) in
@@ -59,8 +59,8 @@ while [ $SECONDS -lt $end ]; do
     opened=$((opened + 1))
     open_window
   fi
-  if [ $((SECONDS / 20)) -ne $told ]; then
-    told=$((SECONDS / 20))
+  if [ $((SECONDS / 20)) -ne $reported ]; then
+    reported=$((SECONDS / 20))
     awk '/VmRSS/ {printf "%d MB ", $2 / 1000}' "/proc/$app/status"
   fi
 done

@@ -20,8 +20,8 @@ export XDG_DATA_HOME="$work/home"
 "$program" --renderer "$renderer" >"$work/app.log" 2>&1 &
 app=$!
 
-picture() { import -window "$window" "$1"; }
-# How many pixels differ between two pictures, within $3.
+screenshot() { import -window "$window" "$1"; }
+# How many pixels differ between two screenshots, within $3.
 pixels_between() {
   local differing
   differing=$(compare -metric AE "$work/$1.png[$3]" "$work/$2.png[$3]" null: 2>&1 || true)
@@ -30,19 +30,19 @@ pixels_between() {
 wait_for 120 drawn
 focus() { xdotool windowactivate --sync "$window" || xdotool windowfocus "$window"; }
 wait_for 20 focus
-# Waits until the mask's room is another than in picture $2 and rests, but for a caret; $1 is then its picture.
+# Waits until the mask's panel is another than in screenshot $2 and rests, but for a caret; $1 is then its screenshot.
 became_still() { wait_for 120 is_still "$@"; }
 is_still() {
-  picture "$work/earlier.png" && sleep 0.5 && picture "$work/$1.png" &&
+  screenshot "$work/earlier.png" && sleep 0.5 && screenshot "$work/$1.png" &&
     [ "$(pixels_between "$2" "$1" "$mask")" -gt 10000 ] && [ "$(pixels_between earlier "$1" "$mask")" -lt 200 ]
 }
 
 # The first window asks what to start from, over a mask that is dimmed; Escape leaves that open.
-picture "$work/dimmed.png"
+screenshot "$work/dimmed.png"
 xdotool key --window "$window" Escape
 became_still before dimmed
 
-# The first lenslet stands at column 16, row 16 of the 32x32 mask, which lies in the room at the upper left.
+# The first lenslet stands at column 16, row 16 of the 32x32 mask, which lies in the panel at the upper left.
 from_x=231 from_y=310
 xdotool mousemove --window "$window" $from_x $from_y
 sleep 0.3
@@ -51,17 +51,17 @@ for step in 1 2 3 4 5 6 7 8; do
   xdotool mousemove --window "$window" $((from_x + 7 * step)) $((from_y - 5 * step))
   sleep 0.05
 done
-# The picture shows the lenslet under the pointer before that lets go, however slowly the window is drawn.
+# The screenshot shows the lenslet under the pointer before that lets go, however slowly the window is drawn.
 there="28x28+$((from_x + 42))+$((from_y - 54))"
 arrived() {
-  picture "$work/after.png"
+  screenshot "$work/after.png"
   [ "$(pixels_between before after "$there")" -gt 200 ]
 }
 wait_for 120 arrived
 xdotool mouseup 1
 sleep 1
 
-picture "$work/dragged.png"
+screenshot "$work/dragged.png"
 xdotool key --window "$window" ctrl+e
 became_still sheet dragged
 xdotool key --window "$window" ctrl+a
