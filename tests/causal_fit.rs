@@ -37,7 +37,7 @@ fn request<'a>(
         moments: None,
         noise: study.noise(),
         length: FitLength::Steps(steps),
-        beginning: Init::Random,
+        init: Init::Random,
         estimator: Estimator::Causal,
         seed: 4,
     }
@@ -149,7 +149,7 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
             moments: None,
             noise: study.noise(),
             length: FitLength::Steps(150),
-            beginning: Init::Random,
+            init: Init::Random,
             estimator: Estimator::Causal,
             seed: 4,
         };

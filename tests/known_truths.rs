@@ -82,7 +82,7 @@ fn live(sample: &Sample) -> Found {
         moments: None,
         noise: sample.noise,
         length: FitLength::Steps(400),
-        beginning: Init::Pretrained,
+        init: Init::Pretrained,
         estimator: Model::Causal,
         seed: 8,
     };

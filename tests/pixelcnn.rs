@@ -311,7 +311,7 @@ fn an_estimate_bounds_the_information_from_above() {
     let (trial, model) = pixelcnn_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
     let (found, truth) = (trial.bits_per_pixel(), information_of_two_rates());
     assert!(found > truth - half_width(&trial), "{found} below {truth}");
-    assert!(trial.notes()[0].contains("noise drawn anew"), "{:?}", trial.notes());
+    assert!(trial.notes()[0].contains("new noise"), "{:?}", trial.notes());
     assert_eq!(trial.settings().estimator.to_string(), "pixelcnn");
     assert_eq!(trial.engine(), Some(EngineChoice::Cpu));
     assert!((model.scale().mean - 25.0).abs() < 1.0);

@@ -235,9 +235,8 @@ fn ranked_start(
 
 /// A result in words, for people.
 pub(super) fn in_words(result: &RankedStart) -> String {
-    let sensor =
-        result.sensor.as_ref().map_or(String::new(), |sensor| format!("; whole sensor: {}", sensor.in_words()));
-    format!("{}{sensor}", result.estimate.in_words())
+    let sensor = result.sensor.as_ref().map_or(String::new(), |sensor| format!("; whole sensor: {}", sensor.summary()));
+    format!("{}{sensor}", result.estimate.summary())
 }
 
 /// Runs from several starts in folders of `out`, each result judged by an estimate of this time, or of so many steps that it can be

@@ -341,7 +341,7 @@ fn causal(
         moments: Some(&moments(design, source.imaging, (train, patch))?),
         noise: design.noise,
         length,
-        beginning: request.beginning(),
+        init: request.init(),
         estimator,
         seed,
     };

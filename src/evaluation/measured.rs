@@ -351,7 +351,7 @@ impl MeasuredImages {
                 moments: None,
                 noise,
                 length,
-                beginning: request.beginning(),
+                init: request.init(),
                 estimator: crate::information::Estimator::Causal,
                 seed,
             };

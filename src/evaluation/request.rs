@@ -305,8 +305,8 @@ impl EstimateRequest {
         model.earlier_names().into_iter().map(text).collect()
     }
 
-    /// What a causal density model begins with.
-    pub(crate) fn beginning(&self) -> Init<'static> {
+    /// Initial weights of a causal model.
+    pub(crate) fn init(&self) -> Init<'static> {
         if self.fresh { Init::Random } else { Init::Pretrained }
     }
 }

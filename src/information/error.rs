@@ -1,4 +1,4 @@
-//! What can be wrong with a request for information.
+//! Errors of entropies, models and estimates.
 
 use thiserror::Error;
 
@@ -115,7 +115,9 @@ pub enum InformationError {
         limit: usize,
     },
     /// A covariance is not that of any random field.
-    #[error("the covariance is not positive definite at patch row {row}; the data may lack noise or repeat themselves")]
+    #[error(
+        "the covariance is not positive definite at patch row {row}; check the data for missing noise or repeated patches"
+    )]
     NotPositiveDefinite {
         /// The first patch row whose prediction error is not positive.
         row: usize,
@@ -130,7 +132,7 @@ pub enum InformationError {
         /// Columns found.
         cols: usize,
     },
-    /// A point spread function or bead spot has a shape that was not announced.
+    /// A point spread function or bead response has an unexpected shape.
     #[error("the {what} is {found_rows} x {found_cols} pixels, expected at most {rows} x {cols} and at least 1 x 1")]
     SpotShape {
         /// Which array.
@@ -151,11 +153,13 @@ pub enum InformationError {
         found: f64,
     },
     /// A bead adds no photons.
-    #[error("a bead adds no photons to the sensor, so measurements tell nothing; check the point spread function")]
-    NoLight,
-    /// More object pixels touch the patch than a decoder should hold.
     #[error(
-        "{found} object pixels touch the patch, a decoder takes at most {limit}; use a smaller patch or fewer planes"
+        "a bead adds no photons to the sensor, so its measurements hold no information; check the point spread function"
+    )]
+    NoLight,
+    /// More object pixels reach the patch than a decoder can hold.
+    #[error(
+        "{found} object pixels reach the patch, a decoder holds at most {limit}; use a smaller patch or fewer planes"
     )]
     TooManySites {
         /// Object pixels of all planes.
@@ -163,7 +167,7 @@ pub enum InformationError {
         /// The limit.
         limit: usize,
     },
-    /// A fit without steps, batches or test patches.
+    /// Invalid settings of a decoder fit.
     #[error("a decoder fit needs {expected}, found {found}")]
     DecoderFit {
         /// What is expected.
@@ -171,7 +175,7 @@ pub enum InformationError {
         /// What was asked for.
         found: String,
     },
-    /// There is nothing to resample or to choose from.
+    /// No test patches or no trials.
     #[error("an interval needs at least one test patch and an estimate at least one trial")]
     Empty,
     /// Trials of different settings cannot be one estimate.
@@ -203,13 +207,13 @@ pub enum InformationError {
         /// Dilations asked for.
         dilations: Vec<usize>,
     },
-    /// A fit whose steps keep failing.
-    #[error("the fit gave no finite numbers in {}; check the measurements for extreme values", counted(*refused, "step"))]
+    /// The loss of too many steps was not finite.
+    #[error("the loss was not finite in {}; check the measurements for extreme values", counted(*refused, "step"))]
     Diverged {
         /// Steps that were refused.
         refused: usize,
     },
-    /// Fresh patches could not be drawn.
+    /// New patches could not be drawn.
     #[error("{reason}")]
     Stream {
         /// Why.
@@ -221,7 +225,7 @@ pub enum InformationError {
         /// The text given.
         found: String,
     },
-    /// This program was built without the engine.
+    /// The engine was not built in.
     #[error(
         "the engine {engine} is not part of this program; choose cpu, or build with `cargo build --release --features \
          {feature}`"
@@ -232,7 +236,7 @@ pub enum InformationError {
         /// The cargo feature that brings it.
         feature: &'static str,
     },
-    /// This machine has no device for the engine, or the device failed.
+    /// The engine has no device on this machine, or the device failed.
     #[error("the engine {engine} cannot be used: {reason}")]
     Engine {
         /// The engine asked for.
@@ -240,10 +244,10 @@ pub enum InformationError {
         /// What was found and what to do.
         reason: String,
     },
-    /// The state of a fit is that of another one.
-    #[error("the kept state belongs to another estimate; repeat its command to go on, or name another file")]
+    /// The checkpoint belongs to another fit.
+    #[error("the checkpoint belongs to another estimate; repeat the command that wrote it, or choose another file")]
     OtherFit,
-    /// A person or program asked to stop.
+    /// The computation was cancelled.
     #[error("the estimate was cancelled")]
     Cancelled,
     /// Weights that are not those of a network.

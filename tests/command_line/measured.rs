@@ -35,7 +35,7 @@ fn grey_levels_become_photons_and_the_result_says_how() {
     assert_eq!(found["bits_per_pixel"], expected["bits_per_pixel"]);
     assert_eq!(found["objects_fingerprint"], expected["objects_fingerprint"]);
     let notes = found["notes"].to_string();
-    for part in ["stand in for the clean images", "(grey level - 100) / 2", "from 2 images", "from 8 other images"] {
+    for part in ["in place of clean images", "(grey level - 100) / 2", "from 2 images", "from 8 other images"] {
         assert!(notes.contains(part), "{part} in {notes}");
     }
     assert!(found["ceiling"].is_null() && found["noise"] == "shot" && found["patches_train"] == 600);
@@ -152,7 +152,7 @@ fn a_network_is_fitted_to_measurements() {
     let line = "estimate --patch 5 --patches-train 60 --patches-test 20 --estimator pixelcnn --budget 0.2s";
     let found = bench.json(&format!("{line} --measurements photons.npy"));
     assert_eq!((&found["estimator"], &found["patches_test"]), (&"pixelcnn".into(), &20.into()));
-    assert!(found["notes"].to_string().contains("stand in for the clean images"), "{found}");
+    assert!(found["notes"].to_string().contains("in place of clean images"), "{found}");
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn causal_estimate_fits_measurements() {
     let line = format!("estimate --patch 8 --patches-test 40 --estimator {estimator} --budget 1s");
     let found = bench.json(&format!("{line} --measurements photons.npy"));
     assert_eq!((&found["estimator"], &found["patches_test"]), (&estimator.into(), &40.into()));
-    assert!(found["notes"].to_string().contains("stand in for the clean images"), "{found}");
+    assert!(found["notes"].to_string().contains("in place of clean images"), "{found}");
     assert!(found["ceiling"].is_null() && found.get("upper").is_none());
     let bits = found["bits_per_pixel"].as_f64().unwrap();
     assert!(bits > 0.0 && bits < 3.0, "columns differ by no more than their contrast tells: {bits}");

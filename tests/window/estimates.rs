@@ -289,7 +289,10 @@ fn camera_images_are_estimated() {
     wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
     let finished = &studio(&window).bench().estimates().finished[0].value;
     let notes = finished.estimate.notes.join("; ");
-    assert!(notes.contains("photons are (grey level - 0) / 2") && notes.contains("stand in"), "{notes}");
+    assert!(
+        notes.contains("photons are (grey level - 0) / 2") && notes.contains("in place of clean images"),
+        "{notes}"
+    );
     assert!(
         !finished.is_of(studio(&window).bench().design(), &lenslet_studio::workbench::Live::default()),
         "it is not a number of the design"

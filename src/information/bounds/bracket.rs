@@ -1,11 +1,11 @@
-//! The bracket around the truth: the best bound from either side, each by name.
+//! The bracket: the best lower and the best upper bound, with their sources.
 
 use serde::{Deserialize, Serialize};
 
 use crate::information::ais::bound::AisBound;
 use crate::information::decoder::bound::LowerBound;
 
-/// A bound on the information from one side, bits per pixel, and where it comes from.
+/// A lower or upper bound on the information, bits per pixel, and its source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NamedBound {
     /// Above: "density", "gaussian", "ceiling" or "posterior sampling"; below: "factorised decoder", "autoregressive decoder"
@@ -17,19 +17,19 @@ pub struct NamedBound {
     pub interval_95: [f64; 2],
 }
 
-/// The bounds that rest on the prior of beads.
+/// Bounds that use the prior of beads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeadBounds {
-    /// What a fitted decoder tells of fresh samples.
+    /// Lower bound of a fitted decoder on held-out samples.
     pub decoder: LowerBound,
-    /// From below, by following the posterior back from the true beads.
+    /// Lower bound by reverse AIS from the true beads.
     pub below: AisBound,
-    /// From above, by following it from the decoder's guess.
+    /// Upper bound by AIS from the decoder's posterior.
     pub above: AisBound,
 }
 
 impl BeadBounds {
-    /// Those from below, by name.
+    /// The lower bounds with their sources.
     pub(in crate::information) fn lower(&self) -> Vec<NamedBound> {
         let decoder = &self.decoder;
         vec![
@@ -45,32 +45,31 @@ impl BeadBounds {
 
 impl From<&AisBound> for NamedBound {
     fn from(bound: &AisBound) -> Self {
-        // Nobody knows less than nothing.
+        // Information is not negative.
         let known = |bits: f64| if bits < 0.0 { 0.0 } else { bits };
         let (bits_per_pixel, interval_95) = (known(bound.bits_per_pixel), bound.interval_95.map(known));
         Self { from: "posterior sampling".to_owned(), bits_per_pixel, interval_95 }
     }
 }
 
-/// What is known of the information of one encoder for one kind of scene, from both sides.
+/// Lower and upper bounds on the information of one encoder for one kind of scene.
 ///
-/// No density model can tell a poor encoder from a poor fit; the bracket can, because what it holds is proven: the
-/// truth lies between the larger of a decoder's saving ([`LowerBound`]) and posterior sampling ([`AisBound`]), and the
-/// smallest of a density model's cross-entropy, the Gaussian bound, the entropy ceiling of the objects and posterior
-/// sampling.
+/// A density model cannot tell a poor encoder from a poor fit; a bracket can. The truth lies between the largest lower bound
+/// (decoder, [`LowerBound`], or AIS, [`AisBound`]) and the smallest upper bound (density model, Gaussian, object entropy or
+/// AIS).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bracket {
     /// Lower bound, bits per pixel; none for objects whose prior is not known.
     pub lower: Option<f64>,
     /// Its 95 % interval, bits per pixel.
     pub lower_interval_95: Option<[f64; 2]>,
-    /// Where it comes from.
+    /// Its source.
     pub lower_from: Option<String>,
     /// The smallest upper bound, bits per pixel.
     pub upper: f64,
     /// Its 95 % interval, bits per pixel.
     pub upper_interval_95: [f64; 2],
-    /// Where it comes from.
+    /// Its source.
     pub upper_from: String,
     /// All upper bounds, the smallest first.
     pub upper_bounds: Vec<NamedBound>,
@@ -80,7 +79,7 @@ pub struct Bracket {
 }
 
 impl Bracket {
-    /// From all bounds that are known; `None` without an upper bound.
+    /// Collects bounds; `None` without an upper bound.
     pub fn new(mut upper_bounds: Vec<NamedBound>, mut lower_bounds: Vec<NamedBound>) -> Option<Self> {
         upper_bounds.sort_by(|a, b| a.bits_per_pixel.total_cmp(&b.bits_per_pixel));
         lower_bounds.sort_by(|a, b| b.bits_per_pixel.total_cmp(&a.bits_per_pixel));
@@ -97,7 +96,7 @@ impl Bracket {
         })
     }
 
-    /// Everything that several of them know of one encoder, scene and patch; `None` without any.
+    /// Merges brackets of the same encoder, scene and patch; `None` without any.
     pub fn joined<'a>(brackets: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
         let (mut upper, mut lower) = (Vec::new(), Vec::new());
         for bracket in brackets {
@@ -107,7 +106,7 @@ impl Bracket {
         Self::new(upper, lower)
     }
 
-    /// Lower and upper bound in order, bits per pixel: bounds that have met can cross by chance.
+    /// Two bounds sorted, bits per pixel: tight bounds can cross by chance.
     pub fn in_order(lower: f64, upper: f64) -> (f64, f64) {
         (lower.min(upper), lower.max(upper))
     }
@@ -127,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_smallest_upper_and_the_largest_lower_bound_count_and_are_named() {
+    fn bracket_takes_smallest_upper_and_largest_lower_bound() {
         let bounds = vec![bound("density", 0.5), bound("gaussian", 0.9), bound("ceiling", 0.4)];
         let below = vec![bound("decoder", 0.25), bound("posterior sampling", 0.375)];
         let both = Bracket::new(bounds.clone(), below).unwrap();

@@ -26,17 +26,16 @@ const SAMPLE: usize = 256;
 /// Patches that second moments are taken from where they are not given.
 const MOMENT_PATCHES: usize = 2048;
 
-/// What is to be estimated, from what, and for how long.
+/// Request of a causal estimate.
 #[derive(Clone, Copy)]
 pub struct CausalRequest<'a> {
-    /// Fresh patches to fit.
+    /// Source of training patches.
     pub stream: &'a dyn PatchStream,
     /// Held-out patches of other scenes.
     pub test: &'a PatchBatch,
-    /// Patches of scenes that are neither fitted nor tested, for streams that repeat themselves: the weights that score
-    /// best on them are kept.
+    /// Validation patches of other scenes, for sources that repeat themselves: the weights that score best on them win.
     pub validation: Option<&'a PatchBatch>,
-    /// Keeps the state of the fit, where it is to survive the program.
+    /// Checkpoint of the fit.
     pub keeper: Option<&'a dyn FitCheckpoint>,
     /// Mean and autocovariance of the measurements where they are known; otherwise they are taken from patches.
     pub moments: Option<&'a Moments>,
@@ -44,15 +43,15 @@ pub struct CausalRequest<'a> {
     pub noise: Noise,
     /// Length of the fit.
     pub length: FitLength,
-    /// What the model begins with.
-    pub beginning: Init<'a>,
-    /// The name the estimate goes by.
+    /// Initial weights.
+    pub init: Init<'a>,
+    /// Estimator of the trial.
     pub estimator: Estimator,
-    /// Seed of first weights, patches, noise and bootstraps.
+    /// Seed of initial weights, patches, noise and bootstraps.
     pub seed: u64,
 }
 
-/// Makes a model ready for a stream: levels, units, linear prediction, first weights.
+/// A model for a source of patches before its fit: intensity grid, units, linear prediction and initial weights.
 ///
 /// # Errors
 /// Where the stream fails, or its patches allow no model (constant, too large, not finite).
@@ -67,7 +66,7 @@ pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, Informat
         own = Moments::of_patches(request.stream.draw(MOMENT_PATCHES, request.seed ^ 0x5eee)?.noisy.view())?;
         &own
     };
-    CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.beginning, request.seed)
+    CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.init, request.seed)
 }
 
 /// Fits the causal density model to a stream and bounds the information from above by its cross-entropy on held-out
@@ -89,25 +88,23 @@ pub fn causal_estimate(
     let Fitted { steps, best, before } = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| {
         on_progress(progress).map_continue(|()| None)
     })?;
-    let from = match request.beginning {
-        Init::Pretrained if PretrainedWeights::shipped().is_some() => ", from the weights that come with the program",
-        Init::Warm(_) => ", from the model of a similar design",
+    let from = match request.init {
+        Init::Pretrained if PretrainedWeights::shipped().is_some() => ", from the pretrained weights",
+        Init::Warm(_) => ", warm-started from the model of a similar design",
         Init::Pretrained | Init::Random => "",
     };
-    let mut notes =
-        vec![format!("fitted in {} of {}{from}", counted(steps, "step"), counted(fit.batch, "fresh patch"))];
+    let mut notes = vec![format!("fitted in {} of {}{from}", counted(steps, "step"), counted(fit.batch, "new patch"))];
     if let Some(step) = best {
-        notes
-            .push(format!("the weights of step {step} are kept: they score best on the patches that validate the fit"));
+        notes.push(format!("the weights of step {step} score best on the validation patches and are used"));
     }
     if let Some(bits) = model.looseness_bits() {
         notes.push(format!(
-            "the light has a range too wide for the model's levels, so that the number may be too high by about {bits:.2} \
-             bits per pixel"
+            "the range of light is too wide for the model's intensity grid, so the number may be too high by about {bits:.2} bits \
+             per pixel"
         ));
     }
     if request.test.clean.is_none() {
-        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+        notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
     }
     let (information, entropy_y_given_x) = score_in_parts(&model, request, (started, steps), on_progress)?;
     let settings = TrialSettings {
@@ -119,7 +116,7 @@ pub fn causal_estimate(
         seed: request.seed,
     };
     let seconds = (before + started.elapsed()).as_secs_f64();
-    // Both logarithms of a patch are taken at its measurement; what they tell together stays as it is.
+    // Both logarithms of a patch belong to the same measurement; their difference is the information.
     let cross_entropy: Vec<f64> = information.iter().zip(&entropy_y_given_x).map(|(i, h)| i + h).collect();
     let trial = Trial::from_patches(settings, &cross_entropy, &entropy_y_given_x, seconds, notes)?;
     Ok((trial, model))
@@ -154,7 +151,7 @@ mod tests {
 
     use super::*;
 
-    /// A stream that is not to be asked.
+    /// A source that must not be used.
     struct Untouched;
 
     impl PatchStream for Untouched {
@@ -164,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_that_is_too_large_is_told_before_patches_are_drawn() {
+    fn too_large_patch_is_refused_before_drawing() {
         let asked = |side: usize| {
             let request = CausalRequest {
                 stream: &Untouched,
@@ -174,7 +171,7 @@ mod tests {
                 moments: None,
                 noise: Noise::Shot,
                 length: FitLength::Steps(1),
-                beginning: Init::Random,
+                init: Init::Random,
                 estimator: Estimator::Causal,
                 seed: 1,
             };

@@ -1,4 +1,4 @@
-//! The estimate: a number of bits per pixel that carries everything needed to judge and to repeat it.
+//! The estimate: information in bits per pixel with everything needed to judge and reproduce it.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use crate::sensor::Noise;
 /// The kind of its JSON.
 const ESTIMATE: DocumentKind = DocumentKind::new("lenslet-studio/estimate", "an estimate");
 
-/// Where the measurements of an estimate come from, and what is known about the truth.
+/// Origin of the measurements of an estimate, and a known bound on the truth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Provenance {
     /// Background of the measurements, photons per pixel.
@@ -29,11 +29,11 @@ pub struct Provenance {
     pub encoder: String,
     /// A bound on the truth, bits per pixel, where the object entropy is known ([`super::EntropyBound`]).
     pub ceiling: Option<f64>,
-    /// Anything else a reader must know.
+    /// Further notes for the reader.
     pub notes: Vec<String>,
 }
 
-/// Mutual information between scenes and measured patches, bits per pixel, with all that belongs to it.
+/// Mutual information between scenes and measured patches, bits per pixel, with its interval, settings and origin.
 ///
 /// Made from trials by [`Estimate::new`] or read by [`Estimate::from_json`], never as a bare number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,27 +42,27 @@ pub struct Estimate {
     pub format: String,
     /// Version of the fields.
     pub format_version: u64,
-    /// The smallest of the trials, bits per pixel: all are upper bounds, so the smallest is the best.
+    /// The smallest trial, bits per pixel. All trials are upper bounds, so the smallest is the tightest.
     pub bits_per_pixel: f64,
     /// 95 % interval (low, high) of that trial, bits per pixel; it covers the choice of test patches only.
     pub interval_95: [f64; 2],
-    /// The same for all pixels of the patch together, bits: where the patch is the sensor, of a whole measurement.
+    /// Information of the whole patch, bits.
     #[serde(default)]
     pub bits_per_patch: f64,
-    /// The bound on the entropy of the measurements that the estimate rests on, bits per pixel: a model's cross-entropy, or
-    /// what another bound on the information leaves.
+    /// Upper bound on the entropy of the measurements, bits per pixel: a model's cross-entropy, or noise entropy plus the
+    /// upper bound.
     pub entropy_y: f64,
     /// Entropy of the noise, bits per pixel.
     pub entropy_y_given_x: f64,
     /// A bound on the truth, bits per pixel, where the object entropy is known.
     pub ceiling: Option<f64>,
-    /// All bounds that are known, where there are more than that of a density model: the fields `lower`, `lower_interval_95`,
+    /// All known bounds, where there are more than that of a density model: the fields `lower`, `lower_interval_95`,
     /// `lower_from`, `upper`, `upper_interval_95`, `upper_from`, `upper_bounds` and `lower_bounds`.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub bracket: Option<Bracket>,
     /// The density model.
     pub estimator: Estimator,
-    /// What computed its network; none where there is no network, and in files that do not name it.
+    /// Compute backend of the network; `None` without a network and in old files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub engine: Option<EngineChoice>,
     /// How entropies were taken.
@@ -81,12 +81,12 @@ pub struct Estimate {
     pub trials: usize,
     /// Largest minus smallest trial, bits per pixel; 0 for one trial.
     pub trial_spread: f64,
-    /// The seed that was asked for, which gives the same estimate again: trial t has the seed + t - 1.
+    /// Seed of the request, which reproduces the estimate. Trial t has the seed + t - 1.
     pub seed: u64,
-    /// The smallest of several trials, from 1: the estimate is this one; none in files that name its seed as theirs.
+    /// Number of the smallest of several trials, from 1; `None` for one trial and in old files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smallest_trial: Option<usize>,
-    /// Time that the estimate took, seconds: of all trials, and of drawing their measurements where that was done for it.
+    /// Computing time of all trials, seconds; includes drawing the measurements where the estimate did so.
     pub seconds: f64,
     /// The object set, for a reader.
     pub objects: String,
@@ -94,9 +94,9 @@ pub struct Estimate {
     pub objects_fingerprint: String,
     /// The encoder, for a reader.
     pub encoder: String,
-    /// What a reader must know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
-    /// Keeps others from putting an estimate together by hand.
+    /// Prevents construction outside this module.
     #[serde(skip)]
     sealed: Sealed,
 }
@@ -107,7 +107,7 @@ struct Sealed;
 impl Estimate {
     /// Combines trials of the same settings: the smallest with its own interval, and the spread of all.
     ///
-    /// An estimate above the ceiling gets a note that says so.
+    /// An estimate above the object-entropy bound gets a note.
     ///
     /// # Errors
     /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches, where
@@ -125,12 +125,12 @@ impl Estimate {
         let mut notes = best.notes().to_vec();
         notes.extend(given);
         if best.bits_per_pixel() < 0.0 {
-            notes.push("the estimate is negative, which information is not: within its error there is none".to_owned());
+            notes.push("the estimate is negative; the information is zero within the error".to_owned());
         }
         if let Some(ceiling) = ceiling.filter(|&ceiling| best.bits_per_pixel() > ceiling) {
             notes.push(format!(
-                "the estimate lies above the ceiling: {:.3} of at most {ceiling:.3} bits per pixel; the density model \
-                 is loose for these objects, so do not rank designs by it",
+                "the estimate {:.3} exceeds the object-entropy bound {ceiling:.3} bits per pixel; the density model is loose for \
+                 these objects, so do not rank designs by it",
                 best.bits_per_pixel()
             ));
         }
@@ -165,8 +165,8 @@ impl Estimate {
         })
     }
 
-    /// The bracket of all bounds that are known: trials of a density model, the Gaussian bound, the ceiling, and for beads
-    /// a decoder from below and posterior sampling from both sides. The estimate itself is the smallest upper bound.
+    /// An estimate with lower and upper bounds: trials of a density model, the Gaussian bound, the object-entropy bound and,
+    /// for beads, a decoder and AIS. Its number is the smallest upper bound.
     ///
     /// # Errors
     /// As [`Estimate::new`].
@@ -190,27 +190,27 @@ impl Estimate {
                 estimate.notes.push(format!(
                     "decoder fitted in {} and tested on {}",
                     counted(steps, "step"),
-                    counted(tests, "fresh sample")
+                    counted(tests, "held-out sample")
                 ));
                 estimate.notes.extend(lower.notes.iter().cloned());
                 estimate.notes.push(format!(
-                    "posteriors of {} followed back from the true beads over {}, those of {} in {} of sites over {}",
-                    counted(below.samples, "fresh sample"),
-                    counted(below.levels, "level"),
+                    "lower bound by reverse AIS on {} with {}; upper bound by AIS on {} in {} of sites with {}",
+                    counted(below.samples, "sample"),
+                    counted(below.levels, "temperature"),
                     above.samples,
                     counted(above.groups, "group"),
-                    counted(above.levels, "level")
+                    counted(above.levels, "temperature")
                 ));
             }
             None => {
-                estimate.notes.push("the entropy of these objects is not known, so only an upper bound is".to_owned());
+                estimate.notes.push("the entropy of these objects is unknown, so there is no lower bound".to_owned());
             }
         }
         Ok(estimate)
     }
 
-    /// The smallest upper bound on what measurements of beads tell: that of a density model, the ceiling, or posterior
-    /// sampling from above where that can be had.
+    /// The smallest upper bound on the information about beads: density model, object-entropy bound, or AIS where `above` is
+    /// given.
     ///
     /// # Errors
     /// As [`Estimate::new`].
@@ -223,23 +223,23 @@ impl Estimate {
         let mut estimate = Self::with_bounds(trials, bounds, Vec::new(), provenance)?;
         estimate.notes.extend(above.map(|above| {
             format!(
-                "posteriors of {} followed in {} of sites over {}",
-                counted(above.samples, "fresh sample"),
+                "upper bound by AIS on {} in {} of sites with {}",
+                counted(above.samples, "sample"),
                 counted(above.groups, "group"),
-                counted(above.levels, "level")
+                counted(above.levels, "temperature")
             )
         }));
         Ok(estimate)
     }
 
-    /// An estimate by trials of a density model, the ceiling and these bounds: it is the smallest upper bound.
+    /// The smallest of the trials of a density model, the object-entropy bound and these upper bounds.
     pub(super) fn with_bounds(
         trials: &[Trial],
         mut above: Vec<NamedBound>,
         below: Vec<NamedBound>,
         provenance: Provenance,
     ) -> Result<Self, InformationError> {
-        // Above the ceiling is where most density models lie; here it is one bound of several.
+        // Most density models exceed the object-entropy bound; here it is one of several bounds.
         let ceiling = provenance.ceiling;
         let mut estimate = Self::new(trials, Provenance { ceiling: None, ..provenance })?;
         estimate.ceiling = ceiling;
@@ -252,8 +252,8 @@ impl Estimate {
         }));
         if let Some(ceiling) = ceiling.filter(|&ceiling| density > ceiling) {
             estimate.notes.push(format!(
-                "the density model lies above the ceiling, {density:.3} of at most {ceiling:.3} bits per pixel: it is loose for \
-                 these objects"
+                "the density model, {density:.3} bits per pixel, exceeds the object-entropy bound {ceiling:.3}: it is loose for these \
+                 objects"
             ));
         }
         let bracket = Bracket::new(above, below).ok_or(InformationError::Empty)?;
@@ -266,8 +266,8 @@ impl Estimate {
         Ok(estimate)
     }
 
-    /// The same estimate with one more bound from below, and with all bounds beside it where it had its own alone; the number
-    /// itself stays what it is. Published numbers are no bounds, and stay without.
+    /// The estimate with one more lower bound; its number stays the same. Estimates of the paper protocol are not bounds and
+    /// stay unchanged.
     #[must_use]
     pub fn with_lower_bound(mut self, below: NamedBound) -> Self {
         if self.protocol == Protocol::Paper {
@@ -294,7 +294,7 @@ impl Estimate {
         (self.patch[0] * self.patch[1]) as f64
     }
 
-    /// Whether the number is that of its estimator alone, not the smallest of several bounds from above.
+    /// Whether the number comes from its estimator, not from another upper bound.
     pub fn is_of_one_model(&self) -> bool {
         let own = self.estimator.to_string();
         self.bracket.as_ref().is_none_or(|bracket| bracket.upper_bounds.iter().any(|bound| bound.from == own))
@@ -305,7 +305,7 @@ impl Estimate {
         self.bracket.as_ref()?.lower
     }
 
-    /// Both bounds of a bracket with their 95 % intervals, bits per pixel, in order: bounds that have met can cross by chance.
+    /// Lower and upper bound with their 95 % intervals, bits per pixel, sorted: tight bounds can cross by chance.
     pub fn ends(&self) -> Option<[(f64, [f64; 2]); 2]> {
         let bracket = self.bracket.as_ref()?;
         let mut ends = [(bracket.lower?, bracket.lower_interval_95?), (self.bits_per_pixel, self.interval_95)];
@@ -313,8 +313,8 @@ impl Estimate {
         Some(ends)
     }
 
-    /// The number for people, with all that belongs to it in a line.
-    pub fn in_words(&self) -> String {
+    /// One line for people: the number, its interval and its source.
+    pub fn summary(&self) -> String {
         let [low, high] = self.interval_95;
         let (bits, from) = (self.bits_per_pixel, self.upper_from());
         match self.ends() {
@@ -326,8 +326,7 @@ impl Estimate {
         }
     }
 
-    /// How the information lies to the number, for people: published procedures have the base images of training patches in their
-    /// tests, so that what they tell is no bound.
+    /// "at most" for bounds, "about" for the paper protocol, whose test patches share base images with the training patches.
     pub fn relation(&self) -> &'static str {
         match self.protocol {
             Protocol::Default => "at most",
@@ -335,7 +334,7 @@ impl Estimate {
         }
     }
 
-    /// The estimator, and which of its bounds the number is where it has several.
+    /// The estimator and, where it has several bounds, the one that the number comes from.
     pub fn upper_from(&self) -> String {
         match self.bracket.as_ref().filter(|_| !self.is_of_one_model()) {
             Some(bracket) => format!("{}: {}", self.estimator, bracket.upper_from),
@@ -343,7 +342,7 @@ impl Estimate {
         }
     }
 
-    /// Whether the estimate lies above the ceiling, where one is known.
+    /// Whether the estimate exceeds a known object-entropy bound.
     pub fn above_ceiling(&self) -> bool {
         self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)
     }
@@ -367,16 +366,16 @@ impl Estimate {
     }
 }
 
-/// What a reader must know of bounds that cross.
+/// A note for bounds that cross.
 fn note_of_crossing(bracket: &Bracket) -> Option<String> {
     bracket.width().filter(|&width| width < 0.0)?;
     let is_chance = bracket.lower_interval_95.is_none_or(|[low, _]| low <= bracket.upper_interval_95[1]);
-    let told = if is_chance {
-        "the bounds have met and cross by chance: the information is about that of both"
+    let note = if is_chance {
+        "the bounds cross within their intervals: they agree"
     } else {
-        "the bounds cross by more than their intervals: one of them is wrong here, and neither is to be relied on"
+        "the bounds cross by more than their intervals: one of them is wrong here, so rely on neither"
     };
-    Some(told.to_owned())
+    Some(note.to_owned())
 }
 
 fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {

@@ -17,14 +17,14 @@ use crate::information::error::InformationError;
 use crate::information::statistics::dequantisation::{TEST_STREAM, dequantised, whole};
 use crate::sensor::Noise;
 
-/// What a fitted Gaussian knows of the covariance.
+/// Covariance model of a fitted Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Covariance {
-    /// It depends on the lag between pixels only.
+    /// One value per lag between pixels.
     #[default]
     Stationary,
-    /// Every pair of pixels has its own.
+    /// One value per pair of pixels.
     Full,
 }
 
@@ -75,13 +75,13 @@ pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, Informa
         check_clean(clean, test)?;
         entropy.patch_bits(clean)?
     } else {
-        notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+        notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
         entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
     };
 
     let dequantise = protocol == Protocol::Paper || noise == Noise::Shot;
     if dequantise && !(whole(train) && whole(test)) {
-        notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
+        notes.push("measurements that are not whole counts were dequantised".to_owned());
     }
     let (train, test) = if dequantise {
         (dequantised(train, seed, 0), dequantised(test, seed, TEST_STREAM))
@@ -156,7 +156,7 @@ mod tests {
         assert!(gaussian_estimate(&request(&train, &test)).unwrap().notes().is_empty());
         let stand_in = GaussianRequest { test_clean: None, ..request(&train, &test) };
         let trial = gaussian_estimate(&stand_in).unwrap();
-        assert!(trial.notes()[0].contains("stand in"));
+        assert!(trial.notes()[0].contains("in place of clean images"));
         // Here the clean images given above are the measurements, so nothing else changes.
         let given = gaussian_estimate(&request(&train, &test)).unwrap();
         assert!((trial.bits_per_pixel() - given.bits_per_pixel()).abs() < 1e-12);

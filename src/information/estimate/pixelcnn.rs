@@ -40,13 +40,13 @@ pub struct PixelCnnRequest<'a> {
     pub protocol: Protocol,
     /// Time for the fit; scoring the test patches comes on top.
     pub budget: Option<Duration>,
-    /// A network to start from, such as that of a similar design.
+    /// Warm start: the network of a similar design.
     pub start: Option<&'a PixelCnn>,
-    /// Keeps the state of the fit, where it is to survive the program.
+    /// Checkpoint of the fit.
     pub keeper: Option<&'a dyn FitCheckpoint>,
-    /// What computes the network.
+    /// Compute backend.
     pub engine: EngineChoice,
-    /// Seed of first weights, order, noise, dequantisation and bootstraps.
+    /// Seed of initial weights, order, noise, dequantisation and bootstraps.
     pub seed: u64,
 }
 
@@ -68,7 +68,7 @@ pub fn pixelcnn_estimate(
         *request;
     check_test(train, test)?;
     let dequantise = request.dequantises();
-    // Better told before anything is fitted.
+    // Refusals come before the fit.
     let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
     let (fit, fresh, min_width) = match protocol {
         Protocol::Paper => (PixelCnnFit::paper(seed), None, 1.0),
@@ -97,7 +97,7 @@ pub fn pixelcnn_score(
     let started = Instant::now();
     check_test(request.test, request.test)?;
     let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
-    notes.push("the network was scored as it is: nothing was fitted".to_owned());
+    notes.push("the network was scored without a fit".to_owned());
     let report = FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false };
     request.score(model, (0, &report, started), (&entropy_y_given_x, notes), on_progress)
 }
@@ -108,7 +108,7 @@ impl PixelCnnRequest<'_> {
         self.protocol == Protocol::Paper || self.noise == Noise::Shot
     }
 
-    /// Entropy of the noise of each test patch, bits per pixel, and what a reader must know of the measurements.
+    /// Entropy of the noise of each test patch, bits per pixel, and notes on the measurements.
     fn noise_entropies(&self) -> Result<(Vec<f64>, Vec<String>), InformationError> {
         let entropy = NoiseEntropy::new(self.noise, self.protocol)?;
         let mut notes = Vec::new();
@@ -116,11 +116,11 @@ impl PixelCnnRequest<'_> {
             check_clean(clean, self.test)?;
             entropy.patch_bits(clean)?
         } else {
-            notes.push("the noisy measurements stand in for the clean images in the noise entropy".to_owned());
+            notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
             entropy.patch_bits(self.test.mapv(|y| y.max(0.0)).view())?
         };
         if self.dequantises() && !(whole(self.train) && whole(self.test)) {
-            notes.push("uniform noise was added to measurements that are not whole counts".to_owned());
+            notes.push("measurements that are not whole counts were dequantised".to_owned());
         }
         Ok((entropies, notes))
     }
@@ -197,10 +197,10 @@ fn scored(
     Ok(bits)
 }
 
-/// What a reader must know of the fit.
+/// Notes on the fit for the reader.
 fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> {
     let seconds = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
-    let noise = if fresh { ", noise drawn anew for each" } else { "" };
+    let noise = if fresh { ", new noise for each" } else { "" };
     let mut notes = vec![format!(
         "fitted in {} of {}{noise}; weights of epoch {} of {}, {seconds:.0} s",
         counted(report.steps, "step"),
@@ -209,13 +209,11 @@ fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> 
         report.epochs.len()
     )];
     if report.cut_short {
-        notes.push(
-            "the time budget ended the fit before it had converged, so the bound is looser than it could be".into(),
-        );
+        notes.push("the time budget ended the fit before convergence, so the bound is looser than it could be".into());
     }
     if report.refused > 0 {
         let (steps, were) = (counted(report.refused, "step"), one_or_many(report.refused, "was", "were"));
-        notes.push(format!("{steps} without finite numbers {were} refused and the rate was lowered"));
+        notes.push(format!("{steps} with a loss that is not finite {were} skipped and the learning rate was lowered"));
     }
     notes
 }

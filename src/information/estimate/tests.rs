@@ -6,7 +6,7 @@ use crate::information::{
 use crate::sensor::Noise;
 
 #[test]
-fn a_bound_from_below_leaves_the_number_as_it_is() {
+fn lower_bound_leaves_the_number_unchanged() {
     let below = NamedBound { from: "decoder".into(), bits_per_pixel: 0.2, interval_95: [0.1, 0.3] };
     let provenance = || Provenance { ceiling: Some(0.5), ..Provenance::default() };
     let estimate = Estimate::new(&[trial(0.75, 1, Protocol::Default)], provenance()).unwrap();
@@ -67,22 +67,22 @@ fn the_smallest_trial_is_reported_with_its_own_interval_and_the_spread() {
 }
 
 #[test]
-fn an_estimate_above_the_ceiling_says_so() {
+fn estimate_above_entropy_bound_gets_a_note() {
     let estimate = Estimate::new(&[trial(0.5, 1, Protocol::Default)], provenance()).unwrap();
     assert!(estimate.above_ceiling());
-    assert!(estimate.notes[1].starts_with("the estimate lies above the ceiling: 0.500 of at most 0.450"));
+    assert!(estimate.notes[1].starts_with("the estimate 0.500 exceeds the object-entropy bound 0.450"));
 }
 
 #[test]
 fn the_smallest_of_several_bounds_is_named() {
     let trials = [trial(0.5, 1, Protocol::Default)];
     let estimate = Estimate::with_bounds(&trials, Vec::new(), Vec::new(), provenance()).unwrap();
-    assert_eq!(estimate.in_words(), "at most 0.4500 bits per pixel [0.4500, 0.4500] (gaussian-full: ceiling)");
+    assert_eq!(estimate.summary(), "at most 0.4500 bits per pixel [0.4500, 0.4500] (gaussian-full: ceiling)");
     assert_eq!(Estimate::new(&trials, provenance()).unwrap().upper_from(), "gaussian-full");
 }
 
 #[test]
-fn trials_that_are_fitted_for_a_time_take_as_many_patches_as_they_do() {
+fn timed_trials_may_differ_in_patches() {
     let of = |estimator, patches_train, bits: f64| {
         let settings = TrialSettings { estimator, patches_train, ..*trial(0.5, 1, Protocol::Default).settings() };
         Trial::from_patches(settings, &[5.0 + bits; 3], &[5.0; 3], 0.5, Vec::new()).unwrap()
@@ -96,16 +96,17 @@ fn trials_that_are_fitted_for_a_time_take_as_many_patches_as_they_do() {
 }
 
 #[test]
-fn bounds_that_cross_by_chance_say_so() {
+fn crossing_bounds_get_a_note() {
     let below = |bits: f64| {
         let bound =
             NamedBound { from: "decoder".into(), bits_per_pixel: bits, interval_95: [bits - 0.02, bits + 0.02] };
         Estimate::with_bounds(&[trial(0.5, 1, Protocol::Default)], Vec::new(), vec![bound], provenance()).unwrap()
     };
-    assert_eq!(below(0.44).in_words(), "between 0.4400 [0.4200, 0.4600] and 0.4500 [0.4500, 0.4500] bits per pixel");
+    assert_eq!(below(0.44).summary(), "between 0.4400 [0.4200, 0.4600] and 0.4500 [0.4500, 0.4500] bits per pixel");
     let crossed = below(0.46);
-    assert_eq!(crossed.in_words(), "between 0.4500 [0.4500, 0.4500] and 0.4600 [0.4400, 0.4800] bits per pixel");
-    let told = |estimate: &Estimate| estimate.notes.iter().filter(|note| note.contains("cross by chance")).count();
+    assert_eq!(crossed.summary(), "between 0.4500 [0.4500, 0.4500] and 0.4600 [0.4400, 0.4800] bits per pixel");
+    let told =
+        |estimate: &Estimate| estimate.notes.iter().filter(|note| note.contains("within their intervals")).count();
     assert_eq!((told(&below(0.44)), told(&crossed)), (0, 1), "{:?}", crossed.notes);
     // Nor are those that come later told twice.
     let bound = |bits: f64, half_width: f64| NamedBound {
@@ -141,7 +142,7 @@ fn json_comes_back_and_starts_with_its_format() {
 }
 
 #[test]
-fn the_engine_is_named_where_there_is_one_and_older_files_need_not_name_it() {
+fn engine_is_recorded_and_optional_in_old_files() {
     let engine: EngineChoice = "burn:ndarray".parse().unwrap();
     let trial = trial(0.3, 1, Protocol::Default);
     let bare = Estimate::new(std::slice::from_ref(&trial), provenance()).unwrap();
@@ -158,7 +159,7 @@ fn the_engine_is_named_where_there_is_one_and_older_files_need_not_name_it() {
 }
 
 #[test]
-fn strangers_and_newer_versions_are_refused_in_words() {
+fn other_and_newer_formats_are_refused() {
     let estimate = Estimate::new(&[trial(0.3, 1, Protocol::Default)], provenance()).unwrap();
     let text = serde_json::to_string(&estimate).unwrap();
     let newer = text.replace("\"format_version\":1", "\"format_version\":9");

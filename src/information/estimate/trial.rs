@@ -12,7 +12,7 @@ use crate::information::statistics::shared_images::SharedImages;
 use crate::plural::{counted, one_or_many};
 use crate::sensor::Noise;
 
-/// What a trial was made with.
+/// Settings of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialSettings {
     /// The density model.
@@ -36,7 +36,7 @@ pub struct Trial {
     patches_test: usize,
     entropy_y: f64,
     entropy_y_given_x: f64,
-    /// What each held-out patch tells, bits per pixel.
+    /// Information of each held-out patch, bits per pixel.
     information: Vec<f64>,
     interval_95: [f64; 2],
     seconds: f64,
@@ -44,14 +44,14 @@ pub struct Trial {
     notes: Vec<String>,
 }
 
-/// Pictures below which an interval rests on too few to be sure of.
+/// Number of images below which a clustered interval is uncertain.
 const FEW_PICTURES: usize = 20;
 
 impl Trial {
     /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each. The interval is
     /// that of their differences ([`paired_interval`]), under the paper's protocol of either by itself ([`bootstrap_interval`]).
     ///
-    /// `seconds` is the time it took; `notes` say what a reader must know.
+    /// `seconds` is the computing time; `notes` are for the reader.
     ///
     /// # Errors
     /// When a list is empty, their lengths differ, or a value is not finite.
@@ -120,8 +120,8 @@ impl Trial {
         })
     }
 
-    /// The same trial, with an interval that counts pictures which several held-out patches show. The paper's protocol takes
-    /// patches as independent, which a note says.
+    /// The trial with a clustered interval, for images that several held-out patches show. The paper protocol keeps the
+    /// interval of independent patches and gets a note.
     #[must_use]
     pub fn with_clustered_interval(mut self, pictures: &SharedImages) -> Self {
         let (found, patches) = (pictures.pictures(), self.patches_test);
@@ -134,21 +134,21 @@ impl Trial {
                 "{} {} {} in all, so the interval may be too narrow",
                 counted(patches, "test patch"),
                 one_or_many(patches, "shows", "show"),
-                counted(found, "picture")
+                counted(found, "image")
             );
             self.notes.push(note);
         }
         self
     }
 
-    /// The same trial, with something else that a reader must know.
+    /// The trial with one more note for the reader.
     #[must_use]
     pub fn with_note(mut self, note: String) -> Self {
         self.notes.push(note);
         self
     }
 
-    /// The same trial, computed by this engine.
+    /// The trial with its compute backend.
     #[must_use]
     pub fn on_engine(self, engine: EngineChoice) -> Self {
         Self { engine: Some(engine), ..self }
@@ -175,12 +175,12 @@ impl Trial {
         self.entropy_y_given_x
     }
 
-    /// What each held-out patch tells, bits per pixel, in the order in which they were drawn.
+    /// Information of each held-out patch, bits per pixel, in the order of drawing.
     pub fn information(&self) -> &[f64] {
         &self.information
     }
 
-    /// What it was made with.
+    /// Settings of the trial.
     pub fn settings(&self) -> &TrialSettings {
         &self.settings
     }
@@ -190,17 +190,17 @@ impl Trial {
         self.patches_test
     }
 
-    /// Time it took, seconds.
+    /// Computing time, seconds.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// What computed its network; none where there is no network.
+    /// Compute backend of the network; `None` without a network.
     pub fn engine(&self) -> Option<EngineChoice> {
         self.engine
     }
 
-    /// What a reader must know.
+    /// Notes for the reader.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

@@ -393,7 +393,7 @@ impl Shared {
         };
         let estimate = estimated?;
         let curve = lock(&self.estimates).running.take().map(|running| running.curve).unwrap_or_default();
-        let mut text = estimate.in_words();
+        let mut text = estimate.summary();
         let mut finished = FinishedEstimate::new(order.clone(), estimate, curve);
         if let Some(folder) = folder
             && let Err(error) = folder.keep(&mut finished)

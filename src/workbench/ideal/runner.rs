@@ -141,7 +141,7 @@ impl Shared {
     fn result_in_words(&self) -> Option<String> {
         let run = lock(&self.run);
         let best = run.as_ref()?.ranked.first()?;
-        Some(format!("{}: {}", best.design.encoder.describe(), best.estimate.in_words()))
+        Some(format!("{}: {}", best.design.encoder.describe(), best.estimate.summary()))
     }
 
     fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {

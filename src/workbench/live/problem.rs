@@ -167,7 +167,7 @@ impl<'a> LiveProblem<'a> {
             moments: Some(&moments(self.design, self.imaging, (self.imaging.set.fitting_parts().0, self.patch))?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
-            beginning: start.map_or(Init::Pretrained, Init::Warm),
+            init: start.map_or(Init::Pretrained, Init::Warm),
             estimator: Estimator::Causal,
             seed: self.seed(),
         })?)
