@@ -70,7 +70,7 @@ fn typed_path_survives_missing_or_cancelled_dialog() {
     put_dialog(&programs, "exit 1");
     browse(&mut window);
     assert_eq!((path_field(&window).as_str(), asked(&programs)), ("/some/where.json", 1), "it was cancelled");
-    assert!(!says_so(&window), "there is one, and a person has cancelled it");
+    assert!(!says_so(&window), "there is one, and it was cancelled");
     put_dialog(&programs, &format!("echo '{}'", chosen.display()));
     browse(&mut window);
     assert_eq!((path_field(&window), asked(&programs)), (chosen.display().to_string(), 2));

@@ -134,7 +134,7 @@ fn running_estimate_resumes_in_next_window() {
     let mut window = at_home(folder.path());
     click(&mut window, "Estimates");
     click(&mut window, "Estimator");
-    click(&mut window, "Full");
+    click(&mut window, "Causal model");
     type_number(&mut window, "Steps of the fit", "60");
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
@@ -239,7 +239,7 @@ fn upper_bound_of_whole_sensor_is_listed() {
     lenslet_studio::formats::write_array(&path, stripes.view()).unwrap();
     let mut window = open(Design { objects: ObjectSource::Stack(path), ..Design::default() });
     click(&mut window, "Estimates");
-    for name in ["Estimator", "Full", "Patch", "Whole sensor"] {
+    for name in ["Estimator", "Causal model", "Patch", "Whole sensor"] {
         click(&mut window, name);
     }
     type_number(&mut window, "Steps of the fit", "20");
@@ -248,7 +248,7 @@ fn upper_bound_of_whole_sensor_is_listed() {
     let estimate = studio(&window).bench().estimates().finished[0].value.estimate.clone();
     assert!(estimate.bracket.is_none() && estimate.patch == [49, 49]);
     let [low, high] = estimate.interval_95;
-    window.get_by_label(&format!("{:.3} [{low:.3}, {high:.3}] full estimate", estimate.bits_per_pixel));
+    window.get_by_label(&format!("{:.3} [{low:.3}, {high:.3}] causal estimate", estimate.bits_per_pixel));
 }
 
 #[test]
@@ -273,11 +273,10 @@ fn camera_images_are_estimated() {
     window.get_by_label("Images: gain").type_text("2");
     window.key_press(Key::Enter);
     window.run_steps(2);
-    // The fit has a length of its own, which suits its estimator.
+    // The fit has a length of its own.
     let steps = |window: &Window, name: &str| window.get_by_label(name).accesskit_node().numeric_value().unwrap();
-    click(&mut window, "Estimator of images");
-    click(&mut window, "Full");
-    assert_eq!(steps(&window, "Steps of the fit to images"), 60_000.0);
+    type_number(&mut window, "Steps of the fit to images", "500");
+    assert_eq!(steps(&window, "Steps of the fit to images"), 500.0);
     assert_eq!(steps(&window, "Steps of the fit"), 2_000.0);
     click(&mut window, "Estimator of images");
     click(&mut window, "PixelCNN");

@@ -411,7 +411,7 @@ fn first_window_offers_samples_and_tour() {
     ] {
         click(&mut window, "Next");
         window.get_by_label(title);
-        assert!(window.query_all_by_label(room).count() > 0, "the room of {title}");
+        assert!(window.query_all_by_label(room).count() > 0, "the panel of {title}");
     }
     click(&mut window, "Back");
     window.get_by_label("3. Compare designs");

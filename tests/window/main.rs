@@ -418,7 +418,7 @@ fn closing_asks_about_unsaved_changes() {
     click(&mut window, "Add lenslet");
     settle(&mut window);
     close(&mut window);
-    window.get_by_label_contains("changes that are not in a file");
+    window.get_by_label_contains("has unsaved changes.");
     click(&mut window, "Cancel");
     assert!(studio(&window).bench().is_dirty(), "nothing is lost by asking");
 

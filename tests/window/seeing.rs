@@ -351,7 +351,7 @@ fn information_is_overlaid_on_measurement() {
     let mut window = open_window(Design::default(), vec2(1280.0, 800.0), Theme::Dark, true);
     let told = |window: &Window| {
         let node = window.get_by_role_and_label(Role::Image, "Measurement");
-        node.accesskit_node().description().filter(|text| text.starts_with("information over it, to "))
+        node.accesskit_node().description().filter(|text| text.starts_with("information overlay up to "))
     };
     assert_eq!(told(&window), None);
     click(&mut window, "Information over the measurement");
@@ -361,7 +361,7 @@ fn information_is_overlaid_on_measurement() {
     assert_eq!(map.dim(), (65, 65), "all of the measurement, not one patch of it");
     window.hover_at(rect_of(&window, "Measurement").center());
     window.run_steps(3);
-    window.get_by_label_contains(", tells ");
+    window.get_by_label_contains(" bits of information");
     // The map is that of the measurement that is shown.
     click(&mut window, "Next measurement");
     wait_for(&mut window, "the map of the next one", |window| {

@@ -45,7 +45,7 @@ fn run_line(line: &str) -> serde_json::Value {
 fn ask_for_steps(window: &mut Window, steps: &str) {
     click(window, "Estimates");
     click(window, "Estimator");
-    click(window, "Full");
+    click(window, "Causal model");
     click(window, "Length of the fit");
     click(window, "steps");
     type_number(window, "Steps of the fit", steps);
@@ -140,7 +140,7 @@ fn lenslets_are_fitted_to_imported_psf() {
         assert_eq!(lenslets(&window).iter().filter(near).count(), 1, "{lenslet:?}");
     }
     menu(&mut window, &["Edit", "Undo use fitted lenslets"]);
-    assert!(lenslets(&window).is_empty(), "the picture is there again");
+    assert!(lenslets(&window).is_empty(), "the image is there again");
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn jobs_queue_stop_and_keep_their_log() {
     assert!(window.query_all_by_label_contains("bits per pixel").count() >= 2);
     click(&mut window, "Log of job 2");
     let log = copied(&mut window, "Copy log of job 2");
-    assert!(log.contains("Estimate (full) of 9 lenslets") && log.contains("Scoring test patches"), "{log}");
+    assert!(log.contains("Estimate (causal) of 9 lenslets") && log.contains("Scoring test patches"), "{log}");
     // A failure is one sentence, in the list and as a message.
     let folder = tempfile::tempdir().unwrap();
     menu(&mut window, &["File", "Open design..."]);
@@ -381,14 +381,14 @@ fn panel_is_exported_as_image() {
             break;
         }
     }
-    assert!(taken, "no picture was asked for");
+    assert!(taken, "no path was asked for");
     window.run_steps(4);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("compare.png");
     answer(&mut window, &file, "Export");
     let picture = lenslet_studio::formats::read_grey(&file).unwrap();
     let (rows, cols) = picture.dim();
-    assert!((200..800).contains(&rows) && (200..800).contains(&cols), "{rows} x {cols}: a room, not the window");
+    assert!((200..800).contains(&rows) && (200..800).contains(&cols), "{rows} x {cols}: a panel, not the window");
 }
 
 #[test]
