@@ -7,7 +7,7 @@ use crate::studio::panels::parts::action_entry;
 use crate::studio::panels::parts::tamura_gauge;
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
-use crate::studio::state::bound_summary::BoundSummary;
+use crate::studio::state::bound_summary::{BoundSummary, bound_label};
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, FITTED, GAUSSIAN, LOWER, SAMPLED};
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
@@ -67,7 +67,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
     let (text, name, patch) = match (summary.sensor_bracket(), summary.lower()) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
-            format!("whole sensor: {}", bound.from),
+            format!("whole sensor: {}", bound_label(&bound.from)),
             format!("Whole measurements; below: {rows} x {cols} px patches"),
         ),
         (Some((lower, Bracket { upper, .. }, [rows, cols])), _) => (
@@ -153,6 +153,7 @@ fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
 
 /// Sources of lower and upper bound.
 fn both(below: &str, above: &str) -> String {
+    let (below, above) = (bound_label(below), bound_label(above));
     if below == above { below.to_owned() } else { format!("{below}, {above}") }
 }
 
@@ -246,7 +247,7 @@ fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
         }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = summary.lower() {
             let hint = "Information that a decoder, or annealed importance sampling (AIS), extracts from new measurements, with 95 % interval";
-            let value = format!("{} {from}", with_interval(bits_per_pixel, interval_95));
+            let value = format!("{} {}", with_interval(bits_per_pixel, interval_95), bound_label(&from));
             line("Lower bound", value, Some(LOWER), hint);
         }
         if let Some(upper) = summary.current_live().and_then(|live| live.upper.as_ref()) {
@@ -261,7 +262,7 @@ fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
         }
         if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &summary.sensor {
             let hint = "Smallest finished estimate of whole measurements of this design, with 95 % interval";
-            let value = format!("{} {upper_from}", with_interval(*upper, *upper_interval_95));
+            let value = format!("{} {}", with_interval(*upper, *upper_interval_95), bound_label(upper_from));
             line("Whole sensor", value, Some(FITTED), hint);
         }
         let (value, entropies) = live_line(state, summary);
@@ -316,7 +317,7 @@ fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static st
         return (failure.clone(), gaussian);
     }
     if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&summary.live, &summary.run) {
-        let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), upper.from);
+        let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), bound_label(&upper.from));
         return (text, gaussian);
     }
     let off = !state.bench.is_live();

@@ -7,6 +7,17 @@ use crate::information::{Bracket, Estimate, NamedBound, Protocol};
 use crate::studio::state::app_state::State;
 use crate::workbench::{FinishedEstimate, LiveEstimate, Revisioned, RunBounds};
 
+/// Display name of a bound; files store the other names.
+pub fn bound_label(from: &str) -> &str {
+    match from {
+        "ceiling" => "entropy bound",
+        "posterior sampling" => "AIS",
+        "density" => "density model",
+        "gaussian" => "Gaussian bound",
+        other => other,
+    }
+}
+
 /// All bounds of the shown design.
 pub struct BoundSummary<'a> {
     pub bounds: &'a LiveInformation,
