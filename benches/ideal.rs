@@ -150,7 +150,7 @@ fn up_the_posterior(criterion: &mut Criterion) {
         let fit = DecoderFit::of_steps(settings.refit, DecoderKind::Autoregressive, 1);
         bencher.iter(|| {
             let mut refit = DecoderRefit::new(fit.clone(), decoder).expect("a refit");
-            refit.go_on(&channel, settings.refit, &mut |_| ControlFlow::Continue(())).expect("a refit");
+            refit.advance_to(&channel, settings.refit, &mut |_| ControlFlow::Continue(())).expect("a refit");
         });
     });
     group.bench_function("the products of such a round alone", |bencher| {

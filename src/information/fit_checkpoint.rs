@@ -1,4 +1,4 @@
-//! The state of a fit as bytes, so that it can go on after it was stopped.
+//! //! Checkpoints of fits: weights, optimizer state and counters as bytes.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -8,43 +8,43 @@ use crate::nn::{
     Initial, NetworkError, Optimizer, ParameterLayout, WeightsHeader, read_details, read_weights, write_weights,
 };
 
-/// Whose state it is.
+/// /// Header of the checkpoint file.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/fit", version: 1 };
 
-/// Keeps the state of one fit.
+/// /// Storage for the checkpoint of one fit.
 pub trait FitCheckpoint: Sync {
-    /// Says which fit it is; a state of another one is refused.
+    /// /// Identity of the fit; a checkpoint of another fit is refused.
     fn key(&self) -> &str;
 
-    /// Where it is kept, for people.
+    /// /// Location of the checkpoint, for error messages.
     fn place(&self) -> String;
 
-    /// Time between two states.
+    /// /// Time between two checkpoints.
     fn every(&self) -> Duration {
         Duration::from_secs(20)
     }
 
-    /// The state that was kept last, if any.
+    /// /// The last checkpoint; `None` where there is none.
     ///
     /// # Errors
     /// Where it cannot be read.
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError>;
 
-    /// Puts a newer state in place of the last one.
+    /// /// Replaces the checkpoint.
     ///
     /// # Errors
-    /// Where it cannot be written; the last one is then still there.
+    /// /// When it cannot be written; the previous checkpoint then remains.
     fn store(&self, state: &[u8]) -> Result<(), InformationError>;
 }
 
-/// The numbers of a state: weights, what moves them, and the best weights so far where such are kept.
-pub(in crate::information) struct FitNumbers<'a> {
+/// /// Arrays of a checkpoint: weights, optimizer state, and the best weights on validation patches.
+pub(in crate::information) struct FitArrays<'a> {
     pub weights: &'a [f32],
     pub optimizer: &'a Optimizer,
     pub best: Option<&'a [f32]>,
 }
 
-/// What the header of a state says.
+/// /// Named values in the header of a checkpoint.
 pub(in crate::information) struct FitDetails(HashMap<String, String>);
 
 impl FitDetails {
@@ -60,14 +60,14 @@ impl FitDetails {
     }
 }
 
-/// Which steps were taken, and which of them were refused: an optimizer has made the others.
+/// /// Names of the counters: steps taken, and steps skipped because the loss was not finite.
 const STEPS: &str = "steps";
 const REFUSED: &str = "refused";
 
-/// The bytes of a state after so many `steps`, some of them `refused`.
+/// /// The bytes of a checkpoint after `steps`, of which `refused` were skipped.
 pub(in crate::information) fn fit_to_bytes(
     key: &str,
-    numbers: &FitNumbers<'_>,
+    numbers: &FitArrays<'_>,
     (steps, refused): (usize, usize),
     mut details: Vec<(&str, String)>,
 ) -> Result<Vec<u8>, InformationError> {
@@ -79,26 +79,26 @@ pub(in crate::information) fn fit_to_bytes(
     Ok(write_weights(&layout, &values, &HEADER, details)?)
 }
 
-/// What a state holds besides weights and optimizer.
-pub(in crate::information) struct KeptFit {
+/// /// Contents of a checkpoint besides weights and optimizer state.
+pub(in crate::information) struct RestoredFit {
     pub details: FitDetails,
     pub steps: usize,
     pub refused: usize,
-    /// The best weights so far, where such are kept.
+    /// /// The best weights on validation patches.
     pub best: Option<Vec<f32>>,
 }
 
-/// The kept state of a fit, put into weights and optimizer that were made ready for the same one; none where nothing is kept.
+/// /// Loads a checkpoint into weights and optimizer that were prepared for the same fit; `None` where there is none.
 pub(in crate::information) fn restore_fit(
     keeper: &dyn FitCheckpoint,
     weights: &mut [f32],
     optimizer: &mut Optimizer,
-) -> Result<Option<KeptFit>, InformationError> {
+) -> Result<Option<RestoredFit>, InformationError> {
     let Some(bytes) = keeper.load()? else { return Ok(None) };
     restore(&bytes, keeper.key(), weights, optimizer).map(Some).map_err(|error| unread(keeper, &error))
 }
 
-/// Why what was kept cannot be read, and where it lies.
+/// /// Error for a checkpoint that cannot be read, with its location.
 pub(in crate::information) fn unread(keeper: &dyn FitCheckpoint, error: &dyn std::fmt::Display) -> InformationError {
     InformationError::WeightsFile { path: keeper.place(), reason: error.to_string() }
 }
@@ -108,7 +108,7 @@ fn restore(
     key: &str,
     weights: &mut [f32],
     optimizer: &mut Optimizer,
-) -> Result<KeptFit, InformationError> {
+) -> Result<RestoredFit, InformationError> {
     let details = FitDetails(read_details(bytes, &HEADER)?);
     if details.text("key") != key {
         return Err(InformationError::OtherFit);
@@ -118,7 +118,7 @@ fn restore(
     weights.copy_from_slice(&values[..count]);
     let (steps, refused): (usize, usize) = (details.number(STEPS)?, details.number(REFUSED)?);
     optimizer.restore(&values[count..count + state], steps.saturating_sub(refused));
-    Ok(KeptFit { details, steps, refused, best: has_best.then(|| values[count + state..].to_vec()) })
+    Ok(RestoredFit { details, steps, refused, best: has_best.then(|| values[count + state..].to_vec()) })
 }
 
 fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
@@ -131,7 +131,7 @@ fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
     layout
 }
 
-/// Keeps a state in memory, whenever it may.
+/// /// Checkpoint in memory, for tests.
 #[cfg(test)]
 #[derive(Default)]
 pub(in crate::information) struct InMemory(pub std::sync::Mutex<Option<Vec<u8>>>);

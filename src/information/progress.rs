@@ -1,9 +1,9 @@
-//! What a fit tells while it runs.
+//! //! Progress of a fit.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-/// Where a fit is; sent after every step, and after every group of patches that is scored.
+/// /// Progress of a fit; sent after every step and after every group of scored patches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitProgress {
     /// Epoch that is running, from 1.
@@ -12,16 +12,16 @@ pub struct FitProgress {
     pub epochs: usize,
     /// Steps taken.
     pub step: usize,
-    /// Cross-entropy at the moment, bits per pixel: of the validation patches after the last epoch where there are epochs,
-    /// of the training patches of late otherwise; none before.
+    /// /// Latest cross-entropy, bits per pixel: of the validation patches after an epoch, or the running mean over training steps;
+    /// /// `None` before the first.
     pub validation_bits: Option<f64>,
     /// The smallest so far.
     pub best_bits: Option<f64>,
     /// Time since the start.
     pub elapsed: Duration,
-    /// Time left at most, where it can be told.
+    /// /// Estimated time left; `None` while unknown.
     pub remaining: Option<Duration>,
-    /// Held-out patches scored and to be scored, once the fit is over.
+    /// /// Held-out patches scored and their total, once the fit is over.
     pub scored: Option<(usize, usize)>,
 }
 

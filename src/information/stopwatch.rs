@@ -1,8 +1,8 @@
-//! The time that something has taken, in all its parts.
+//! //! Elapsed time over several sessions.
 
 use std::time::{Duration, Instant};
 
-/// Runs from when it is made, on top of the time that was taken before.
+/// /// Stopwatch that starts with the time of earlier sessions.
 #[derive(Clone, Copy)]
 pub(in crate::information) struct Stopwatch {
     before: Duration,
@@ -10,12 +10,12 @@ pub(in crate::information) struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Begins with the time of earlier parts.
+    /// /// Starts with the time of earlier sessions.
     pub fn after(before: Duration) -> Self {
         Self { before, since: Instant::now() }
     }
 
-    /// The time of all parts.
+    /// /// Total time of all sessions.
     pub fn elapsed(&self) -> Duration {
         self.before + self.since.elapsed()
     }

@@ -148,7 +148,7 @@ impl Guide for DensityGuide<'_> {
         let psf = render_psf(array, self.imaging.set.planes())?;
         let stream = self.seen_through(psf.view())?;
         let refit = self.refit.get_or_insert_with(|| CausalRefit::new((all, seed), self.model.clone()));
-        refit.go_on(steps, &stream, go_on)?;
+        refit.advance_to(steps, &stream, go_on)?;
         self.model = refit.model();
         Ok(true)
     }

@@ -89,7 +89,7 @@ impl PosteriorGuide<'_> {
         if refit.steps() < steps {
             let channel = channel(self.imaging, array, self.patch)?;
             let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-            refit.go_on(&channel, steps, watch)?;
+            refit.advance_to(&channel, steps, watch)?;
         }
         Ok(())
     }
@@ -134,7 +134,7 @@ impl Guide for PosteriorGuide<'_> {
     fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
         let steps = fit.steps;
         let mut refit = self.refit(fit)?;
-        refit.go_on(&self.channel, steps, &mut |step: usize| watch(step as f64 / steps as f64))?;
+        refit.advance_to(&self.channel, steps, &mut |step: usize| watch(step as f64 / steps as f64))?;
         self.take(refit);
         Ok(())
     }

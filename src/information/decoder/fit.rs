@@ -14,7 +14,7 @@ use super::problem::Problem;
 use super::samples::Reveal;
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::fit_checkpoint::{FitNumbers, KeptFit, fit_to_bytes, restore_fit};
+use crate::information::fit_checkpoint::{FitArrays, RestoredFit, fit_to_bytes, restore_fit};
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Averaging, Optimizer, Rule, learning_rate_factor};
 
@@ -233,7 +233,7 @@ impl Course {
             (SAVED, self.saved_per_site.to_string()),
             (NANOSECONDS, elapsed.as_nanos().to_string()),
         ];
-        let numbers = FitNumbers { weights: &decoder.weights, optimizer, best: None };
+        let numbers = FitArrays { weights: &decoder.weights, optimizer, best: None };
         keeper.store(&fit_to_bytes(keeper.key(), &numbers, (self.steps, *refused), details)?)
     }
 
@@ -242,7 +242,7 @@ impl Course {
         let Some(kept) = restore_fit(keeper, &mut decoder.weights, &mut self.mover.optimizer)? else {
             return Ok(Duration::ZERO);
         };
-        let KeptFit { details, steps, refused, .. } = kept;
+        let RestoredFit { details, steps, refused, .. } = kept;
         self.steps = steps;
         self.saved_per_site = details.number(SAVED)?;
         (self.mover.moved, self.mover.refused) = (steps.saturating_sub(refused), refused);
@@ -265,7 +265,7 @@ impl DecoderRefit {
     ///
     /// # Errors
     /// As [`decoder_lower_bound`](super::decoder_lower_bound).
-    pub fn go_on(
+    pub fn advance_to(
         &mut self,
         channel: &BeadChannel,
         steps: usize,

@@ -6,7 +6,7 @@ use super::bootstrap::paired_interval;
 use super::shared_images::SharedImages;
 use crate::information::error::InformationError;
 
-/// What each test patch tells by a density model, and the pictures that it shows.
+/// /// Information of each test patch by a density model, and the images that it shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TestPatches {
     /// Bits per pixel of each patch.
@@ -15,7 +15,7 @@ pub struct TestPatches {
     pub pictures: SharedImages,
 }
 
-/// By how much one estimate is larger than another, bits per pixel.
+/// /// Difference of two estimates, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairedDifference {
     /// The difference of the two.
@@ -25,10 +25,10 @@ pub struct PairedDifference {
 }
 
 impl PairedDifference {
-    /// Of what two estimates tell of each patch, `of` less `than`, where both were scored on the same patches: scenes and noise
-    /// that are rich raise both alike, so that the interval of the difference ([`paired_interval`]) is narrower than those of the
-    /// two let one think. It is the wider for pictures in common ([`SharedImages::inflate_interval`]), as `than` sees them, and covers
-    /// the choice of test patches only, neither the fits nor the looseness of either model.
+    /// /// Mean of `of` minus `than` over the same test patches, with the paired 95 % interval ([`paired_interval`]). Scenes and
+    /// /// noise that raise both estimates cancel in the difference. Shared images widen the interval
+    /// /// ([`SharedImages::inflate_interval`]). It covers the choice of test patches only, neither the fits nor the looseness of
+    /// /// the models.
     ///
     /// None where the numbers of patches differ, or there are fewer than two.
     ///
@@ -45,7 +45,7 @@ impl PairedDifference {
         Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.inflate_interval(&differences, mean, interval) }))
     }
 
-    /// Whether it has a sign: its interval leaves out 0.
+    /// /// Whether the interval excludes 0.
     pub fn is_clear(&self) -> bool {
         let [low, high] = self.interval_95;
         low > 0.0 || high < 0.0
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn what_scenes_add_to_both_is_no_part_of_a_difference() {
+    fn common_variation_of_scenes_cancels() {
         let covered = (0..300).filter(|&seed| {
             let (of, than) = told(200, seed);
             let PairedDifference { interval_95: [low, high], .. } =
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_that_patches_share_widen_it() {
+    fn shared_images_widen_the_interval() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         // Ten pictures, each in twenty patches, of which the first model tells more or less alike.
         let effects: Vec<f64> = (0..10).map(|_| 0.02 * random.sample::<f64, _>(StandardNormal)).collect();
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn other_patches_have_no_difference() {
+    fn different_patches_have_no_difference() {
         let (of, than) = told(20, 1);
         assert_eq!(PairedDifference::new(&of[..19], &than, 1), Ok(None));
         assert_eq!(PairedDifference::new(&[], &TestPatches::default(), 1), Ok(None));

@@ -1,8 +1,8 @@
-//! Power spectrum of a picture: how much of its variance each spatial frequency carries, to be held against the noise.
+//! Power spectrum of a image: how much of its variance each spatial frequency carries, to be held against the noise.
 //!
-//! P(f) = |FFT2(w (y - mean y))|^2 / sum w^2 with a Hann window w, so that opposite borders of a picture, which do not fit
+//! P(f) = |FFT2(w (y - mean y))|^2 / sum w^2 with a Hann window w, so that opposite borders of a image, which do not fit
 //! together, leak nothing into other frequencies. White noise of variance v has P(f) = v at every f: shot noise alone
-//! lies at the mean of the picture, read noise at sigma^2. Frequencies are averaged over rings.
+//! lies at the mean of the image, read noise at sigma^2. Frequencies are averaged over rings.
 
 use ndarray::ArrayView2;
 use rustfft::num_complex::Complex64;
@@ -12,17 +12,17 @@ use super::fourier::Fourier2;
 /// Rings below this number hold what the window has made of the mean.
 const FIRST_RING: usize = 2;
 
-/// Power of the spatial frequencies of a picture.
+/// Power of the spatial frequencies of a image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PowerSpectrum {
     /// (frequency in cycles per pixel, power in photons^2), averaged over rings as wide as one frequency step of the
     /// shorter side; frequencies rise up to half the sampling rate.
     pub radial: Vec<[f64; 2]>,
-    /// Mean of the picture, photons per pixel; the power of its shot noise.
+    /// Mean of the image, photons per pixel; the power of its shot noise.
     pub mean: f64,
 }
 
-/// The power spectrum of a picture in photons per pixel, shape (rows, cols).
+/// The power spectrum of a image in photons per pixel, shape (rows, cols).
 ///
 /// It has no rings where a side is shorter than four pixels, or a value is not finite.
 pub fn power_spectrum(image: ArrayView2<'_, f32>) -> PowerSpectrum {
@@ -70,7 +70,7 @@ mod tests {
     use crate::sensor::Noise;
     use ndarray::{Array2, Array3, Axis};
 
-    /// White noise is flat at its variance; that of shot noise is the mean of the picture.
+    /// White noise is flat at its variance; that of shot noise is the mean of the image.
     #[test]
     fn shot_noise_of_known_mean_is_a_flat_line_at_that_mean() {
         for (noise, mean, variance) in

@@ -1,10 +1,9 @@
-//! Test patches that show the same pictures, and what that does to intervals.
+//! //! Clustered intervals for test patches that show the same images.
 //!
-//! Patches of mosaics of 180 images see each image dozens of times: what one image adds to the information comes again with
-//! it, so a mean over patches varies more than that of as many independent ones. With the value of a patch as
-//! `v = mean + sum over pictures of share x effect + rest`, the variances of effects and rests follow from two quadratic forms
-//! of the values whose expectations are known (the method of moments of Henderson 1953; with these forms Rao's MINQUE for
-//! weights of nothing but rests, 1971).
+//! //! Patches of mosaics of 180 images show each image dozens of times, so the mean over patches varies more than that of as
+//! //! many independent patches. With the value of a patch as
+//! //! `v = mean + sum over images of share x effect + rest`, the variances of effects and rests follow from two quadratic forms
+//! //! of the values whose expectations are known (the method of moments of Henderson 1953; with these forms Rao's MINQUE, 1971).
 
 use std::collections::BTreeMap;
 
@@ -13,15 +12,14 @@ use super::student_t::student_95;
 /// Least part of the forms' determinant that counts as more than rounding.
 const SINGULAR: f64 = 1e-9;
 
-/// Which pictures each patch shows, and how much of its light comes from each; the shares of a patch add up to 1.
+/// Which images each patch shows, and how much of its light comes from each; the shares of a patch add up to 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SharedImages {
     shares: Vec<Vec<(u32, f64)>>,
 }
 
 impl SharedImages {
-    /// Of these patches, each with the numbers of its pictures and their shares; a picture that comes twice in a patch has the sum of
-    /// both.
+    /// /// From the image numbers and shares of each patch. An image that occurs twice in a patch gets the sum of its shares.
     pub fn new(shares: Vec<Vec<(u32, f64)>>) -> Self {
         let merged = |patch: Vec<(u32, f64)>| {
             let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
@@ -33,24 +31,24 @@ impl SharedImages {
         Self { shares: shares.into_iter().map(merged).collect() }
     }
 
-    /// Of patches that show one picture each.
+    /// /// From patches that show one image each.
     pub fn one_each(pictures: impl IntoIterator<Item = u32>) -> Self {
         Self::new(pictures.into_iter().map(|picture| vec![(picture, 1.0)]).collect())
     }
 
-    /// The numbers of the pictures of each patch, and their shares.
+    /// The numbers of the images of each patch, and their shares.
     pub fn shares(&self) -> &[Vec<(u32, f64)>] {
         &self.shares
     }
 
-    /// With those of more patches behind.
+    /// /// These patches followed by `more`.
     #[must_use]
     pub fn and(mut self, more: Self) -> Self {
         self.shares.extend(more.shares);
         self
     }
 
-    /// Number of different pictures.
+    /// Number of different images.
     pub fn pictures(&self) -> usize {
         let mut all: Vec<u32> = self.shares.iter().flatten().map(|&(picture, _)| picture).collect();
         all.sort_unstable();
@@ -58,8 +56,8 @@ impl SharedImages {
         all.len()
     }
 
-    /// What pictures in common add to the variance of the mean of `values`, one for each patch, beyond that of independent
-    /// patches; 0 where nothing is shared, or the patches do not tell.
+    /// /// Added variance of the mean of `values` (one per patch) by shared images, beyond that of independent patches; 0 where
+    /// /// nothing is shared or it cannot be estimated.
     pub fn added_variance(&self, values: &[f64]) -> f64 {
         let count = values.len().min(self.shares.len());
         if count < 3 {
@@ -79,7 +77,7 @@ impl SharedImages {
                 }
             }
         }
-        // A: the covariance of patches whose pictures have effects of variance 1. B: the same of differences from the mean.
+        // A: the covariance of patches whose images have effects of variance 1. B: the same of differences from the mean.
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
         let all = square(&mut light.values().copied());
         let of_patch = |patch: &Vec<(u32, f64)>| patch.iter().map(|(picture, share)| share * light[picture]).sum();
@@ -98,8 +96,8 @@ impl SharedImages {
         (of_pictures * (all / (n * n) - trace / (n * (n - 1.0)))).max(0.0)
     }
 
-    /// A 95 % interval about `mean` of `values` that was made as if patches were independent, as wide as pictures in common
-    /// make it: few pictures tell the variance of all with little certainty, as Student's t counts.
+    /// /// The interval of independent patches around `mean`, widened for shared images. The variance of few images is uncertain, so
+    /// /// Student's t is used.
     pub fn inflate_interval(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
         let quantile = student_95(self.pictures() as f64 - 1.0);
         let added = quantile * self.added_variance(values).sqrt();
@@ -114,7 +112,7 @@ mod tests {
 
     use super::*;
 
-    /// Values about 0 of patches that show two of `pictures` pictures at random shares.
+    /// Values about 0 of patches that show two of `images` images at random shares.
     fn drawn(pictures: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedImages, Vec<f64>) {
         // Uniform numbers of variance 1.
         let mut uniform = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
@@ -134,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn widened_intervals_cover_the_mean_over_all_pictures() {
+    fn inflated_intervals_cover_the_mean() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         for (pictures, effect) in [(40, 1.0), (40, 0.0), (300, 2.0)] {
             let (mut covered, mut narrow) = (0, 0);
@@ -155,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_shares_nothing_or_tells_nothing_stays_as_it_is() {
+    fn independent_patches_add_no_variance() {
         let values = [1.0, 4.0, 2.0, 3.0, 5.0];
         assert_eq!(SharedImages::one_each(0..5).added_variance(&values), 0.0);
         assert_eq!(SharedImages::one_each([7; 5]).added_variance(&values), 0.0);
@@ -164,14 +162,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_comes_twice_in_a_patch_is_one() {
+    fn repeated_image_in_a_patch_is_merged() {
         let tiles = vec![vec![(1, 0.25), (2, 0.5), (1, 0.25)], vec![(3, 1.0)]];
         assert_eq!(SharedImages::new(tiles).shares(), [vec![(1, 0.5), (2, 0.5)], vec![(3, 1.0)]]);
     }
 
     #[test]
-    fn of_patches_with_one_picture_each_it_is_the_variance_between_pictures() {
-        // Two patches of each of three pictures, equal to each other: as good as one of each.
+    fn one_image_per_patch_gives_the_variance_between_images() {
+        // Two patches of each of three images, equal to each other: as good as one of each.
         let values = [1.0, 1.0, 2.0, 2.0, 6.0, 6.0];
         let shared = SharedImages::one_each([0, 0, 1, 1, 2, 2]);
         let independent = values.iter().map(|v| (v - 3.0f64).powi(2)).sum::<f64>() / 5.0 / 6.0;

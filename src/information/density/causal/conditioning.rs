@@ -1,4 +1,4 @@
-//! What the network sees of patches: numbers of order one, made from photons before the first layer.
+//! //! Network inputs: patches in photons converted to numbers of order one.
 
 use std::ops::Range;
 
@@ -63,7 +63,7 @@ pub(super) struct Units {
     pub photons: (f32, f32),
 }
 
-/// Everything about one design and one kind of scene that the network is told.
+/// /// Statistics of one design and kind of scene that condition the network.
 #[derive(Clone, Debug)]
 pub(super) struct Conditioning {
     pub noise: Noise,

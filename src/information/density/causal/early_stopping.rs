@@ -1,66 +1,71 @@
-//! The weights that scored best on validation patches while a model was fitted: of few patches a fit learns by heart.
+//! //! Early stopping: the weights that score best on validation patches during a fit, against overfitting to few patches.
 
 use super::model::CausalModel;
 use super::stream::PatchBatch;
 use crate::information::error::InformationError;
 
-/// Looks during a fit, evenly spread.
-const LOOKS: f64 = 20.0;
+/// /// Validations during a fit, evenly spaced.
+const VALIDATIONS: f64 = 20.0;
 
-/// The weights of the best look.
+/// /// The best weights so far.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Found {
+pub(super) struct BestWeights {
     /// Cross-entropy of the validation patches, bits per pixel.
     pub bits: f64,
-    /// Steps they had taken.
+    /// /// Step of these weights.
     pub step: usize,
     /// In the order of the model's layout.
     pub weights: Vec<f32>,
 }
 
-/// What is looked at, and what was found.
-pub(super) struct Best<'a> {
+/// /// Validation patches and the best weights on them.
+pub(super) struct EarlyStopping<'a> {
     patches: Option<&'a PatchBatch>,
-    looks: f64,
-    pub found: Option<Found>,
-    /// Whether the last look found worse ones.
+    validations: f64,
+    pub found: Option<BestWeights>,
+    /// /// Whether the last validation found worse weights.
     is_behind: bool,
 }
 
-impl<'a> Best<'a> {
-    /// For a fit of which the share `done` is over, and what was found until then.
-    pub fn new(patches: Option<&'a PatchBatch>, done: f64, found: Option<Found>) -> Self {
-        Self { patches, looks: (LOOKS * done).floor(), found, is_behind: false }
+impl<'a> EarlyStopping<'a> {
+    /// /// For a fit that is `done` (share, 0 to 1), with the best weights of earlier sessions.
+    pub fn new(patches: Option<&'a PatchBatch>, done: f64, found: Option<BestWeights>) -> Self {
+        Self { patches, validations: (VALIDATIONS * done).floor(), found, is_behind: false }
     }
 
-    /// Scores the model that `snapshot` makes where it is time for it.
-    pub fn look(&mut self, done: f64, step: usize, snapshot: &dyn Fn() -> CausalModel) -> Result<(), InformationError> {
+    /// /// Validates the model of `snapshot` where a validation is due.
+    pub fn validate(
+        &mut self,
+        done: f64,
+        step: usize,
+        snapshot: &dyn Fn() -> CausalModel,
+    ) -> Result<(), InformationError> {
         let Some(patches) = self.patches else { return Ok(()) };
-        let looks = (LOOKS * done).floor();
-        if looks <= self.looks {
+        let validations = (VALIDATIONS * done).floor();
+        if validations <= self.validations {
             return Ok(());
         }
-        self.looks = looks;
+        self.validations = validations;
         let model = snapshot();
         let bits = validation_bits(&model, patches)?;
         let is_best = bits.is_finite() && self.found.as_ref().is_none_or(|found| bits < found.bits);
         if is_best {
-            self.found = Some(Found { bits, step, weights: model.weights });
+            self.found = Some(BestWeights { bits, step, weights: model.weights });
         }
         self.is_behind = !is_best;
         Ok(())
     }
 
-    /// The best weights where the last look found worse ones, or those at hand: for a fit that is seen, or ends, between two looks.
-    pub fn or(&self, at_hand: impl FnOnce() -> Vec<f32>) -> Vec<f32> {
+    /// /// The best weights where the last validation found worse ones, otherwise the current weights.
+    pub fn or(&self, current: impl FnOnce() -> Vec<f32>) -> Vec<f32> {
         match &self.found {
             Some(found) if self.is_behind => found.weights.clone(),
-            _ => at_hand(),
+            _ => current(),
         }
     }
 
-    /// Puts the best weights in place of those at the end, where they score better; returns their step.
-    pub fn put_into(self, model: &mut CausalModel) -> Result<Option<usize>, InformationError> {
+    /// /// Replaces the final weights by the best ones where these score better; returns their step.
+    pub fn install_best(self, model: &mut CausalModel) -> Result<Option<usize>, InformationError> {
         let (Some(patches), Some(found)) = (self.patches, self.found) else { return Ok(None) };
         if found.bits < validation_bits(model, patches)? {
             model.weights = found.weights;

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::checkpoint::{Course, keep, restore};
+use super::checkpoint::{FitState, keep, restore};
 use super::conditioning::Inputs;
-use super::early_stopping::Best;
+use super::early_stopping::EarlyStopping;
 use super::model::{CausalModel, Gradients};
 use super::shape::rule;
 use super::stream::{PatchBatch, PatchStream};
@@ -25,43 +25,43 @@ pub(super) const RATE: f64 = 1.2e-2;
 pub(super) const MAX_NORM: f64 = 1.0;
 /// Patches that are drawn at a time.
 const DRAWN: usize = 64;
-/// Tells the seed of the noise that is predicted from that of the noise that is seen.
+/// /// Separates the seed of the predicted noise from that of the seen noise.
 const REDRAWN: u64 = 0x7a67 << 32;
-/// Steps that the reported training value looks back over.
+/// /// Steps over which the reported training loss is averaged.
 const REMEMBERED: f64 = 100.0;
-/// Steps without finite numbers after which a fit is given up.
+/// /// Steps with a loss that is not finite after which a fit fails.
 const MAX_REFUSED: usize = 30;
 
-/// How long a fit takes.
+/// /// Length of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FitLength {
-    /// So many steps; equal seeds then give equal bits on one machine.
+    /// /// Number of steps; equal seeds then give equal bits on one machine.
     Steps(usize),
-    /// So much time.
+    /// /// Time.
     Time(Duration),
 }
 
-/// Hears of every step, gets what makes the model as it would be if the fit ended there, as far as the last look at validation patches tells, and answers whether to go on; where it
-/// is to be of another number of steps than was planned, of how many. What is left of the fit is spread over them then.
+/// /// Callback after every step: receives the progress and a function that makes the model as if the fit ended there. `Break`
+/// /// cancels; `Continue(Some(n))` plans n steps in all, and the rest of the schedule is spread over them.
 pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<(), Option<usize>>;
 
-/// What a fit of limited patches, or one that takes long, is aided by.
+/// /// Optional parts of a fit: checkpoint and validation.
 #[derive(Clone, Copy)]
 pub(in crate::information) struct FitAids<'a> {
-    /// Keeps its state as often as it asks for; a fit whose state is there goes on from it.
+    /// /// Checkpoint; a fit resumes from it.
     pub keeper: Option<&'a dyn FitCheckpoint>,
-    /// Patches that are not fitted to; the weights that score best on them are kept.
+    /// /// Validation patches; the weights that score best on them win.
     pub validation: Option<&'a PatchBatch>,
 }
 
-/// What came of a fit.
+/// /// Result of a fit.
 pub(in crate::information) struct Fitted {
-    /// Steps, those before it went on from a state among them.
+    /// /// Steps, those of earlier sessions included.
     pub steps: usize,
-    /// The step whose weights are kept where they score better than those at the end.
+    /// /// Step of the best validation score, where it beats the final weights.
     pub best: Option<usize>,
-    /// Time that was taken before it went on from a state.
+    /// /// Computing time of earlier sessions.
     pub before: Duration,
 }
 
@@ -103,8 +103,7 @@ impl CausalFit {
         self.fit_watched(model, (stream, None), &mut |progress, _| on_progress(progress).map_continue(|()| None))
     }
 
-    /// As [`CausalFit::fit`], for those who want to see the model while it is fitted ([`OnStep`]). The weights are kept that scored best
-    /// on patches which validate the fit, where there are some.
+    /// /// As [`CausalFit::fit`], with a callback that can see the model ([`OnStep`]) and optional validation patches.
     ///
     /// # Errors
     /// As [`CausalFit::fit`]; where the validation patches do not fit the model.
@@ -117,8 +116,7 @@ impl CausalFit {
         Ok(self.fit_aided(model, stream, FitAids { validation, keeper: None }, on_step)?.steps)
     }
 
-    /// As [`CausalFit::fit_watched`], with aids. Of a fixed number of steps the outcome is the same bit for bit, whether
-    /// or not the fit went on from a state.
+    /// /// As [`CausalFit::fit_watched`], with a checkpoint. With a fixed number of steps a resumed fit gives the same bits.
     ///
     /// # Errors
     /// As there; where the state cannot be read or written, or is that of another fit; where the validation patches do not
@@ -130,40 +128,40 @@ impl CausalFit {
         FitAids { keeper, validation }: FitAids<'_>,
         on_step: OnStep<'_>,
     ) -> Result<Fitted, InformationError> {
-        let (mut mover, mut found) = (Mover::new(model, self.averaging), None);
+        let (mut trainer, mut found) = (Trainer::new(model, self.averaging), None);
         if let Some(keeper) = keeper {
-            (mover.course, found) = restore(keeper, model, &mut mover.optimizer)?;
+            (trainer.course, found) = restore(keeper, model, &mut trainer.optimizer)?;
         }
-        let time = Stopwatch::after(mover.course.before);
+        let time = Stopwatch::after(trainer.course.before);
         let mut plan = Plan::new(self.length);
-        let mut best = Best::new(validation, plan.done(mover.course.steps, mover.course.before), found);
+        let mut best = EarlyStopping::new(validation, plan.done(trainer.course.steps, trainer.course.before), found);
         let mut kept = Instant::now();
         loop {
             if let Some(keeper) = keeper
                 && kept.elapsed() >= keeper.every()
             {
-                let so_far = (&mover.course, time.elapsed());
-                keep(keeper, so_far, model, &mover.optimizer, best.found.as_ref())?;
+                let so_far = (&trainer.course, time.elapsed());
+                keep(keeper, so_far, model, &trainer.optimizer, best.found.as_ref())?;
                 kept = Instant::now();
             }
-            let inputs = mover.draw(self, model, stream)?;
+            let inputs = trainer.draw(self, model, stream)?;
             for indices in self.batches() {
-                let done = plan.done(mover.course.steps, time.elapsed());
+                let done = plan.done(trainer.course.steps, time.elapsed());
                 if done >= 1.0 {
-                    model.weights = mover.averaged(model);
-                    let Course { steps, before, .. } = mover.course;
-                    return Ok(Fitted { steps, best: best.put_into(model)?, before });
+                    model.weights = trainer.averaged(model);
+                    let FitState { steps, before, .. } = trainer.course;
+                    return Ok(Fitted { steps, best: best.install_best(model)?, before });
                 }
-                mover.step(self, model, (&inputs, indices), learning_rate_factor(done))?;
-                let averaged = || CausalModel { weights: mover.averaged(model), ..model.clone() };
+                trainer.step(self, model, (&inputs, indices), learning_rate_factor(done))?;
+                let averaged = || CausalModel { weights: trainer.averaged(model), ..model.clone() };
                 let elapsed = time.elapsed();
-                best.look(plan.done(mover.course.steps, elapsed), mover.course.steps, &averaged)?;
-                let snapshot = || CausalModel { weights: best.or(|| mover.averaged(model)), ..model.clone() };
-                match on_step(&plan.progress(&mover.course, elapsed), &snapshot) {
+                best.validate(plan.done(trainer.course.steps, elapsed), trainer.course.steps, &averaged)?;
+                let snapshot = || CausalModel { weights: best.or(|| trainer.averaged(model)), ..model.clone() };
+                match on_step(&plan.progress(&trainer.course, elapsed), &snapshot) {
                     ControlFlow::Continue(None) => {}
-                    ControlFlow::Continue(Some(all)) => plan.revise(mover.course.steps, all),
+                    ControlFlow::Continue(Some(all)) => plan.revise(trainer.course.steps, all),
                     ControlFlow::Break(()) => {
-                        model.weights = best.or(|| mover.averaged(model));
+                        model.weights = best.or(|| trainer.averaged(model));
                         return Err(InformationError::Cancelled);
                     }
                 }
@@ -178,7 +176,7 @@ impl CausalFit {
     }
 }
 
-/// How long a fit is to be, which may be revised on the way.
+/// /// Length of a fit, which can be revised.
 struct Plan {
     length: FitLength,
     /// Steps after which it was revised last, and the share of the fit that was over then.
@@ -190,7 +188,7 @@ impl Plan {
         Self { length, revised: (0, 0.0) }
     }
 
-    /// So many steps in all from now on, if steps are what is counted.
+    /// /// Plans `all` steps in total, if the fit counts steps.
     fn revise(&mut self, steps: usize, all: usize) {
         if let FitLength::Steps(_) = self.length {
             self.revised = (steps, self.done(steps, Duration::ZERO));
@@ -211,7 +209,7 @@ impl Plan {
         }
     }
 
-    fn progress(&self, course: &Course, elapsed: Duration) -> FitProgress {
+    fn progress(&self, course: &FitState, elapsed: Duration) -> FitProgress {
         let remaining = match self.length {
             FitLength::Steps(all) => elapsed.mul_f64((all as f64 / course.steps as f64 - 1.0).max(0.0)),
             FitLength::Time(all) => all.saturating_sub(elapsed),
@@ -230,23 +228,23 @@ impl Plan {
     }
 }
 
-/// What moves the weights of a model, and how far it has come.
-pub(super) struct Mover {
+/// /// Optimizer of a model, and the state of its fit.
+pub(super) struct Trainer {
     optimizer: Optimizer,
-    pub course: Course,
+    pub course: FitState,
     gradients: Gradients,
 }
 
-impl Mover {
+impl Trainer {
     pub fn new(model: &CausalModel, averaging: Averaging) -> Self {
         Self {
             optimizer: Optimizer::new(&model.layout, &model.weights, averaging, rule),
-            course: Course::default(),
+            course: FitState::default(),
             gradients: Gradients::new(model.layout.count()),
         }
     }
 
-    /// Draws patches for the next steps: what the network is given of them, and what it predicts.
+    /// /// Draws patches for the next steps: network inputs and prediction targets.
     pub fn draw(
         &mut self,
         fit: &CausalFit,
@@ -279,14 +277,14 @@ impl Mover {
         course.steps += 1;
         if loss.is_finite() && norm.is_finite() {
             let scale = (fit.max_norm / norm.max(1e-30)).min(1.0);
-            let rate = fit.rate * course.caution * factor;
+            let rate = fit.rate * course.step_scale * factor;
             optimizer.step(&mut model.weights, &gradients.total, scale as f32, rate as f32);
             let bits = loss / std::f64::consts::LN_2;
             let share = (1.0 / REMEMBERED).max(1.0 / course.steps as f64);
             course.recent = Some(course.recent.map_or(bits, |mean| mean + share * (bits - mean)));
         } else {
             course.refused += 1;
-            course.caution *= 0.5;
+            course.step_scale *= 0.5;
             if course.refused == MAX_REFUSED {
                 return Err(InformationError::Diverged { refused: course.refused });
             }
@@ -305,7 +303,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_of_a_revised_fit_is_spread_over_its_steps() {
+    fn revised_plan_spreads_the_rest_over_its_steps() {
         let share = |plan: &Plan, steps| plan.done(steps, Duration::ZERO);
         let mut plan = Plan::new(FitLength::Steps(100));
         assert_eq!([0, 25, 100].map(|steps| share(&plan, steps)), [0.0, 0.25, 1.0]);

@@ -1,4 +1,4 @@
-//! Clean levels: what an encoded pixel may hold, and how likely each makes what was measured.
+//! //! Intensity grid: possible expected photons of a pixel, and the likelihood of a measurement for each.
 
 use ndarray::ArrayView3;
 use rayon::prelude::*;
@@ -202,8 +202,8 @@ impl Levels {
         Kernel::Gaussian { inverse, log_norm }
     }
 
-    /// Whether these levels do for what others were chosen for: none of it lies beyond them by as much as the noise tells, and most
-    /// of them are used.
+    /// /// Whether this grid serves measurements that `others` was made for: it covers them to within the noise, and most of it is
+    /// /// used.
     pub fn serve(&self, others: &Self) -> bool {
         let scale = Scale::new(self.noise);
         let of = |photons: f32| scale.of(f64::from(photons));
@@ -213,7 +213,7 @@ impl Levels {
         low >= first - BEYOND && high <= last && high - low >= LEAST_USED * (last - first)
     }
 
-    /// What levels that are few for so wide a range of light may cost a density, bits per pixel; none where they are close.
+    /// /// Looseness of a density on a coarse grid, bits per pixel; `None` for a fine grid.
     pub fn looseness(&self) -> Option<f64> {
         (self.step > WIDEN_FROM).then(|| 0.5 * widening(self.step).log2())
     }

@@ -156,7 +156,7 @@ impl MeasurementStream<'_> {
         Ok(imaging.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
     }
 
-    /// Patches at `places` of the measurements of so many objects of a seed. They are drawn part by part: few large pictures fit into
+    /// Patches at `places` of the measurements of so many objects of a seed. They are drawn part by part: few large images fit into
     /// memory at a time.
     fn cut(
         &self,
@@ -198,7 +198,7 @@ mod tests {
     use crate::optics::{heuristic_layout, render_psf};
     use ndarray::s;
 
-    /// Mosaics of twelve pictures as large as a tile, of which number k is k + 1 everywhere.
+    /// Mosaics of twelve images as large as a tile, of which number k is k + 1 everywhere.
     fn twelve_pictures() -> ObjectSet {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("images.idx");
@@ -244,7 +244,7 @@ mod tests {
         for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
             let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
             let found = f64::from(patch.mean().unwrap()) - 10.0;
-            // What is left out of the shares is a thousandth of the light of each picture.
+            // What is left out of the shares is a thousandth of the light of each image.
             assert!((found - expected).abs() < 0.02, "{found} {expected}");
         }
     }

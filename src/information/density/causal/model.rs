@@ -30,7 +30,7 @@ pub struct CausalModel {
     pub(super) layers: Layers,
     pub(super) layout: ParameterLayout,
     pub(super) weights: Vec<f32>,
-    /// Memory for questions, shared with clones: where two patches are asked about at a time, it would take long to make it anew.
+    /// /// Workspaces for evaluation, shared with clones to avoid allocation for small batches.
     pub(super) workspaces: Arc<Workspaces>,
 }
 
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_might_have_been_measured_counts_like_what_was() {
+    fn targets_replace_the_measured_values_in_the_loss() {
         let (mut model, patches) = model(Noise::Shot, (6, 7));
         let clean = patches.mapv(|y| y + 3.0);
         // The linear prediction is trusted so much that what it does not expect is all but impossible.
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn no_density_depends_on_present_and_future() {
+    fn density_depends_on_past_pixels_only() {
         // The last as wide apart as those of the program, so that the farthest taps lie within the patch.
         let all = CausalShape::default().dilations;
         let cases: [(Noise, &[usize], _); 3] = [
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn the_map_is_the_loss() {
+    fn mean_of_map_equals_loss() {
         let (model, patches) = model(Noise::ShotRead { sigma: 1.5 }, (5, 6));
         let map = model.cross_entropy_map(patches.view()).unwrap();
         let (loss, _) = model.loss_and_gradient(patches.view()).unwrap();
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_model_expects_still_has_a_finite_density() {
+    fn unexpected_values_have_finite_density() {
         let (model, mut patches) = model(Noise::Shot, (5, 6));
         let before = model.cross_entropy_map(patches.view()).unwrap();
         patches[(0, 2, 2)] = 5000.0;
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn a_similar_design_starts_where_the_first_ended() {
+    fn warm_start_equals_the_first_model() {
         let (first, _) = model(Noise::Shot, (6, 6));
         let sample = sample(Noise::Shot, (6, 6));
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();

@@ -1,4 +1,4 @@
-//! First weights that serve many encoders and scenes.
+//! //! Pretrained weights for many encoders and scenes.
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
@@ -23,7 +23,7 @@ use crate::nn::{
 };
 use crate::sensor::Noise;
 
-/// Those that come with the program.
+/// /// Weights of the program.
 const SHIPPED: &[u8] = include_bytes!("../../../../assets/first_density_model.safetensors");
 /// Whose weights they are.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/first-density-model", version: 1 };
@@ -54,17 +54,18 @@ pub struct PretrainProgress {
     pub steps: usize,
     /// Scenes so far.
     pub scenes: u64,
-    /// Cross-entropy of late, bits per pixel.
+    /// /// Running mean of the cross-entropy, bits per pixel.
     pub bits: f64,
     /// Time so far.
     pub elapsed: Duration,
 }
 
-/// Hears of every step, gets what makes the weights as they would be if the fit ended there, and answers whether to go on.
+/// /// Callback after every step: receives the progress and a function that makes the weights as if the fit ended there; `Break`
+/// /// cancels.
 pub type OnPretrainStep<'a> = &'a mut dyn FnMut(&PretrainProgress, &dyn Fn() -> PretrainedWeights) -> ControlFlow<()>;
 
-/// Weights that models of any design begin with. Those of the head are known at knots over the standardised roots of
-/// photons, since the levels differ from design to design.
+/// /// Pretrained weights for models of any design. The weights of the head are interpolated between knots over the standardised
+/// /// roots of photons, since the intensity grid differs between designs.
 #[derive(Clone, Debug)]
 pub struct PretrainedWeights {
     shape: CausalShape,
@@ -73,8 +74,8 @@ pub struct PretrainedWeights {
 }
 
 impl PretrainedWeights {
-    /// Those that come with the program, fitted to beads and drawn pictures through many encoders; none where it was built
-    /// without weights that fit this version.
+    /// /// Weights of the program, fitted to beads and drawn images through many encoders; `None` in a program built without
+    /// /// weights of this version.
     pub fn shipped() -> Option<&'static Self> {
         static WEIGHTS: LazyLock<Option<PretrainedWeights>> =
             LazyLock::new(|| PretrainedWeights::from_bytes(SHIPPED).ok());
@@ -256,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gradient_is_that_of_what_was_put_into_a_model() {
+    fn gradient_matches_the_interpolated_weights() {
         let mut own = model(Init::Random);
         let first = PretrainedWeights::new(1);
         first.put_into(&mut own);
@@ -279,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn those_of_the_program_tell_more_of_a_new_scene_than_none() {
+    fn pretrained_weights_beat_random_ones_on_a_new_scene() {
         let patches = scene(11).patches.noisy;
         let bits = |beginning| model(beginning).cross_entropy_map(patches.view()).unwrap().mean().unwrap();
         let (shipped, drawn) = (bits(Init::Pretrained), bits(Init::Random));
@@ -287,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fit_lowers_the_cross_entropy_of_all_scenes_and_goes_through_a_file() {
+    fn pretraining_lowers_cross_entropy_and_saves_its_weights() {
         let mut weights = PretrainedWeights::new(2);
         let (mut early, mut late, mut kept) = (0.0, f64::INFINITY, None);
         let fitted =

@@ -1,9 +1,9 @@
-//! Fits to measurements that change meanwhile.
+//! //! Online fits to measurements that change during the fit.
 
 use std::ops::Range;
 
 use super::conditioning::Inputs;
-use super::fit::{CausalFit, FitLength, Mover};
+use super::fit::{CausalFit, FitLength, Trainer};
 use super::model::CausalModel;
 use super::stream::PatchStream;
 use crate::information::error::InformationError;
@@ -21,7 +21,7 @@ pub struct CausalRefit {
     /// Of the whole fit.
     steps: usize,
     model: CausalModel,
-    mover: Mover,
+    trainer: Trainer,
     /// Of the patches that were drawn last.
     inputs: Inputs,
     /// Those of them that no step was taken with.
@@ -29,34 +29,34 @@ pub struct CausalRefit {
 }
 
 impl CausalRefit {
-    /// Begins a fit of so many steps, whose patches and noise have a seed, from the weights of a model.
+    /// /// Starts an online fit of `steps` steps from the weights of a model; `seed` is that of patches and noise.
     pub fn new((steps, seed): (usize, u64), start: CausalModel) -> Self {
         let fit = CausalFit::new(FitLength::Steps(steps), seed);
         let fit = CausalFit { rate: RATE * fit.rate, ..fit };
-        let mover = Mover::new(&start, Averaging::Last(AVERAGED));
-        Self { fit, steps, model: start, mover, inputs: Inputs::default(), batches: Vec::new() }
+        let trainer = Trainer::new(&start, Averaging::Last(AVERAGED));
+        Self { fit, steps, model: start, trainer, inputs: Inputs::default(), batches: Vec::new() }
     }
 
-    /// Goes on up to so many steps in all. Patches are drawn whenever those that were drawn before are used up; `go_on` is asked
-    /// after every step.
+    /// /// Advances to `steps` steps in all. New patches are drawn whenever the last ones are used up; `go_on` is asked after every
+    /// /// step and false cancels.
     ///
     /// # Errors
     /// As [`CausalFit::fit`].
-    pub fn go_on(
+    pub fn advance_to(
         &mut self,
         steps: usize,
         stream: &dyn PatchStream,
         go_on: &dyn Fn() -> bool,
     ) -> Result<(), InformationError> {
-        let Self { fit, steps: all, model, mover, inputs, batches } = self;
-        while mover.course.steps < steps.min(*all) {
+        let Self { fit, steps: all, model, trainer, inputs, batches } = self;
+        while trainer.course.steps < steps.min(*all) {
             let Some(indices) = batches.pop() else {
-                *inputs = mover.draw(fit, model, stream)?;
+                *inputs = trainer.draw(fit, model, stream)?;
                 batches.extend(fit.batches().rev());
                 continue;
             };
-            let factor = warmup_factor(mover.course.steps as f64 / *all as f64);
-            mover.step(fit, model, (inputs, indices), factor)?;
+            let factor = warmup_factor(trainer.course.steps as f64 / *all as f64);
+            trainer.step(fit, model, (inputs, indices), factor)?;
             if !go_on() {
                 return Err(InformationError::Cancelled);
             }
@@ -66,7 +66,7 @@ impl CausalRefit {
 
     /// The model with weights averaged over the last steps.
     pub fn model(&self) -> CausalModel {
-        CausalModel { weights: self.mover.averaged(&self.model), ..self.model.clone() }
+        CausalModel { weights: self.trainer.averaged(&self.model), ..self.model.clone() }
     }
 }
 
@@ -98,16 +98,16 @@ mod tests {
     }
 
     #[test]
-    fn a_fit_part_by_part_learns_the_same_and_ends_where_it_is_told_to() {
+    fn fit_in_parts_equals_one_fit_and_can_be_cancelled() {
         let sample = Spots.draw(60, 1).unwrap();
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
         let start = CausalModel::new(shape, Noise::Shot, &sample, &moments, Init::Random, 3).unwrap();
         let begin = || CausalRefit::new((300, 7), start.clone());
         let (mut whole, mut parts) = (begin(), begin());
-        whole.go_on(300, &Spots, &|| true).unwrap();
+        whole.advance_to(300, &Spots, &|| true).unwrap();
         for steps in [0, 3, 3, 40, 300, 400] {
-            parts.go_on(steps, &Spots, &|| true).unwrap();
+            parts.advance_to(steps, &Spots, &|| true).unwrap();
         }
         assert_eq!(whole.model().weights, parts.model().weights);
         let held_out = Spots.draw(200, 999).unwrap();
@@ -115,7 +115,7 @@ mod tests {
         assert!(bits(&whole.model()) < bits(&start) - 0.02);
         let left = Cell::new(5);
         let go_on = || left.replace(left.get() - 1) > 1;
-        assert!(matches!(begin().go_on(300, &Spots, &go_on), Err(InformationError::Cancelled)));
+        assert!(matches!(begin().advance_to(300, &Spots, &go_on), Err(InformationError::Cancelled)));
         assert_eq!(left.get(), 0, "asked after every step");
     }
 }

@@ -13,7 +13,7 @@ use crate::information::error::InformationError;
 /// Held-out patches scored between two checks for cancellation.
 const SCORED_AT_ONCE: usize = 32;
 
-/// As [`score`], part by part: after each `watch` hears how many patches are scored, and may break off.
+/// /// As [`score`], in parts: `watch` receives the number of scored patches after each and can cancel.
 ///
 /// # Errors
 /// As [`score`], and [`InformationError::Cancelled`] where it does.
@@ -55,8 +55,8 @@ pub fn score(
     Ok((information, entropy_y_given_x))
 }
 
-/// What each pixel of held-out patches adds to what those before it have told, bits; the mean over patches is the
-/// information, the map shows where it comes from. Shape of the patches.
+/// /// Information that each pixel of held-out patches adds to the pixels before it, bits; shape of the patches. The mean over
+/// /// patches is the information.
 ///
 /// # Errors
 /// As [`score`].
@@ -77,7 +77,7 @@ pub fn information_map(
     Ok(map)
 }
 
-/// The same, part by part: before each `stop` is asked whether to break off.
+/// /// As [`information_map`], in parts: cancels where `stop` returns true.
 ///
 /// # Errors
 /// As [`score_with_progress`].

@@ -1,4 +1,4 @@
-//! Where the information of a whole measurement comes from, by a model of patches.
+//! //! Information map of a whole measurement by a model of patches.
 
 use ndarray::{Array2, Array3, ArrayView2, Axis, s};
 
@@ -11,8 +11,8 @@ use crate::information::error::InformationError;
 /// Patches that are computed at a time.
 const AT_ONCE: usize = 16;
 
-/// What each pixel of a measurement adds to what the pixels before it have told, bits, as far as a patch of the model sees
-/// them; shape of the measurement.
+/// /// Information that each pixel of a measurement adds to the pixels before it, bits, as far as a patch of the model reaches;
+/// /// shape of the measurement.
 ///
 /// Patches overlap by half, and every pixel is taken from the one that sees most rows above it and most columns to its
 /// left. All of those come before it in raster order, so that the sum over the measurement is an upper bound like that over
@@ -77,7 +77,7 @@ mod tests {
     use crate::sensor::Noise;
 
     #[test]
-    fn every_place_is_seen_by_the_patch_that_knows_most_of_what_came_before() {
+    fn every_pixel_is_taken_from_the_patch_with_most_context() {
         for (length, side) in [(6, 6), (7, 6), (20, 6), (13, 5), (9, 1)] {
             let starts = starts(length, side);
             assert_eq!((starts[0], starts.last().copied()), (0, Some(length - side)));
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_measurement_as_large_as_a_patch_has_the_map_of_that_patch() {
+    fn measurement_of_patch_size_has_the_map_of_the_patch() {
         let clean = Array3::from_shape_fn((40, 9, 11), |(n, r, c)| 5.0 + ((3 * n + r * r + 2 * c) % 13) as f32);
         let batch = PatchBatch { noisy: Noise::Shot.draw(clean.view(), 5), clean: Some(clean.clone()) };
         let patches = |rows: usize, cols: usize| PatchBatch {

@@ -1,4 +1,4 @@
-//! Where fresh patches come from.
+//! //! Sources of training patches.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis};
 
 use crate::information::error::InformationError;
 
-/// Noisy patches, and what they were before the noise where that is known; photons per pixel, shape (n, rows, cols).
+/// /// Noisy patches with their clean images where known; photons per pixel, shape (n, rows, cols).
 #[derive(Clone, Debug)]
 pub struct PatchBatch {
     /// With noise.
@@ -22,7 +22,7 @@ impl PatchBatch {
         self.part(0..count.min(self.noisy.len_of(Axis(0))))
     }
 
-    /// All of them, so many at a time.
+    /// /// All patches, `count` at a time.
     pub(super) fn in_parts(&self, count: usize) -> impl Iterator<Item = Self> {
         let all = self.noisy.len_of(Axis(0));
         (0..all).step_by(count).map(move |first| self.part(first..all.min(first + count)))

@@ -1,5 +1,4 @@
-//! Models that follow a mask while it changes: the same levels and weights, everything else of the measurements as they are
-//! now.
+//! //! Warm starts of a model for a mask that has changed: same intensity grid and weights, new statistics.
 
 use std::sync::Arc;
 
@@ -23,8 +22,8 @@ const SAME_PLACE: usize = 2;
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/causal-model", version: 1 };
 
 impl CausalModel {
-    /// A model before its fit, for patches like those of `sample`, whose levels cover the photons of `extremes` as well, so that it
-    /// can [follow](CausalModel::following) a mask until its measurements look like those.
+    /// /// A model before its fit whose intensity grid also covers `extremes` (photons), so that it can be
+    /// /// [retargeted](CausalModel::following) to masks with such measurements.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -49,8 +48,8 @@ impl CausalModel {
         Ok(model)
     }
 
-    /// This model for the measurements of a mask that differs little: levels and weights stay; units, linear prediction
-    /// and far places are those of the new measurements. What it knew of a far place that it looks at no more is forgotten.
+    /// /// This model for the measurements of a slightly different mask. Grid and weights stay; units, linear prediction and far
+    /// /// places are those of the new measurements. Weights of far places that are no longer used are cleared.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -83,7 +82,7 @@ impl CausalModel {
         Ok(model)
     }
 
-    /// A model of the same levels that begins anew, with the weights of the program, for the measurements of another mask.
+    /// /// Cold start on the same intensity grid: pretrained weights for the measurements of another mask.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -106,8 +105,8 @@ impl CausalModel {
         }
     }
 
-    /// Gives a level that comes into use the weights of the nearest one that was in use: while nothing was measured there
-    /// the fit has made it ever less likely, without end and without reason.
+    /// /// Starts a newly used level with the weights of the nearest used one. While it was unused, the fit made it ever less likely
+    /// /// without data.
     fn start_level(&mut self, level: usize, from: usize, log_frequencies: &[f32]) {
         let head = &self.layers.head;
         let kernel = &mut self.weights[head.kernel.clone()];
@@ -118,7 +117,7 @@ impl CausalModel {
         bias[level] = bias[from] + log_frequencies[level] - log_frequencies[from];
     }
 
-    /// What [`CausalModel::following`] takes from this model besides its levels, as the bytes of a safetensors file.
+    /// /// State that [`CausalModel::following`] needs besides the grid, as the bytes of a safetensors file.
     ///
     /// # Errors
     /// Where the weights fit no file.
@@ -179,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_follows_brighter_measurements_and_comes_back_from_its_state() {
+    fn model_is_retargeted_to_brighter_measurements_and_restored() {
         let (dim, bright) = (batch(20.0, 40), batch(400.0, 40));
         let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
         let extremes = bright.clean.clone().unwrap();
@@ -215,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn far_places_are_forgotten_where_others_are_looked_at_and_stay_where_none_takes_theirs() {
+    fn unused_far_places_are_cleared() {
         // Copies of all that is seen at a distance to the right, half as bright.
         let copies = |distance: Option<f64>| {
             let autocovariance = Array2::from_shape_fn((11, 41), |(row, col)| {

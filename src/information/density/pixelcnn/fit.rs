@@ -14,7 +14,7 @@ use super::shape::PixelCnnShape;
 use crate::information::density::patch_checks::{check_clean, check_values};
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::fit_checkpoint::{FitNumbers, KeptFit, fit_to_bytes, restore_fit, unread};
+use crate::information::fit_checkpoint::{FitArrays, RestoredFit, fit_to_bytes, restore_fit, unread};
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Optimizer, Rule, learning_rate_factor};
@@ -162,7 +162,7 @@ impl<'a> Run<'a> {
     fn restore(&mut self, model: &mut PixelCnn) -> Result<(), InformationError> {
         let Some(keeper) = self.keeper else { return Ok(()) };
         let Some(kept) = restore_fit(keeper, &mut model.weights, &mut self.optimizer)? else { return Ok(()) };
-        let KeptFit { details, steps, refused, best } = kept;
+        let RestoredFit { details, steps, refused, best } = kept;
         let nanoseconds = |name: &str| details.number(name).map(Duration::from_nanos);
         self.caution = details.number("caution")?;
         self.validation = nanoseconds("validation")?;
@@ -195,7 +195,7 @@ impl<'a> Run<'a> {
             details.push(("best_bits", bits.to_string()));
             weights.as_slice()
         });
-        let numbers = FitNumbers { weights: &model.weights, optimizer: &self.optimizer, best };
+        let numbers = FitArrays { weights: &model.weights, optimizer: &self.optimizer, best };
         keeper.store(&fit_to_bytes(keeper.key(), &numbers, (report.steps, report.refused), details)?)?;
         self.kept = Instant::now();
         Ok(())
