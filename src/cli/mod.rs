@@ -10,7 +10,6 @@ mod design_args;
 mod design_runs;
 mod estimate;
 mod export;
-mod first_weights;
 mod headless;
 mod output;
 mod reproduce;
@@ -68,8 +67,6 @@ enum Command {
     Reproduce(reproduce::Arguments),
     /// Print the Tamura coefficient of NPY, TIFF or image files.
     Tamura(tamura::Arguments),
-    /// Fit what bounds begin with, a decoder or a density model, to many designs and scenes; the program comes with both.
-    FirstWeights(first_weights::Arguments),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -141,7 +138,6 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Study(arguments)) => arguments.run(),
         Some(Command::Reproduce(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),
-        Some(Command::FirstWeights(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "lenslet-studio", &mut script);

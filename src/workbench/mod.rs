@@ -5,7 +5,6 @@ mod background;
 mod document;
 mod estimates;
 mod export;
-mod first;
 mod ideal;
 mod jobs;
 mod live;
@@ -25,7 +24,6 @@ pub use export::design_files::{
 };
 pub use export::record::{Record, RecordError};
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
-pub use first::{first_channel, first_scene};
 pub use ideal::{
     DesignRun, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
     run_ideal, score_in_patches, score_settings, score_whole, verdict, worths,

@@ -437,19 +437,6 @@ fn fits_begin_with_the_weights_of_the_program_unless_fresh_ones_are_wished() {
 }
 
 #[test]
-fn weights_to_begin_with_are_fitted_and_gone_on_with() {
-    let bench = Bench::new();
-    for of in ["decoder", "density"] {
-        let told = bench.done(&format!("first-weights {of} --budget 1s --out {of}"));
-        assert!(told.starts_with("Wrote "), "{told}");
-        bench.done(&format!("first-weights {of} --budget 1s --start {of} --out more"));
-        assert!(bytes(&bench, of) != bytes(&bench, "more"), "{of}");
-    }
-    let sentence = bench.refused("first-weights density --budget 1s --start decoder --out other");
-    assert!(sentence.contains("decoder: ") && sentence.contains("lenslet-studio/first-density-model"), "{sentence}");
-}
-
-#[test]
 fn without_a_display_the_numbers_are_printed_and_the_design_exported() {
     let bench = Bench::new();
     let output = bench.run::<&str>([]);

@@ -1,15 +1,15 @@
-//! Channels that the decoder of the program was fitted to: beads of many densities.
+//! Training data of the decoder: channels of beads of many densities.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::design::IdealError;
-use crate::forward::ForwardModel;
-use crate::information::{BeadChannel, InformationError};
-use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
-use crate::optics::render_psf;
-use crate::seeds::SeedStream;
-use crate::workbench::first::masks::{USUAL_SHARE, between, light, mask, noise};
+use super::masks::{USUAL_SHARE, between, light, mask, noise};
+use lenslet_studio::design::IdealError;
+use lenslet_studio::forward::ForwardModel;
+use lenslet_studio::information::{BeadChannel, InformationError};
+use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource};
+use lenslet_studio::optics::render_psf;
+use lenslet_studio::seeds::SeedStream;
 
 /// Densities of beads, and mean light of objects (photons per pixel).
 const DENSITIES: (f64, f64) = (0.006, 0.15);
@@ -22,11 +22,11 @@ const PATCH_SIDE: usize = 32;
 const SENSOR_SIDE: usize = 65;
 const SENSOR_SHARE: f64 = 0.1;
 
-/// Channel number `number` from beads to measurements, of those that `seed` gives.
+/// Channel `number` of `seed`, from beads to measurements.
 ///
 /// # Errors
-/// Where it cannot be computed.
-pub fn first_channel(seed: u64, number: u64) -> Result<BeadChannel, InformationError> {
+/// If the channel cannot be computed.
+pub fn training_channel(seed: u64, number: u64) -> Result<BeadChannel, InformationError> {
     channel(SeedStream::TrainingProblem { number }.derive(seed))
         .map_err(|error| InformationError::Stream { reason: error.to_string() })
 }

@@ -1,19 +1,19 @@
-//! Pictures drawn by chance: curves on a dark ground, shaded bodies, and leaves that hide one another.
+//! Random images: curves on a dark background, shaded shapes, and dead leaves.
 
 use ndarray::{Array2, s};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Side of a picture, px.
+/// Side of an image, px.
 pub const TILE: usize = 32;
-/// Pictures of one set.
+/// Images of one set.
 const COUNT: usize = 150;
 /// Pixels next to the border that bodies leave dark.
 const MARGIN: usize = 2;
 
-/// Pictures of one kind, brightness 0 to 1, shape (32, 32) each.
-pub fn pictures(random: &mut ChaCha8Rng) -> Vec<Array2<f32>> {
+/// Images of one kind, brightness 0 to 1, shape (32, 32) each.
+pub fn images(random: &mut ChaCha8Rng) -> Vec<Array2<f32>> {
     let kind: f64 = random.random();
     let strokes = (random.random_range(1..=4), random.random_range(0.8..2.2));
     let grain = if random.random_bool(0.5) { random.random_range(0.0..0.25) } else { 0.0 };
@@ -28,7 +28,7 @@ pub fn pictures(random: &mut ChaCha8Rng) -> Vec<Array2<f32>> {
         .collect()
 }
 
-/// Up to so many bright curves, one after the other, of half such a width in px.
+/// Up to `most` bright connected curves of half width `width`, px.
 fn curves(random: &mut ChaCha8Rng, (most, width): (usize, f32)) -> Array2<f32> {
     let mut tile = Array2::zeros((TILE, TILE));
     let point = |random: &mut ChaCha8Rng| [random.random_range(4.0..28.0_f32), random.random_range(5.0..27.0_f32)];
@@ -53,7 +53,7 @@ fn curves(random: &mut ChaCha8Rng, (most, width): (usize, f32)) -> Array2<f32> {
     tile
 }
 
-/// Lights the pixels around a place.
+/// Brightens the pixels around a point.
 fn dab(tile: &mut Array2<f32>, (row, col): (f32, f32), width: f32) {
     let reach = width + 1.5;
     let (first_row, first_col) = ((row - reach).max(0.0) as usize, (col - reach).max(0.0) as usize);
@@ -66,7 +66,7 @@ fn dab(tile: &mut Array2<f32>, (row, col): (f32, f32), width: f32) {
     }
 }
 
-/// Shaded bodies on a dark ground, many of them symmetric.
+/// Shaded shapes on a dark background, many of them symmetric.
 fn bodies(random: &mut ChaCha8Rng, grain: f32) -> Array2<f32> {
     let mut tile = Array2::zeros((TILE, TILE));
     let base = random.random_range(0.15..1.0_f32);
@@ -102,7 +102,7 @@ fn bodies(random: &mut ChaCha8Rng, grain: f32) -> Array2<f32> {
     tile
 }
 
-/// Leaves of all sizes and shades that hide one another, the smallest of such a size in px, so many of them.
+/// Dead leaves: `count` occluding ellipses and rectangles, the smallest of size `smallest`, px.
 fn dead_leaves(random: &mut ChaCha8Rng, (smallest, count): (f32, usize), soft: bool) -> Array2<f32> {
     let mut tile = Array2::from_elem((TILE, TILE), random.random_range(0.1..0.9));
     let (middle, spread) = (random.random_range(0.25..0.75_f32), random.random_range(0.05..0.35_f32));
@@ -129,7 +129,7 @@ fn dead_leaves(random: &mut ChaCha8Rng, (smallest, count): (f32, usize), soft: b
     if soft { softened(&tile) } else { tile }
 }
 
-/// Means over three by three pixels.
+/// Means over 3 x 3 pixels.
 fn softened(tile: &Array2<f32>) -> Array2<f32> {
     Array2::from_shape_fn(tile.dim(), |(row, col)| {
         let rows = row.saturating_sub(1)..(row + 2).min(TILE);
@@ -144,9 +144,9 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
-    fn pictures_are_between_dark_and_bright_and_differ() {
+    fn images_are_between_dark_and_bright_and_differ() {
         for seed in 0..10 {
-            let set = pictures(&mut ChaCha8Rng::seed_from_u64(seed));
+            let set = images(&mut ChaCha8Rng::seed_from_u64(seed));
             assert_eq!(set.len(), COUNT);
             assert!(set.iter().flatten().all(|light| (0.0..=1.0).contains(light)));
             let uneven = set.iter().filter(|tile| tile.std(0.0) > 0.01).count();

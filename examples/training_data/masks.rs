@@ -1,24 +1,24 @@
-//! Masks of all kinds, and the light and the noise before which they stand.
+//! Random masks, light levels and noise.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::optics::{Lenslet, LensletArray, Limits, heuristic_layout, random_layout};
-use crate::sensor::Noise;
+use lenslet_studio::optics::{Lenslet, LensletArray, Limits, heuristic_layout, random_layout};
+use lenslet_studio::sensor::Noise;
 
-/// Most lenslets of a drawn mask, and their widths, px.
+/// Largest number of lenslets of a random mask, and range of their widths, px.
 const MOST_LENSLETS: f64 = 25.5;
 const WIDTHS: (f64, f64) = (0.775, 2.5);
 
-/// Share of designs that have the usual light, and that light and background, photons per pixel.
+/// Share of designs with the usual light; mean light and background, photons per pixel.
 pub const USUAL_SHARE: f64 = 0.7;
 const USUAL: (f64, f64) = (100.0, 10.0);
-/// Background of the others, and read noise, photons.
+/// Range of the background of the others, and of the read noise, photons.
 const BIAS: (f64, f64) = (3.0, 40.0);
 const READ_NOISE: (f64, f64) = (1.0, 10.0);
 
-/// Heuristic masks, random starts of designs, and lenslets anywhere.
+/// A heuristic mask, a random start of the optimizer, or lenslets at random positions.
 pub fn mask(random: &mut ChaCha8Rng) -> LensletArray {
     let choice: f64 = random.random();
     if choice < 0.4 {
@@ -44,12 +44,12 @@ pub fn mask(random: &mut ChaCha8Rng) -> LensletArray {
     array
 }
 
-/// Mean light of the objects, within `range` where it is not the usual, and background, photons per pixel.
+/// Mean light of the objects (usual, or log-uniform in `range`) and background, photons per pixel.
 pub fn light(random: &mut ChaCha8Rng, usual: bool, range: (f64, f64)) -> (f64, f64) {
     if usual { USUAL } else { (between(random, range), between(random, BIAS)) }
 }
 
-/// Shot noise in such a share of designs, read noise in another, and both in the rest.
+/// Shot noise and read noise with these shares; both in the rest of the designs.
 pub fn noise(random: &mut ChaCha8Rng, (shot, read): (f64, f64)) -> Noise {
     match random.random_range(0.0..1.0) {
         share if share < shot => Noise::Shot,
@@ -58,7 +58,7 @@ pub fn noise(random: &mut ChaCha8Rng, (shot, read): (f64, f64)) -> Noise {
     }
 }
 
-/// A number whose logarithm is uniform.
+/// A log-uniform number.
 pub fn between(random: &mut ChaCha8Rng, (low, high): (f64, f64)) -> f64 {
     random.random_range(low.ln()..high.ln()).exp()
 }

@@ -1,18 +1,18 @@
-//! Scenes that the density model of the program was fitted to: beads, and mosaics of pictures drawn by chance.
+//! Training data of the density model: beads, and mosaics of random images.
 
 use ndarray::{Array2, Array4, s};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::design::IdealError;
-use crate::forward::ForwardModel;
-use crate::information::{InformationError, Moments, PatchBatch, PatchStream, TrainingScene};
-use crate::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
-use crate::optics::render_psf;
-use crate::seeds::SeedStream;
-use crate::sensor::{Convolution, Patches};
-use crate::workbench::first::masks::{USUAL_SHARE, between, light, mask, noise};
-use crate::workbench::first::pictures::{TILE, pictures};
+use super::images::{TILE, images};
+use super::masks::{USUAL_SHARE, between, light, mask, noise};
+use lenslet_studio::design::IdealError;
+use lenslet_studio::forward::ForwardModel;
+use lenslet_studio::information::{InformationError, Moments, PatchBatch, PatchStream, TrainingScene};
+use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
+use lenslet_studio::optics::render_psf;
+use lenslet_studio::seeds::SeedStream;
+use lenslet_studio::sensor::{Convolution, Patches};
 
 /// Rows and columns of objects and of patches, px.
 const FIELD: usize = 96;
@@ -29,11 +29,11 @@ const NOISES: (f64, f64) = (0.75, 0.15);
 /// Share of scenes that are beads.
 const BEADS_SHARE: f64 = 0.35;
 
-/// Scene number `number` of those that `seed` gives.
+/// Scene `number` of `seed`.
 ///
 /// # Errors
-/// Where it cannot be computed.
-pub fn first_scene(seed: u64, number: u64) -> Result<TrainingScene, InformationError> {
+/// If the scene cannot be computed.
+pub fn training_scene(seed: u64, number: u64) -> Result<TrainingScene, InformationError> {
     scene(SeedStream::TrainingProblem { number }.derive(seed))
         .map_err(|error| InformationError::Stream { reason: error.to_string() })
 }
@@ -63,12 +63,12 @@ fn scene(seed: u64) -> Result<TrainingScene, IdealError> {
     Ok(TrainingScene { noise, patches: PatchBatch { noisy, clean: Some(clean) }.first(FITTED), moments })
 }
 
-/// Mosaics of pictures of one kind, photons per pixel, shape (n, 1, rows, cols).
+/// Mosaics of images of one kind, photons per pixel, shape (n, 1, rows, cols).
 fn mosaics(random: &mut ChaCha8Rng, mean_photons: f64) -> Array4<f32> {
-    let tiles: Vec<Array2<f32>> = pictures(random);
+    let tiles: Vec<Array2<f32>> = images(random);
     let light: f64 = tiles.iter().map(|tile| f64::from(tile.sum())).sum();
     let mean = light / (tiles.len() * TILE * TILE) as f64;
-    // Few pictures are black; a set of them is none.
+    // Avoids a division by zero for a dark set.
     let photons = (mean_photons / mean.max(1e-3)) as f32;
     let mut objects = Array4::zeros((OBJECTS, 1, FIELD, FIELD));
     for mut object in objects.outer_iter_mut() {
@@ -85,13 +85,13 @@ fn mosaics(random: &mut ChaCha8Rng, mean_photons: f64) -> Array4<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::Noise;
+    use lenslet_studio::sensor::Noise;
 
     #[test]
-    fn scenes_are_bright_uneven_and_come_again() {
+    fn scenes_are_bright_uneven_and_reproducible() {
         let noises: Vec<Noise> = (0..12)
             .map(|number| {
-                let scene = first_scene(5, number).unwrap();
+                let scene = training_scene(5, number).unwrap();
                 let TrainingScene { noise, patches: PatchBatch { noisy, clean }, moments } = scene;
                 let clean = clean.unwrap();
                 assert_eq!((noisy.dim(), clean.dim()), ((FITTED, 32, 32), (FITTED, 32, 32)));
@@ -103,8 +103,8 @@ mod tests {
             })
             .collect();
         assert!(noises.contains(&Noise::Shot) && noises.iter().any(|noise| *noise != Noise::Shot));
-        let (one, again) = (first_scene(5, 3).unwrap(), first_scene(5, 3).unwrap());
+        let (one, again) = (training_scene(5, 3).unwrap(), training_scene(5, 3).unwrap());
         assert_eq!(one.patches.noisy, again.patches.noisy);
-        assert_ne!(one.patches.noisy, first_scene(6, 3).unwrap().patches.noisy);
+        assert_ne!(one.patches.noisy, training_scene(6, 3).unwrap().patches.noisy);
     }
 }
