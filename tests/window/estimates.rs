@@ -93,9 +93,7 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
     assert!(["ceiling", "posterior sampling"].contains(&bracket.upper_from.as_str()), "{}", bracket.upper_from);
     assert!(!finished[0].value.curve.is_empty());
     // Information shows the bracket of this design first, until it is edited.
-    assert!(
-        window.query_by_label_contains("decoder, ").is_some() || window.query_by_label("AIS").is_some()
-    );
+    assert!(window.query_by_label_contains("decoder, ").is_some() || window.query_by_label("AIS").is_some());
     click(&mut window, "Estimate 1");
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
     assert!(window.query_by_label_contains("of another design").is_some());

@@ -118,7 +118,7 @@ impl PosteriorGuide<'_> {
 
 /// Information and its 95 % interval by what all scenes of a value tell.
 pub(in crate::design) fn bound(savings: Vec<f64>) -> Valued {
-    let bound = PretrainedLowerBound::of_savings(savings);
+    let bound = PretrainedLowerBound::of_gains(savings);
     (bound.bits_per_pixel, bound.interval_95)
 }
 

@@ -1,12 +1,11 @@
-//! What the network is told about every site, how it moves the logits, and the derivatives of both: passes over plain
-//! arrays with one number per site or per pixel.
+//! //! Features of every site, updates of the logits, and the gradients of both; plain arrays with one number per site or pixel.
 
 use super::layers::{FEATURES, HIDDEN, INPUTS, OUTPUTS};
 use crate::nn::{exponential, logarithm, vectorised};
 
-/// Log odds are kept within this of zero between steps, or a little beyond those of the prior.
+/// /// Limit of the log odds between steps, or a little beyond those of the prior.
 const STATE_LIMIT: f32 = 14.0;
-/// Log odds that the last step may claim beyond that.
+/// /// Additional range of the log odds of the last step.
 const CLAIM_MARGIN: f32 = 4.0;
 /// Log odds at which revealed sites are shown to the network.
 pub(super) const REVEALED: f32 = 8.0;
@@ -125,7 +124,7 @@ vectorised! {
     }
 }
 
-/// What a step knows about the sites before its layers.
+/// /// Evidence of a step about the sites, before its layers.
 #[derive(Clone, Debug)]
 pub(super) struct Evidence {
     pub logits: Vec<f32>,
@@ -189,7 +188,7 @@ vectorised! {
     }
 }
 
-/// Gradients by what a step knows about the sites.
+/// /// Gradients by the evidence.
 #[derive(Clone, Debug)]
 pub(super) struct ByEvidence {
     pub logits: Vec<f32>,
@@ -252,7 +251,7 @@ vectorised! {
     }
 }
 
-/// How the layers move the logits: a level that is added, and a gate on the log likelihood ratio.
+/// /// Updates of the logits: an additive term and a gate on the log-likelihood ratio.
 #[derive(Clone, Debug)]
 pub(super) struct Moves {
     pub level: Vec<f32>,

@@ -1,4 +1,4 @@
-//! Samples through the decoder on all threads, with results that do not depend on their number.
+//! //! Batches of samples through the decoder on all threads. Results do not depend on the number of threads.
 
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -9,16 +9,16 @@ use super::problem::Problem;
 use super::samples::{Purpose, Reveal};
 use crate::nn::{Pool, ordered_sum};
 
-/// What one sample told.
+/// /// Result of one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::information) struct Outcome {
-    /// Bits that the decoder saves over the prior on the sites it predicts, times the weight of the sample.
+    /// /// Information gain over the prior on the predicted sites, bits, times the weight of the sample.
     pub saved_bits: f64,
     /// The same per predicted site, without the weight.
     pub saved_bits_per_site: f64,
 }
 
-/// Memory of the threads, kept from step to step.
+/// /// Workspaces of the threads, reused between steps.
 pub(in crate::information) struct Passes<'a> {
     scene: &'a Problem,
     steps: usize,

@@ -1,10 +1,9 @@
-//! How the information about beads changes with the light that they leave on the sensor.
+//! //! I-MMSE gradient: derivative of the information about beads by their light on the sensor.
 //!
-//! A little more light in one pixel changes the information by `E[log2(x / E[x | y])]` under shot noise (Atar and Weissman
-//! 2012; for vectors Wang et al. 2014) and by `E[(x - E[x | y]) / sigma^2] / ln 2` under read noise (Palomar and Verdu 2006),
-//! x the clean photons of the pixel. Both rest on the mean of the clean measurement given the noisy one and on nothing else,
-//! and that mean needs the probability of a bead at each site alone, which a decoder claims. Under both noises the photons
-//! are taken for Poisson counts with sigma^2 more, as their variance has it.
+//! //! More light in one pixel changes the information by `E[log2(x / E[x | y])]` under shot noise (Atar and Weissman 2012; for
+//! //! vectors Wang et al. 2014) and by `E[(x - E[x | y]) / sigma^2] / ln 2` under read noise (Palomar and Verdu 2006), with x
+//! //! the clean photons of the pixel. Both need the mean of the clean measurement given the noisy one, that is the probability
+//! //! of a bead at each site, which a decoder estimates. Under both noises the photons count as Poisson with sigma^2 added.
 
 use ndarray::{Array3, ArrayView4};
 use rayon::prelude::*;
@@ -17,12 +16,11 @@ use super::samples::{Purpose, Reveal};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// Slope of the information by every pixel of the channel's spot (planes, rows, cols), bits per pixel of the patch and photon:
-/// the mean over `count` fresh samples, numbered from `first`. It is exact where the decoder's probabilities are those of the
-/// posterior.
+/// /// Gradient of the information by every pixel of the bead response, shape (planes, rows, cols), bits per pixel of the patch
+/// /// and photon: the mean over `count` samples, numbered from `first`. Exact for the posterior probabilities of the beads.
 ///
 /// # Errors
-/// For what is no channel.
+/// /// For an invalid channel.
 pub fn bead_response_gradient(
     channel: &BeadChannel,
     decoder: &Decoder,
@@ -72,8 +70,7 @@ pub fn bead_response_gradient(
     Ok(by_spot / (count * scene.pixels()).max(1) as f64)
 }
 
-/// Bits that one more photon of clean light tells, where `clean` photons are there and `mean` are expected from what was
-/// measured.
+/// /// Information of one more clean photon, bits, at `clean` photons where `mean` are expected given the measurement.
 fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     let variance = noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
     if noise.has_shot_noise() {
@@ -83,10 +80,10 @@ fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     }
 }
 
-/// Photons are not taken for fewer.
+/// /// Lower limit of photons.
 const LEAST: f64 = 1e-3;
 
-/// The larger of both. What is no number stays none, so that whoever takes the slope hears of it.
+/// /// The larger of both; NaN stays NaN.
 fn at_least(value: f64, least: f64) -> f64 {
     if value < least { least } else { value }
 }
@@ -167,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rule_gives_the_slopes_of_the_information() {
+    fn immse_gradient_matches_finite_differences() {
         let spot = [31.0, 12.0];
         for noise in NOISES {
             let found = exact_slopes(spot, noise);
@@ -186,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_gives_no_slope() {
+    fn nan_gives_no_gradient() {
         for noise in NOISES {
             assert!(pixel_slope(8.0, f64::NAN, noise).is_nan() && pixel_slope(f64::NAN, 8.0, noise).is_nan());
             assert!(pixel_slope(0.0, 0.0, noise).abs() < 1e-12);
@@ -194,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fitted_decoder_finds_the_slopes() {
+    fn fitted_decoder_matches_exact_gradients() {
         for noise in NOISES {
             let spot = ndarray::array![[[9.0, 4.0]]];
             let channel = BeadChannel { spot, probability: PROBABILITY, bias: BIAS, noise, patch: (1, 1) };

@@ -4,13 +4,13 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// What a decoder is given besides the measurement. The serialised names are stable.
+/// /// Conditioning of a decoder besides the measurement. The serialised names are stable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DecoderKind {
-    /// Nothing: every site has a probability of its own.
+    /// /// None: independent probabilities per site.
     Factorised,
-    /// The sites before it, in random order.
+    /// /// Earlier sites in random order.
     Autoregressive,
 }
 

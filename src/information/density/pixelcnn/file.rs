@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_network_comes_back_bit_for_bit() {
+    fn network_file_round_trips() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("weights.safetensors");
         let model = model();

@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stopped_fit_goes_on_bit_for_bit() {
+    fn resumed_fit_equals_uninterrupted_fit() {
         let clean = patches();
         let noisy = Noise::Shot.draw(clean.view(), 5);
         let patches = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn a_validation_can_be_left() {
+    fn validation_can_be_cancelled() {
         let noisy = patches();
         let noisy = ndarray::concatenate![Axis(0), noisy, noisy, noisy, noisy, noisy, noisy];
         let patches = TrainingPatches { noisy: noisy.view(), clean: None };
