@@ -59,7 +59,7 @@ pub enum EvaluationError {
     },
     /// The bound that is not fitted holds where mean and covariance are the same everywhere.
     #[error(
-        "{objects} are whole pictures, which may be brighter in the middle, where gaussian-analytic is no bound; choose \
+        "{objects} are whole images, which may be brighter in the middle, where gaussian-analytic is no bound; choose \
          gaussian, which is fitted"
     )]
     NotStationary {

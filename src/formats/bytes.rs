@@ -9,10 +9,10 @@ use super::FormatError;
 /// Deflate cannot expand one byte to more than this many.
 pub(super) const DEFLATE_RATIO: u64 = 1032;
 
-/// Nothing is read from a compressed file beyond this many bytes, whatever its header says.
+/// Largest number of bytes read from a compressed file, independent of its header.
 pub(super) const LARGEST_UNPACKED_BYTES: u64 = 16 << 30;
 
-/// Opens a regular file and tells its length in bytes; folders, pipes and devices are refused.
+/// Opens a regular file and returns it with its length in bytes; folders, pipes and devices are refused.
 pub(super) fn open(path: &Path) -> Result<(File, u64), FormatError> {
     let metadata = std::fs::metadata(path).map_err(|error| FormatError::from_read(path, error))?;
     if !metadata.is_file() {

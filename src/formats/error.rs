@@ -1,4 +1,4 @@
-//! What can be wrong with a file, told in one sentence.
+//! Errors of files, each one sentence.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -90,7 +90,7 @@ impl FormatError {
         }
     }
 
-    /// The error of a failed read: a missing file and a damaged one are told apart from a failing disk.
+    /// The error of a failed read: a missing or damaged file is distinguished from a failing disk.
     pub(crate) fn from_read(path: &Path, reason: io::Error) -> Self {
         match reason.kind() {
             io::ErrorKind::NotFound => Self::NotFound { path: path.to_path_buf() },

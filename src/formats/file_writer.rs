@@ -226,7 +226,7 @@ mod tests {
         Task { content, then: None, due: None }
     }
 
-    /// Does what is due at a time, and tells how long to wait after it.
+    /// Writes what is due at a time, and returns the time until the next write.
     fn do_all(queue: &mut Queue, now: Instant) -> Option<Duration> {
         loop {
             match queue.next(now, EVERY) {

@@ -9,8 +9,8 @@ const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "npy", "
 
 /// The image files that a path names: those of a folder by their names, in the order of these, or the file itself.
 ///
-/// Hidden files are left out: names that begin with a dot, among them `._*` that macOS leaves on other disks. What the
-/// path tells of the meaning holds for all of them.
+/// Hidden files are left out: names that begin with a dot, among them `._*` that macOS leaves on other disks. The
+/// options of the path hold for all of them.
 ///
 /// # Errors
 /// [`FormatError`] if there is no such file or folder, or the folder cannot be read.

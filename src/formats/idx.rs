@@ -25,7 +25,7 @@ pub fn read_idx(path: &Path) -> Result<PixelStack, FormatError> {
     file.chosen_frame(read_images(&file)?)
 }
 
-/// Whether a gzip file begins like images.
+/// Whether a gzip file starts with the header of images.
 pub(super) fn is_packed_images(path: &Path) -> bool {
     let mut start = [0; 4];
     let read = open(path).map(|(file, _)| MultiGzDecoder::new(BufReader::new(file)).read_exact(&mut start));

@@ -111,7 +111,7 @@ pub struct ImageFile {
 impl ImageFile {
     /// The file or folder that a path names.
     ///
-    /// A file of that very name wins. Otherwise what follows the last `?` tells the [`Meaning`], and `%3F` stands for
+    /// A file of that very name wins. Otherwise the text after the last `?` is the [`Meaning`], and `%3F` stands for
     /// a question mark in the name, `%25` for a percent sign, any `%XX` for a byte.
     ///
     /// # Errors
@@ -151,7 +151,7 @@ impl ImageFile {
         stack::read(self)
     }
 
-    /// Reads the file as a CIFAR-10 binary batch, which no first bytes tell.
+    /// Reads the file as a CIFAR-10 binary batch, which has no signature.
     ///
     /// # Errors
     /// As [`super::read_cifar`].
@@ -185,7 +185,7 @@ impl ImageFile {
     }
 }
 
-/// A path as text from which [`ImageFile::find`] finds it again, whatever bytes its name has.
+/// A path as text from which [`ImageFile::find`] finds it again; its name may hold any bytes.
 pub fn path_text(path: &Path) -> String {
     if let Some(text) = path.to_str() {
         return text.to_owned();
@@ -205,7 +205,7 @@ pub fn path_text(path: &Path) -> String {
     text
 }
 
-/// The kind before the first colon of a text such as `stack:FILE`, and the path behind it, whatever bytes that has; none
+/// The kind before the first colon of a text such as `stack:FILE`, and the path behind it, which may hold any bytes; none
 /// without a colon.
 pub fn split_kind(text: &OsStr) -> Option<(&str, PathBuf)> {
     let bytes = text.as_encoded_bytes();

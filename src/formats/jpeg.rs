@@ -1,11 +1,11 @@
-//! Whether a JPEG file is whole: decoders fill what is missing of a cut picture with grey and say nothing.
+//! Check that a JPEG file is complete: decoders fill the missing part of a truncated image with grey and report no error.
 
 /// First byte of every marker; in the data of a scan a zero or a restart marker follows where it is none.
 const MARKER: u8 = 0xff;
 const START_OF_IMAGE: u8 = 0xd8;
 const END_OF_IMAGE: u8 = 0xd9;
 
-/// Whether the end of the picture is in the file, whatever lies behind it. Pictures within segments, such as a camera's preview, do
+/// Whether the file holds the end of the image. Images within segments, such as a camera's preview, do
 /// not count. What is no JPEG file at all is left to the decoder.
 pub(super) fn has_its_end(bytes: &[u8]) -> bool {
     let mut at = 0;
@@ -53,6 +53,6 @@ mod tests {
         assert!(!has_its_end(&cut));
         let whole = [&cut[..], &[0xff, 0xff, 0xd9]].concat();
         assert!(has_its_end(&whole) && has_its_end(&[&whole[..], b"more"].concat()));
-        assert!(has_its_end(b"no picture"));
+        assert!(has_its_end(b"no image"));
     }
 }

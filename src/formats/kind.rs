@@ -26,7 +26,7 @@ fn kind(what: impl Into<String>, advice: &'static str) -> Kind {
     Kind { what: what.into(), advice }
 }
 
-/// The error of a file that is not what was expected: names it for what it is, and tells what to do.
+/// The error of a file of another kind: names the kind found and what to do.
 ///
 /// The error says so where the file cannot be read at all.
 pub fn named_for_what_it_is(path: &Path, expected: &str) -> FormatError {
@@ -45,7 +45,7 @@ pub fn named_for_what_it_is(path: &Path, expected: &str) -> FormatError {
     }
 }
 
-/// Signatures at fixed places that tell a kind by themselves.
+/// Signatures at fixed offsets, each of one kind.
 const SIGNATURES: &[(usize, &[u8], &str, &str)] = &[
     (0, b"\x93NUMPY", "a NumPy array (NPY)", NUMPY),
     (0, b"PK\x03\x04", "a zip archive", "unpack it first"),

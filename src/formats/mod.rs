@@ -1,7 +1,7 @@
-//! Array, picture and table files, and writing that never leaves half a file behind.
+//! Array, image and table files, and atomic writing.
 //!
 //! Every reader checks what a header claims against the length of the file before it reserves memory, and returns a
-//! [`FormatError`] of one sentence for whatever it cannot read. Values are passed on as they are in the file (counts
+//! [`FormatError`] of one sentence for a file that it cannot read. Values are those of the file (counts
 //! of the camera, NaN included); what they mean is decided by the caller.
 
 mod bytes;

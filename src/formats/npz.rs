@@ -90,7 +90,7 @@ fn only_image(path: &Path) -> Result<Option<String>, FormatError> {
         [image] => Ok(Some(image.clone())),
         [] => Err(FormatError::malformed(path, "an array that can be an image", found, ADVICE)),
         [first, ..] => {
-            let advice = format!("tell which one: add ?key={first} to the path");
+            let advice = format!("choose one: add ?key={first} to the path");
             Err(FormatError::malformed(path, "exactly one array that can be an image", found, advice))
         }
     }

@@ -1,4 +1,4 @@
-//! Single pictures: PNG, JPEG and BMP in, PNG out.
+//! Single images: PNG, JPEG and BMP in, PNG out.
 
 use std::io::{self, BufReader};
 use std::path::Path;
@@ -13,11 +13,11 @@ use super::bytes::{open, read_bytes};
 use super::jpeg::has_its_end;
 use super::{CompleteFile, FormatError, ImageFile, PixelStack, Samples, complete_file, read_stack};
 
-/// Longest side of a picture, px.
+/// Longest side of an image, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
-/// Most memory one picture may unpack to, bytes.
+/// Most memory one image may unpack to, bytes.
 pub(super) const LARGEST_PICTURE_BYTES: u64 = 1 << 30;
-const ADVICE: &str = "save the picture again as PNG or TIFF";
+const ADVICE: &str = "save the image again as PNG or TIFF";
 
 /// Most bytes that the pixels of a packed file of `length` bytes may take.
 ///
@@ -26,7 +26,7 @@ pub(super) fn most_unpacked_bytes(length: u64) -> u64 {
     length.saturating_mul(10_000).saturating_add(1 << 20)
 }
 
-/// Reads one picture (PNG, JPEG, BMP, TIFF; the first page) or array as grey values of shape (rows, cols), in the
+/// Reads one image (PNG, JPEG, BMP, TIFF; the first page) or array as grey values of shape (rows, cols), in the
 /// counts of the file: 0 to 255, 0 to 65535 or float. Colour becomes Rec. 709 luma; alpha is ignored.
 ///
 /// # Errors
@@ -34,12 +34,12 @@ pub(super) fn most_unpacked_bytes(length: u64) -> u64 {
 pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
     let stack = read_stack(path)?;
     if stack.pages == 0 {
-        return Err(FormatError::malformed(path, "a picture", "none", ADVICE));
+        return Err(FormatError::malformed(path, "an image", "none", ADVICE));
     }
     Ok(stack.picture(0))
 }
 
-/// Reads a PNG, JPEG or BMP picture, which must not be larger than its file can hold.
+/// Reads a PNG, JPEG or BMP image, which must not be larger than its file can hold.
 pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let (source, path) = (file, &file.path);
     let damaged = |error: ImageError| match error {
@@ -47,10 +47,10 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
         ImageError::Limits(_) => FormatError::malformed(
             path,
             format!("at most {LONGEST_SIDE_PX} px a side and 1 GiB of pixels"),
-            "a larger picture",
+            "a larger image",
             "crop or scale it first",
         ),
-        error => FormatError::malformed(path, "an undamaged picture", error.to_string(), ADVICE),
+        error => FormatError::malformed(path, "an undamaged image", error.to_string(), ADVICE),
     };
     let (file, length) = open(path)?;
     let mut reader = ImageReader::new(BufReader::new(file))
@@ -58,7 +58,7 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
         .map_err(|error| FormatError::from_read(path, error))?;
     if reader.format() == Some(ImageFormat::Jpeg) && !has_its_end(&read_bytes(path, length)?) {
         let advice = "the file is cut short; copy it again";
-        return Err(FormatError::malformed(path, "the end of the picture", "the end of the file", advice));
+        return Err(FormatError::malformed(path, "the end of the image", "the end of the file", advice));
     }
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
@@ -69,7 +69,7 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let (width, height) = decoder.dimensions();
     if decoder.total_bytes() > most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES) {
         let found = format!("{width} x {height} px in {length} bytes");
-        return Err(FormatError::malformed(path, "a picture as large as its header says", found, ADVICE));
+        return Err(FormatError::malformed(path, "an image as large as its header says", found, ADVICE));
     }
     // A camera that was held upright writes so beside the pixels.
     let orientation = decoder.orientation().map_or(1, |orientation| u64::from(orientation.to_exif()));
@@ -179,7 +179,7 @@ fn complete_png(
         return Err(FormatError::from_write(path, io::ErrorKind::InvalidInput.into()));
     };
     if bytes.is_empty() {
-        let source = io::Error::new(io::ErrorKind::InvalidInput, "a picture without pixels");
+        let source = io::Error::new(io::ErrorKind::InvalidInput, "an image without pixels");
         return Err(FormatError::from_write(path, source));
     }
     complete_file(path, |writer| {

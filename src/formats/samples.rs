@@ -176,14 +176,14 @@ fn luma(rgb: [f32; 3]) -> f32 {
     rgb.iter().zip(GREY_WEIGHTS).map(|(&value, weight)| f64::from(value) * weight).sum::<f64>() as f32
 }
 
-/// Grey pictures of one shape, (pages, rows, cols), row-major.
+/// Grey images of one shape, (pages, rows, cols), row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PixelStack {
-    /// Number of pictures.
+    /// Number of images.
     pub pages: usize,
-    /// Rows of each picture, px.
+    /// Rows of each image, px.
     pub rows: usize,
-    /// Columns of each picture, px.
+    /// Columns of each image, px.
     pub cols: usize,
     /// `pages * rows * cols` values.
     pub samples: Samples,
@@ -196,13 +196,13 @@ pub struct PixelStack {
 }
 
 impl PixelStack {
-    /// Grey pictures from their samples.
+    /// Grey images from their samples.
     pub fn new(pages: usize, rows: usize, cols: usize, samples: Samples) -> Self {
         let understood = Understood::default();
         Self { pages, rows, cols, white: samples.white(), samples, from_colour: false, understood }
     }
 
-    /// Pictures of shape [pages, rows, cols] of a file from samples of interleaved `channels`: the channel that its path
+    /// Images of shape [pages, rows, cols] of a file from samples of interleaved `channels`: the channel that its path
     /// chooses, grey without its opacity, or the luma of red, green and blue where they differ.
     ///
     /// # Errors
@@ -225,7 +225,7 @@ impl PixelStack {
                 Some(index.ok_or_else(|| refuse("the channel that ?channel= names", "choose another"))?)
             }
             None if channels > 4 => {
-                let advice = "tell which one: add ?channel=1 to the path";
+                let advice = "choose one: add ?channel=1 to the path";
                 return Err(refuse("one channel, or red, green and blue", advice));
             }
             None => None,
@@ -260,7 +260,7 @@ impl PixelStack {
         stack
     }
 
-    /// The pictures upright, as the orientation tag of EXIF and TIFF tells how they were recorded: 1 to 8, of which 1
+    /// The images upright, by the orientation tag of EXIF and TIFF, 1 to 8, of which 1
     /// changes nothing.
     pub(super) fn turned(self, orientation: u64) -> Self {
         let (rows, cols) = (self.rows, self.cols);
@@ -288,7 +288,7 @@ impl PixelStack {
         stack
     }
 
-    /// Pictures as an array of shape (pages, rows, cols), in the counts of the file.
+    /// Images as an array of shape (pages, rows, cols), in the counts of the file.
     ///
     /// # Panics
     /// If there are not `pages * rows * cols` samples, which every reader sees to.
@@ -340,7 +340,7 @@ mod tests {
 
     #[test]
     fn pictures_are_turned_as_their_orientation_says() {
-        // What viewers show of a picture whose rows are 0 1 2 and 3 4 5, by its orientation (TIFF 6.0, tag 274).
+        // What viewers show of an image whose rows are 0 1 2 and 3 4 5, by its orientation (TIFF 6.0, tag 274).
         for (orientation, rows, cols, expected) in [
             (1, 2, 3, [0, 1, 2, 3, 4, 5]),
             (2, 2, 3, [2, 1, 0, 5, 4, 3]),

@@ -1,4 +1,4 @@
-//! Whatever file holds images, as grey pages.
+//! Files of images as grey pages.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::bytes::magic;
 use super::kind::named_for_what_it_is;
 use super::{FormatError, ImageFile, Meaning, PixelStack, Samples, Understood, idx, npy, npz, picture, tiff_pages};
 
-/// The first two axes of a colour picture are longer than this, so that a stack of a few narrow pages is not one.
+/// The first two axes of a colour image are longer than this, so that a stack of a few narrow pages is not one.
 const COLOUR_PICTURE_PX: usize = 4;
 /// Files that are read, for messages.
 const KINDS: &str = "an NPY, NPZ, TIFF, PNG, JPEG, BMP or IDX file";
@@ -23,7 +23,7 @@ pub(super) struct RawArray {
 
 /// Reads a file of images as grey pages, in the number type and the counts of the file, with what was understood.
 ///
-/// The first bytes, not the name, tell the kind: NPY, NPZ, TIFF (all pages), PNG, JPEG, BMP, IDX (gzipped, too). The
+/// The first bytes, not the name, decide the kind: NPY, NPZ, TIFF (all pages), PNG, JPEG, BMP, IDX (gzipped, too). The
 /// path may say what the file means: see [`ImageFile::find`]. Axes of arrays, unless it does: (rows, cols), (images,
 /// rows, cols), (rows, cols, 1), (rows, cols, 3 or 4) colour with rows and cols above 4, (images, rows, cols, 3 or 4)
 /// colour; other axes of length 1 are left out. Colour becomes Rec. 709 luma.

@@ -1,4 +1,4 @@
-//! The directories of a TIFF file: what its pages are called and how they lie there, beside what the decoder tells.
+//! Directories of a TIFF file: names and layout of its pages, which the decoder does not report.
 
 use std::collections::HashSet;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -26,7 +26,7 @@ pub(super) struct PageTags {
     pub(super) compression: u64,
     pub(super) photometric: Option<u64>,
     pub(super) description: String,
-    /// Where its pixels begin in the file.
+    /// Offset of its pixels in the file, bytes.
     pub(super) offset: u64,
     pub(super) orientation: u64,
     pub(super) samples_per_pixel: u64,
@@ -42,12 +42,12 @@ pub(super) struct PageTags {
 pub(super) struct Directories {
     pub(super) big_endian: bool,
     pub(super) pages: Vec<PageTags>,
-    /// Where directories begin, and values of theirs that lie elsewhere.
+    /// Offsets of directories and of their values.
     places: Vec<u64>,
 }
 
 impl Directories {
-    /// Reads all directories, as far as they are whole: what is damaged is told by the decoder.
+    /// Reads all undamaged directories. The decoder reports damage.
     pub(super) fn read(reader: &mut (impl Read + Seek)) -> Self {
         let mut directories = Self::default();
         let _ = directories.collect(reader);

@@ -10,7 +10,7 @@ use tempfile::NamedTempFile;
 
 use super::{FormatError, read_bytes};
 
-/// How the names of temporary files begin, which only a kill in the middle of a write leaves behind.
+/// Prefix of temporary files. Only a killed process leaves them behind.
 pub const TEMPORARY_PREFIX: &str = ".writing-";
 
 /// Writes a file through a temporary one in the same folder: after success the file is complete and on the disk,
@@ -73,11 +73,11 @@ fn locked(path: &Path) -> Result<Option<File>, FormatError> {
     lock_within_grace(folder).map(Some).ok_or_else(|| FormatError::Busy { path: path.to_path_buf() })
 }
 
-/// A file that is locked by now, or of a system that knows no such locks; none where somebody else still has it.
+/// The locked file, or the file itself on systems without locks; none if another process holds the lock.
 fn lock_within_grace(file: File) -> Option<File> {
     let Err(TryLockError::WouldBlock) = file.try_lock() else { return Some(file) };
     let (tell, told) = channel();
-    // Where nobody waits any more, the lock goes as soon as it comes.
+    // A receiver that timed out releases the lock at once.
     let wait = move || drop(file.lock().map(|()| tell.send(file)));
     let waiting = std::thread::Builder::new().name("lenslet-lock".into()).spawn(wait);
     waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok())
@@ -130,7 +130,7 @@ impl Drop for NameLock {
     }
 }
 
-/// Removes temporary files that nobody writes any more: whoever does has them locked.
+/// Removes temporary files that no process writes: a writer holds a lock.
 fn remove_left_behind(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let is_temporary = entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX);
@@ -163,7 +163,7 @@ impl SafeFile {
         #[cfg(unix)]
         builder.permissions(everyone);
         let temporary = builder.tempfile_in(folder_of(&target)).map_err(|error| without_name(&error))?;
-        // Tells others that it is being written; where the system knows no locks, nobody finds it without one either.
+        // The lock marks the file as being written.
         let _ = temporary.as_file().try_lock();
         Ok(Self { target, temporary })
     }
@@ -194,7 +194,7 @@ impl CompleteFile {
     pub fn put_in_place(self) -> Result<(), FormatError> {
         let Self(SafeFile { target, temporary }) = self;
         temporary.persist(&target).map_err(|error| FormatError::from_write(&target, error.error))?;
-        // The file is in place by now, and some network folders cannot be synced: a refusal here is no failed write.
+        // The file is in place. Some network folders cannot be synced, so a failure here is ignored.
         #[cfg(unix)]
         if let Ok(folder) = File::open(folder_of(&target)) {
             let _ = folder.sync_all();
@@ -212,7 +212,7 @@ fn filled(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> i
     file.complete()
 }
 
-/// What the system said, without the name of a temporary file, which tells nobody anything.
+/// The error of the system without the name of the temporary file.
 fn without_name(error: &io::Error) -> io::Error {
     let cause = error.get_ref().and_then(std::error::Error::source);
     let code = cause.and_then(|cause| cause.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error);

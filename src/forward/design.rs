@@ -1,4 +1,4 @@
-//! The document: a design and everything that its numbers depend on, and the JSON file that holds it.
+//! A design, which holds everything that its numbers depend on, and its JSON file.
 
 use std::path::Path;
 
@@ -11,12 +11,20 @@ use crate::objects::ObjectSource;
 use crate::optics::{Diffuser, Encoder, Lenslet, LensletError, Limits, heuristic_layout};
 use crate::sensor::{DEFAULT_BIAS, Noise};
 
-/// A design: the mask, the scenes it looks at, the sensor behind it, and the seed of every random draw.
+/// A design: mask, objects, sensor, and the seed of every random draw.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let design = Design { encoder: Encoder::Lenslets(heuristic_layout(3)), ..Design::default() };
+/// assert_eq!(design.psf(1)?.dim(), (1, 32, 32));
+/// # Ok::<(), DesignError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Design {
-    /// What stands before the sensor.
+    /// The mask.
     pub encoder: Encoder,
-    /// What is imaged.
+    /// The objects.
     pub objects: ObjectSource,
     /// Mean of the objects in photons per pixel, where their source leaves it open.
     pub mean_photons: f64,
@@ -32,7 +40,7 @@ pub struct Design {
 }
 
 impl Default for Design {
-    /// Nine heuristic lenslets before beads of density 0.02, shot noise: the published setting.
+    /// Nine heuristic lenslets imaging beads of density 0.02 under shot noise: the published setting.
     fn default() -> Self {
         Self {
             encoder: Encoder::Lenslets(heuristic_layout(9)),
@@ -46,7 +54,7 @@ impl Default for Design {
     }
 }
 
-/// Why a design cannot be used.
+/// Reason why a design cannot be computed.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum DesignError {
     /// The mask cannot be rendered.
@@ -212,7 +220,7 @@ const DESIGN: DocumentKind = DocumentKind::new("lenslet-studio/design", "a desig
 /// Most numbers of a PSF that are written into a design file.
 const MOST_PSF_NUMBERS: usize = 1 << 20;
 
-/// What stands in a design file. The PSF is for other programs: opening renders it anew from the encoder.
+/// What stands in a design file. The PSF is for other programs: opening renders it from the encoder.
 #[derive(Serialize)]
 struct DesignFile<'a> {
     #[serde(flatten)]

@@ -1,4 +1,4 @@
-//! Why a design makes no measurements.
+//! Errors of the forward model.
 
 use thiserror::Error;
 
@@ -6,7 +6,7 @@ use crate::forward::DesignError;
 use crate::objects::ObjectError;
 use crate::sensor::SensorError;
 
-/// What keeps objects, mask and sensor from making measurements.
+/// Reason why a design has no measurements.
 #[derive(Debug, Error)]
 pub enum ForwardError {
     /// The design itself.

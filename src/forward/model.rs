@@ -1,11 +1,11 @@
-//! The forward model: objects, mask and sensor, and the measurements that they make together.
+//! Forward model: measurements of objects by a mask and a sensor.
 
 use ndarray::{Array2, Array3, ArrayView3, s};
 
 use crate::objects::ObjectSet;
 use crate::sensor::{Convolution, Convolver, Noise, SensorError};
 
-/// Objects and a sensor, for masks of one size.
+/// Objects and a sensor, for masks of one grid.
 pub struct ForwardModel<'a> {
     /// The objects.
     pub set: &'a ObjectSet,
@@ -31,12 +31,12 @@ impl<'a> ForwardModel<'a> {
         Self { noise: self.noise.bounding(), plan: self.plan.clone(), ..*self }
     }
 
-    /// The transforms.
+    /// Transforms of the convolution.
     pub fn plan(&self) -> &Convolution {
         &self.plan
     }
 
-    /// The patch (rows, cols) where `wished` was asked for: no larger than the measurement, which it is where nothing was.
+    /// Shape (rows, cols) of a patch: `wished`, at most the measurement; without `wished`, the measurement.
     pub fn patch(&self, wished: Option<(usize, usize)>) -> (usize, usize) {
         let (rows, cols) = self.plan.measurement_shape();
         wished.map_or((rows, cols), |wished| (rows.min(wished.0), cols.min(wished.1)))
@@ -60,7 +60,7 @@ pub fn mean_measurement(set: &ObjectSet, psf: ArrayView3<'_, f64>, bias: f64) ->
     mean_object * psf.sum() + bias
 }
 
-/// Photons that one bead adds to an infinite sensor, per plane: the bead convolved with the PSF, nothing cut off.
+/// Full convolution of a bead with the PSF: photons of one bead on an infinite sensor, shape (planes, rows, cols).
 pub fn bead_response(spot: &Array2<f64>, psf: ArrayView3<'_, f64>) -> Array3<f64> {
     let (planes, rows, cols) = psf.dim();
     let (spot_rows, spot_cols) = spot.dim();

@@ -1,4 +1,4 @@
-//! Objects and their measurements through a design, as many as are asked for, part by part.
+//! Simulated measurements of a design, part by part.
 
 use std::ops::ControlFlow;
 
@@ -10,17 +10,26 @@ use crate::forward::{Design, DesignError};
 use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Progress, Split};
 use crate::sensor::Convolver;
 
-/// Objects and what the sensor makes of them.
+/// Objects and their measurements.
 pub struct Simulated {
     /// Shape (n, planes, rows, cols), photons per pixel.
     pub objects: Array4<f32>,
     /// Encoded images with background, shape (n, rows, cols).
     pub noiseless: Array3<f32>,
-    /// With noise.
+    /// Noisy measurements, shape (n, rows, cols), photons per pixel.
     pub noisy: Array3<f32>,
 }
 
-/// A design with its objects opened, ready to be measured.
+/// A design with its objects opened, for simulated measurements.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let design = Design::default();
+/// let measured = Simulator::new(&design)?.measure(0, 2)?;
+/// assert_eq!(measured.noisy.dim(), (2, 65, 65));
+/// # Ok::<(), ForwardError>(())
+/// ```
 pub struct Simulator<'a> {
     design: &'a Design,
     set: ObjectSet,
@@ -73,7 +82,7 @@ pub fn open_set_with(design: &Design, reading: &dyn Fn(Progress) -> ControlFlow<
     ObjectSet::open_with(&design.objects, &options, reading)
 }
 
-/// What a person must know of the objects of a design, and of light that none of them sends.
+/// Notices about the objects of a design, and about light of the PSF on planes without objects.
 ///
 /// # Errors
 /// [`DesignError`] where the mask cannot be rendered.
@@ -92,12 +101,12 @@ pub fn notices_of(design: &Design, set: &ObjectSet) -> Result<Vec<String>, Desig
     Ok(set.notices().iter().cloned().chain((lost > 0.0).then(notice)).collect())
 }
 
-/// The optics of a design before a set of objects.
+/// The convolution of a set of objects with the PSF of a design.
 pub fn convolver(design: &Design, set: &ObjectSet) -> Result<Convolver, ForwardError> {
     Ok(forward_model(design, set)?.convolver(design.psf(set.planes())?.view())?)
 }
 
-/// The sensor of a design before a set of objects, for any mask of its size.
+/// The forward model of a set of objects, for any mask of the grid of the design.
 pub fn forward_model<'a>(design: &Design, set: &'a ObjectSet) -> Result<ForwardModel<'a>, ForwardError> {
     Ok(ForwardModel::new(set, design.encoder.grid(), design.bias_photons, design.noise)?)
 }

@@ -1,4 +1,4 @@
-//! Autocorrelation of pictures by Fourier transform, in `f64`.
+//! Autocorrelation of images by Fourier transform, in `f64`.
 
 use std::sync::Arc;
 
@@ -51,10 +51,10 @@ fn transposed(grid: &[Complex64], rows: usize, cols: usize) -> Vec<Complex64> {
     (0..cols).flat_map(|col| (0..rows).map(move |row| grid[row * cols + col])).collect()
 }
 
-/// Linear (zero-padded) autocorrelation summed over `count` pictures of one shape.
+/// Linear (zero-padded) autocorrelation summed over `count` images of one shape.
 ///
-/// `fill(index, store)` passes every non-zero pixel of picture `index` as `store(row, col, value)`. The result has
-/// shape `(2 L + 1, 2 L + 1)`, lag (0, 0) in the middle; lags beyond the picture are 0.
+/// `fill(index, store)` passes every non-zero pixel of image `index` as `store(row, col, value)`. The result has
+/// shape `(2 L + 1, 2 L + 1)`, lag (0, 0) in the middle; lags beyond the image are 0.
 pub(super) fn summed_autocorrelation(
     count: usize,
     (rows, cols): (usize, usize),
@@ -72,7 +72,7 @@ pub(super) fn summed_autocorrelation(
             let mut power = vec![0.0; grid_rows * grid_cols];
             let mut grid = vec![Complex64::ZERO; grid_rows * grid_cols];
             for pair in (part..pairs).step_by(parts) {
-                // Two real pictures share one complex transform: the autocorrelation of a + ib has the real part
+                // Two real images share one complex transform: the autocorrelation of a + ib has the real part
                 // of those of a and b added.
                 grid.fill(Complex64::ZERO);
                 fill(2 * pair, &mut |row, col, value| grid[row * grid_cols + col].re = value);

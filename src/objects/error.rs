@@ -1,4 +1,4 @@
-//! What can be wrong with a set of objects, told in one sentence.
+//! Errors of object sets, each one sentence.
 
 use crate::formats::FormatError;
 

@@ -1,4 +1,4 @@
-//! Pictures of a folder or file, as tiles of mosaics or as whole objects.
+//! Images of a folder or file, as tiles of mosaics or as whole objects.
 
 use std::path::Path;
 
@@ -15,12 +15,12 @@ use super::set::{FileReport, Observer, Progress};
 
 /// Files read at a time.
 const BATCH_FILES: usize = 8;
-/// Most pixels of pictures that are scaled to the field, for they are in memory together: 4 GiB.
+/// Most pixels of images that are scaled to the field, for they are in memory together: 4 GiB.
 const MOST_FITTED_PIXELS: usize = 1 << 30;
 /// Most files a notice names.
 const NAMED_FILES: usize = 5;
 
-/// The pictures of a path, fit for objects.
+/// Images of a path, scaled for objects.
 pub(super) enum Loaded {
     /// All are at most half the field: tiles.
     Tiles(Vec<PixelStack>),
@@ -28,7 +28,7 @@ pub(super) enum Loaded {
     Whole(PixelStack),
 }
 
-/// One file's pictures.
+/// Images of one file.
 enum Item {
     /// At most half the field on both sides, as in the file.
     Small(PixelStack),
@@ -44,9 +44,9 @@ impl Item {
     }
 }
 
-/// Reads the pictures of a folder, in the order of their names, or of one file.
+/// Reads the images of a folder, in the order of their names, or of one file.
 ///
-/// Files of a folder that cannot be read are left out and told in `notices`.
+/// Files of a folder that cannot be read are left out and listed in `notices`.
 pub(super) fn load(
     path: &Path,
     field: (usize, usize),
@@ -93,8 +93,8 @@ pub(super) fn load(
             None => "none".into(),
             Some(first) => format!("{}, the first: {first}", counted(unreadable.len(), "unreadable one")),
         };
-        let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ pictures";
-        return Err(FormatError::malformed(path, expected, found, "choose a folder with pictures").into());
+        let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ images";
+        return Err(FormatError::malformed(path, expected, found, "choose a folder with images").into());
     }
     report.understood = understood.map(|understood| understood.to_string());
     let notices = &mut report.notices;
@@ -117,7 +117,7 @@ pub(super) fn load(
     Ok(combine(items, field))
 }
 
-/// Tells of pictures of floating-point values among those of whole levels, which no range is known of.
+/// Notice of floating-point images among integer ones: their range is unknown.
 fn mixed_levels(items: &mut [Item]) -> Option<String> {
     let all = items.len();
     let floats = items.iter_mut().map(Item::stack).filter(|stack| stack.white.is_none()).count();
@@ -129,7 +129,7 @@ fn mixed_levels(items: &mut [Item]) -> Option<String> {
     })
 }
 
-/// Brings 8-bit pictures among 16-bit ones to the same white; tells so.
+/// Scales 8-bit images among 16-bit ones to the same white level, with a notice.
 fn same_white(items: &mut [Item]) -> Option<String> {
     let whites: Vec<Option<u16>> = items.iter_mut().map(|item| item.stack().white).collect();
     let (narrow, wide) = (Some(u16::from(u8::MAX)), Some(u16::MAX));
@@ -154,7 +154,7 @@ fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// What is done to pictures that are larger than half the field, or small ones among such; none where they fit as they are.
+/// What is done to images that are larger than half the field, or small ones among such; none where they fit as they are.
 fn change(stack: &PixelStack, (rows, cols): (usize, usize)) -> Option<String> {
     let (crop_rows, crop_cols) = crop(stack, (rows, cols));
     let cropped = (crop_rows, crop_cols) != (stack.rows, stack.cols);
@@ -211,7 +211,7 @@ fn crop(stack: &PixelStack, (rows, cols): (usize, usize)) -> (usize, usize) {
     (part(rows, stack.rows), part(cols, stack.cols))
 }
 
-/// Crops the middle of each picture to the aspect of the field and scales it there with a triangle filter, which
+/// Crops the middle of each image to the aspect of the field and scales it there with a triangle filter, which
 /// averages over the area when it shrinks.
 fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
     if (stack.rows, stack.cols) == (rows, cols) {

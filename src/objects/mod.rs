@@ -1,4 +1,4 @@
-//! What is imaged: beads drawn at random, mosaics of small images, whole pictures; in photons per pixel.
+//! Object sets: random beads, mosaics of small images, whole images; in photons per pixel.
 //!
 //! An [`ObjectSource`] names the objects, [`ObjectSet::open`] loads what must be loaded, and
 //! [`ObjectSet::objects`] draws as many as are wanted, the same ones for the same seed on any number of threads.

@@ -57,7 +57,7 @@ impl Mosaic {
         self.tile
     }
 
-    /// Draws tiles from `members` for an object of so many (rows, cols): images and the first row and column of their tiles. A
+    /// Draws tiles from `members` for an object of shape (rows, cols): images and the first row and column of their tiles. A
     /// grid that is larger than the object is cropped at random.
     pub(super) fn tiles(
         &self,
@@ -155,7 +155,7 @@ impl Mosaic {
         sum / members.len() as f64
     }
 
-    /// Adds what tells this set from others to a fingerprint.
+    /// Adds the content of the set to a fingerprint.
     pub(super) fn hash_into(&self, hasher: &mut blake3::Hasher) {
         hasher.update(&(self.tile as u64).to_le_bytes());
         for place in &self.places {

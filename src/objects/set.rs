@@ -1,4 +1,4 @@
-//! A set of objects, opened once and drawn from as often as needed.
+//! Object sets: opened once, drawn from any number of times.
 
 use std::fmt;
 use std::ops::{ControlFlow, Range, RangeInclusive};
@@ -23,7 +23,7 @@ use super::{BeadPrior, ObjectError, ObjectSource, Split};
 const LONGEST_TILE_PX: usize = 1024;
 /// Longest side of an object, px.
 const LONGEST_FIELD_PX: usize = 16_384;
-/// Most pixels of a picture that is an object: transforms of it take some forty bytes each.
+/// Largest number of pixels of an object; transforms take about forty bytes per pixel.
 const MOST_FIELD_PIXELS: usize = 1 << 26;
 
 /// How objects are made from their source.
@@ -47,11 +47,11 @@ impl Default for ObjectOptions {
 /// not seen to be learnt by heart.
 const FEW: RangeInclusive<usize> = 5..=4000;
 
-/// Most objects that are drawn and measured at a time, enough to keep threads busy, and most bytes that they may take.
+/// Largest number of objects drawn and measured at a time, and largest number of bytes.
 const BATCH: usize = 500;
 const BATCH_BYTES: usize = 256 << 20;
 
-/// How far loading has come, in files.
+/// Progress of loading, in files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// Files read.
@@ -83,7 +83,7 @@ impl fmt::Display for Progress {
     }
 }
 
-/// Who is told of progress and may ask to stop.
+/// Observer of progress, which may cancel.
 #[derive(Clone, Copy)]
 pub(super) struct Observer<'a>(&'a dyn Fn(Progress) -> ControlFlow<()>);
 
@@ -227,7 +227,7 @@ impl ObjectSet {
         }
     }
 
-    /// Number of whole pictures in one part; `None` where objects are drawn, of which there is no end.
+    /// Number of whole images in one part; `None` where objects are drawn, of which there is no end.
     pub fn whole_pictures(&self, split: Split) -> Option<usize> {
         match &self.content {
             Content::Whole(_, parts) => Some(parts.members(split).len()),
@@ -235,8 +235,8 @@ impl ObjectSet {
         }
     }
 
-    /// Whether mean and covariance are the same everywhere in patches of so many (rows, cols) at random places, as those of
-    /// beads are. Those of mosaics are where patches see every part of a tile as often: whole tiles. Whole pictures may be
+    /// Whether mean and covariance are the same everywhere in patches of shape (rows, cols) at random places, as those of
+    /// beads are. Those of mosaics are where patches see every part of a tile as often: whole tiles. Whole images may be
     /// brighter in the middle.
     pub fn is_stationary(&self, patch: (usize, usize)) -> bool {
         match &self.content {
@@ -290,8 +290,8 @@ impl ObjectSet {
 
     /// Draws `count` objects, shape (count, planes, rows, cols), photons per pixel.
     ///
-    /// Object `i` of a part and seed is the same whatever `count` and the number of threads. Beads are drawn anew for
-    /// each object; mosaics draw their tiles with replacement; whole pictures come in an order that depends on the
+    /// Object `i` of a part and seed is the same whatever `count` and the number of threads. Beads are drawn for
+    /// each object; mosaics draw their tiles with replacement; whole images come in an order that depends on the
     /// seed and repeat when all have been used.
     ///
     /// # Errors
@@ -393,7 +393,7 @@ impl ObjectSet {
     /// - Beads: `p (1 - p)` times the autocorrelation of the spot. The border is left out, and so is the correlation
     ///   of `-1 / (number of pixels)` that a fixed number of beads brings.
     /// - Mosaics: exact for an endless mosaic of independent tiles at a random place.
-    /// - Whole pictures: the mean unbiased estimate, its spectrum clipped at 0 (with period 2 L + 1) and the variance
+    /// - Whole images: the mean unbiased estimate, its spectrum clipped at 0 (with period 2 L + 1) and the variance
     ///   kept.
     ///
     /// Every block-Toeplitz matrix of these lags is a covariance. Planes of a volume are independent and alike.
@@ -456,7 +456,7 @@ fn mosaic(path: &Path, stacks: Vec<PixelStack>, mean: f64) -> Result<Content, Ob
 
 fn whole(path: &Path, stack: PixelStack, mean: f64) -> Result<Content, ObjectError> {
     if stack.rows.max(stack.cols) > LONGEST_FIELD_PX || stack.rows * stack.cols > MOST_FIELD_PIXELS {
-        let expected = format!("pictures of at most {LONGEST_FIELD_PX} px a side and {MOST_FIELD_PIXELS} pixels");
+        let expected = format!("images of at most {LONGEST_FIELD_PX} px a side and {MOST_FIELD_PIXELS} pixels");
         let found = format!("{} x {} px", stack.rows, stack.cols);
         return Err(FormatError::malformed(path, expected, found, "crop or shrink them").into());
     }
@@ -466,7 +466,7 @@ fn whole(path: &Path, stack: PixelStack, mean: f64) -> Result<Content, ObjectErr
 }
 
 fn dark(path: &Path) -> FormatError {
-    FormatError::malformed(path, "some light", "pixels that are all 0", "choose pictures with content")
+    FormatError::malformed(path, "some light", "pixels that are all 0", "choose images with content")
 }
 
 /// One plane of an object as an array.

@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use super::ObjectError;
 use crate::formats::{ImageFile, image_files, path_text, split_kind};
 
-/// Most depth planes of a volume.
+/// Largest number of depth planes of a volume.
 const MOST_PLANES: usize = 64;
 const CHOICES: &str = "beads:0.02, beads-max:0.05, volume:5:0.02, idx:FILE, cifar:FILE, images:FOLDER or stack:FILE";
 
-/// What is imaged. The text form (`Display`, `FromStr`, serde) is given with each variant.
+/// Source of objects. The text form (`Display`, `FromStr`, serde) is given with each variant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum ObjectSource {
@@ -39,19 +39,18 @@ pub enum ObjectSource {
     Idx(PathBuf),
     /// `cifar:FILE`: mosaics of the images of a CIFAR-10 binary batch.
     Cifar(PathBuf),
-    /// `images:FOLDER` or `images:FILE`: pictures, scaled to the field or tiled to mosaics if small.
+    /// `images:FOLDER` or `images:FILE`: images, scaled to the field or tiled to mosaics if small.
     Images(PathBuf),
     /// `stack:FILE`: whole objects of any shape from an NPY, NPZ or TIFF file.
     Stack(PathBuf),
 }
 
 impl ObjectSource {
-    /// What a file or folder most likely holds, by its name: for people who drop or type a path. A wrong guess is found
-    /// out when the file is read. A path that names the kind as the command line does, `stack:FILE`, is taken at its word.
+    /// The most likely source of a dropped or typed path, by its name. Reading the file reveals a wrong guess. A path that names the kind as the command line does, `stack:FILE`, is taken at its word.
     pub fn guess(path: &Path) -> Self {
         let file = match ImageFile::find(path) {
             Ok(found) => found.path,
-            // Where there is no such file, its name is as good as any.
+            // A missing file is named by the path.
             Err(_) => match Self::from_os(path.as_os_str()) {
                 Ok(named) => return named,
                 Err(_) => path.to_path_buf(),
@@ -81,7 +80,7 @@ impl ObjectSource {
         matches!(self, Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_))
     }
 
-    /// The files that they are read from, of a folder its pictures; none where it cannot be read.
+    /// Files of the source; of a folder, its images. Empty if the folder cannot be read.
     pub fn files(&self) -> Vec<PathBuf> {
         match self {
             Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => image_files(path)

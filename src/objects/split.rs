@@ -16,7 +16,7 @@ const OBJECT_STREAMS: u64 = 0x6f62 << 48;
 /// A part of a set of objects.
 ///
 /// Base images are shuffled once and for all, 80 % are for training and 20 % for testing; no image is in both parts,
-/// whatever the seeds of the objects. A tenth of the training part validates fits to the rest of it, where that is wanted. Beads have
+/// independent of the seeds of the objects. A tenth of the training part validates fits to the rest of it, on request. Beads have
 /// no base images: the parts are different random streams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -29,7 +29,7 @@ pub enum Split {
     All,
     /// Objects of the training part but for those that validate.
     Fit,
-    /// Objects of the training part that tell when a fit to the others knows those too well.
+    /// Validation objects of the training part, for early stopping.
     Validation,
 }
 

@@ -1,4 +1,4 @@
-//! Pictures that are whole objects.
+//! Images that are whole objects.
 
 use ndarray::{Array2, ArrayViewMut2};
 use rand::seq::SliceRandom;
@@ -41,7 +41,7 @@ impl WholePictures {
         order
     }
 
-    /// Fills `object` with picture `page`.
+    /// Fills `object` with image `page`.
     pub(super) fn copy(&self, page: usize, mut object: ArrayViewMut2<f32>) {
         let start = page * self.stack.rows * self.stack.cols;
         for (offset, pixel) in object.iter_mut().enumerate() {
@@ -49,9 +49,9 @@ impl WholePictures {
         }
     }
 
-    /// Mean over the pictures of `members` of the unbiased linear autocovariance about their mean, photons squared, made
-    /// a valid one by clipping the negative part of its spectrum; the variance is kept. Lags as long as a picture, of
-    /// which the pictures tell nothing, count as 0 before.
+    /// Mean over the images of `members` of the unbiased linear autocovariance about their mean, photons squared, made
+    /// a valid one by clipping the negative part of its spectrum; the variance is kept. Lags as long as an image, of
+    /// which the images tell nothing, count as 0 before.
     pub(super) fn autocovariance(&self, members: &[u32], max_lag: usize) -> Array2<f64> {
         let (rows, cols) = self.field();
         let pages = members.len();
@@ -74,7 +74,7 @@ impl WholePictures {
         positive_semidefinite(&sum)
     }
 
-    /// Adds what tells this set from others to a fingerprint.
+    /// Adds the content of the set to a fingerprint.
     pub(super) fn hash_into(&self, hasher: &mut blake3::Hasher) {
         for axis in [self.stack.pages, self.stack.rows, self.stack.cols] {
             hasher.update(&(axis as u64).to_le_bytes());

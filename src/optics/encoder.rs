@@ -1,4 +1,4 @@
-//! What stands before the sensor: lenslets that can be edited, a diffuser, or a PSF as it was found.
+//! Optical encoders: editable lenslets, a diffuser, or an imported PSF.
 
 use ndarray::{Array2, Array3, Axis};
 use serde::{Deserialize, Serialize};
@@ -18,23 +18,23 @@ pub enum Encoder {
     Lenslets(LensletArray),
     /// A synthetic diffuser.
     Diffuser(Diffuser),
-    /// A PSF given as a picture.
+    /// An imported PSF.
     Image(PsfImage),
 }
 
-/// A PSF given as a picture, and where it came from.
+/// An imported PSF and its origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "PsfImageRecord", into = "PsfImageRecord")]
 pub struct PsfImage {
     /// Shape (rows, cols), not negative, sum 1.
     pub psf: Array2<f32>,
-    /// File that it was read from, or another name.
+    /// File name, or another name.
     pub origin: String,
 }
 
 impl Encoder {
     /// The PSF for scenes of `planes` depth planes, shape (planes, rows, cols). It sums to 1 over all planes of the
-    /// encoder; diffusers and pictures focus on the first plane only.
+    /// encoder; diffusers and images focus on the first plane only.
     ///
     /// # Errors
     /// [`LensletError`] where a lenslet array cannot be rendered.
@@ -61,7 +61,7 @@ impl Encoder {
         }
     }
 
-    /// The lenslets, where there are any to edit.
+    /// The lenslets, if the encoder has any.
     pub fn lenslets(&self) -> Option<&LensletArray> {
         match self {
             Self::Lenslets(array) => Some(array),
@@ -69,7 +69,7 @@ impl Encoder {
         }
     }
 
-    /// One line that says what this is.
+    /// Description in one line.
     pub fn describe(&self) -> String {
         match self {
             Self::Lenslets(array) => counted(array.lenslets.len(), "lenslet"),
@@ -81,7 +81,7 @@ impl Encoder {
     }
 }
 
-/// How a PSF picture stands in JSON: rows of numbers.
+/// JSON form of a PSF image: rows of numbers.
 #[derive(Serialize, Deserialize)]
 struct PsfImageRecord {
     origin: String,

@@ -1,4 +1,4 @@
-//! A measured or foreign PSF, read from a picture or an array file.
+//! Import of a PSF from an image or an array file.
 
 use std::path::{Path, PathBuf};
 
@@ -10,21 +10,21 @@ use super::lenslets::LensletArray;
 use crate::formats::{self, FormatError, ImageFile, ImageSummary};
 use crate::plural::counted;
 
-/// Why a picture is not a PSF.
+/// Reason why an image is not a PSF.
 #[derive(Debug, Error)]
 pub enum PsfError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FormatError),
-    /// The file is not one picture.
+    /// The file is not one image.
     #[error("{origin}: expected one PSF, found {}; add ?frame=1 to the path to take the first", counted(*.found, "image"))]
     Several {
         /// File or name of the PSF.
         origin: String,
-        /// Number of pictures in the file.
+        /// Number of images in the file.
         found: usize,
     },
-    /// A pixel cannot be light.
+    /// A pixel is negative or not finite.
     #[error(
         "{origin}: expected finite, non-negative light, found {value} at row {row}, column {col}; \
          subtract the background so that nothing is below 0"
@@ -45,7 +45,7 @@ pub enum PsfError {
         /// File or name of the PSF.
         origin: String,
     },
-    /// What follows the @ of a path is no side.
+    /// The text after the @ of a path is no side in pixels.
     #[error("{origin}: expected 1 to {max} pixels a side after the @, found {found}", max = LensletArray::MAX_SIDE)]
     Side {
         /// File of the PSF.
@@ -53,10 +53,10 @@ pub enum PsfError {
         /// What follows the @.
         found: String,
     },
-    /// Too large to compute with, or nothing at all.
+    /// Too large, or empty.
     #[error(
         "{origin}: expected a PSF of 1 to {max} pixels a side, found {rows} x {cols}; \
-         add @32 to the path to resample it to 32 pixels", max = LensletArray::MAX_SIDE
+         resample it: add @32 to the path, or --resample 32 to a command", max = LensletArray::MAX_SIDE
     )]
     Shape {
         /// File or name of the PSF.
@@ -90,10 +90,10 @@ pub fn psf_file(named: &Path) -> Result<(PathBuf, Option<usize>), PsfError> {
     }
 }
 
-/// Reads a PSF from a picture (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1.
+/// Reads a PSF from an image (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1.
 ///
 /// With `side`, or that of a path `FILE@32`, the central square is first resampled to `side` x `side` pixels by averaging
-/// areas. The second value is what was understood of the file.
+/// areas. The second value summarises how the file was read.
 ///
 /// # Errors
 /// [`PsfError`] says what the file holds instead of a PSF.
@@ -118,10 +118,10 @@ pub fn import_psf(path: &Path, side: Option<usize>) -> Result<(PsfImage, ImageSu
     Ok((PsfImage { psf: normalised_psf(picture, &origin)?, origin }, understood))
 }
 
-/// Checks a picture and scales it to sum 1. `origin` names it in messages.
+/// Checks an image and scales it to sum 1. `origin` names it in messages.
 ///
 /// # Errors
-/// [`PsfError`] where the picture is empty, too large, dark, or has a pixel that is negative or not finite.
+/// [`PsfError`] where the image is empty, too large, dark, or has a pixel that is negative or not finite.
 pub fn normalised_psf(picture: Array2<f32>, origin: &str) -> Result<Array2<f32>, PsfError> {
     let (rows, cols) = picture.dim();
     let side = 1..=LensletArray::MAX_SIDE;

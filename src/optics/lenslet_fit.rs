@@ -1,4 +1,4 @@
-//! Lenslets in place of a picture of a PSF, so that what was measured or designed elsewhere can be edited and optimized.
+//! Fit of lenslets to a PSF image, so that an imported mask can be edited and optimized.
 //!
 //! Round Gaussian spots are taken up one by one where they explain most of what is left (matching pursuit, Mallat and Zhang 1993),
 //! and all of them are fitted together by damped least squares (Marquardt 1963).
@@ -34,19 +34,19 @@ const LEAST_STEP: f64 = 1e-5;
 /// Parameters of a spot: column, row and logarithm of the width, and weight.
 const PARAMETERS: usize = 4;
 
-/// Lenslets whose PSF is like a picture.
+/// Lenslets fitted to a PSF image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedLenslets {
     /// The lenslets, round ones, the brightest first.
     pub array: LensletArray,
-    /// Share of the light that their PSF has at other pixels than the picture, 0 to 1: half the sum of all differences.
+    /// Share of the light at other pixels than in the image, 0 to 1: half the sum of absolute differences.
     pub misplaced: f64,
 }
 
 /// Why no lenslets are fitted.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum LensletFitError {
-    /// The picture has more pixels than are fitted in some seconds.
+    /// The image is too large for the fit.
     #[error(
         "lenslets are fitted to a PSF of at most {max} pixels a side, found {rows} x {cols}; resample it when it is imported",
         max = FittedLenslets::MOST_SIDE
@@ -65,7 +65,7 @@ pub enum LensletFitError {
 impl FittedLenslets {
     /// Most lenslets of a fit.
     pub const MOST: usize = 64;
-    /// Largest side of a picture, px.
+    /// Largest side of an image, px.
     pub const MOST_SIDE: usize = 128;
 
     /// What has come of it, for people.
@@ -75,10 +75,10 @@ impl FittedLenslets {
         format!("{lenslets} {stand} for the PSF, {:.1} % of whose light is elsewhere", 100.0 * self.misplaced)
     }
 
-    /// Fits at most so many lenslets to a PSF, shape (rows, cols), not negative.
+    /// Fits up to a number of lenslets to a PSF, shape (rows, cols), not negative.
     ///
     /// # Errors
-    /// Where the picture is too large, or no spot explains any of it.
+    /// Where the image is too large, or no spot explains any of it.
     pub fn of(psf: ArrayView2<'_, f64>, most: usize) -> Result<Self, LensletFitError> {
         let (rows, cols) = psf.dim();
         if rows.max(cols) > Self::MOST_SIDE {
@@ -114,7 +114,7 @@ impl FittedLenslets {
     }
 }
 
-/// Lenslets in place of a mask that is a picture or a diffuser.
+/// Lenslets fitted to the PSF of an image or a diffuser.
 ///
 /// # Errors
 /// As [`FittedLenslets::of`].
@@ -127,7 +127,7 @@ fn squared(picture: &Array2<f64>) -> f64 {
     picture.iter().map(|value| value * value).sum()
 }
 
-/// The spot that explains most of a picture, and by how much it lowers its square.
+/// The spot that explains most of an image, and the decrease of the squared error.
 fn best_spot(left: &Array2<f64>) -> Option<(Lenslet, f64)> {
     let mut best: Option<(Lenslet, f64)> = None;
     for sigma in WIDTHS {
@@ -149,7 +149,7 @@ fn best_spot(left: &Array2<f64>) -> Option<(Lenslet, f64)> {
     best
 }
 
-/// A picture convolved with a profile along an axis, with nothing beyond its border.
+/// An image convolved with a profile along an axis, with nothing beyond its border.
 fn blurred(picture: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f64> {
     let (length, reach) = (picture.len_of(axis), profile.len() / 2);
     let mut blurred = Array2::zeros(picture.dim());
@@ -165,7 +165,7 @@ fn blurred(picture: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f
 struct Fit<'a> {
     /// Sum 1.
     psf: &'a Array2<f64>,
-    /// Their weights are shares of the light of the picture.
+    /// Their weights are shares of the light of the image.
     spots: Vec<Lenslet>,
     /// Of the next step.
     damping: f64,
@@ -222,7 +222,7 @@ impl Slopes {
 }
 
 impl Fit<'_> {
-    /// What the spots leave of the picture.
+    /// Residual of the image.
     fn left(&self) -> Array2<f64> {
         let mut left = self.psf.clone();
         let (rows, cols) = left.dim();
@@ -292,7 +292,7 @@ impl Fit<'_> {
         let widest = rows.max(cols) as f64;
         for (index, spot) in self.spots.iter_mut().enumerate() {
             let by = |parameter: usize| step[(PARAMETERS * index + parameter, 0)];
-            // No further than where the slopes still tell something.
+            // Limited to where gradients are informative.
             spot.x = (spot.x + by(0).clamp(-1.0, 1.0)).clamp(-0.5, cols as f64 - 0.5);
             spot.y = (spot.y + by(1).clamp(-1.0, 1.0)).clamp(-0.5, rows as f64 - 0.5);
             let sigma = spot.spot.mean_sigma() * by(2).clamp(-0.5, 0.5).exp();

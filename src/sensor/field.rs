@@ -1,6 +1,6 @@
-//! Which part of an object the sensor looks at.
+//! Part of an object within the field of view of the sensor.
 
-/// How far the object pixel that a measurement pixel looks at lies from it, (rows, cols).
+/// Offset from a measurement pixel to its object pixel, (rows, cols).
 ///
 /// `psf` is the shape (rows, cols) of the point spread function. Light that a lenslet in its middle, pixel
 /// (rows / 2, cols / 2), brings to measurement pixel (i, j) comes from object pixel (i, j) plus this: by the valid

@@ -59,7 +59,7 @@ pub struct StudyCell {
     pub patch_information: Vec<f64>,
     /// Information of the first design less that of this one by the density model, on the same test patches; none for the first, and
     /// for measurements of another size.
-    #[serde(default, alias = "difference_to_reference", skip_serializing_if = "Option::is_none")]
+    #[serde(default, alias = "first_less_this", skip_serializing_if = "Option::is_none")]
     pub difference_to_reference: Option<PairedDifference>,
 }
 

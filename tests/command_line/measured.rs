@@ -116,7 +116,7 @@ fn a_gaussian_that_is_not_fitted_bounds_nothing_before_whole_pictures() {
     let line = "estimate --objects stack:pictures.npy --patch 4 --patches-train 60 --patches-test 20";
     let sentence = bench.refused(&format!("{line} --estimator gaussian-analytic"));
     assert!(
-        sentence.contains("stack:pictures.npy are whole pictures") && sentence.contains("choose gaussian"),
+        sentence.contains("stack:pictures.npy are whole images") && sentence.contains("choose gaussian"),
         "{sentence}"
     );
     bench.done(line);
