@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tensors_lie_one_after_the_other() {
+    fn tensors_are_contiguous() {
         let mut layout = ParameterLayout::default();
         assert_eq!(layout.add("a", &[3, 4], Initial::Zeros), 0..12);
         assert_eq!(layout.add("b", &[5], Initial::Zeros), 12..17);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn first_weights_have_their_moments_and_belong_to_their_seed() {
+    fn initial_weights_have_their_moments_and_depend_on_the_seed() {
         let mut layout = ParameterLayout::default();
         layout.add("kernel", &[100, 100], Initial::LecunNormal { inputs: 25 });
         let uniform = Initial::Uniform { low: 3.0, high: 5.0 };

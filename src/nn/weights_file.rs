@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_come_back_bit_for_bit() {
+    fn weights_file_round_trips() {
         let layout = layout(4);
         let weights = layout.draw(3);
         let details = vec![("mean", "1.5".to_owned())];
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn other_files_are_refused_in_a_sentence() {
+    fn other_files_are_refused() {
         let ours = layout(4);
         let bytes = write_weights(&ours, &ours.draw(1), &HEADER, Vec::new()).unwrap();
         let message = read_weights(&layout(5), &bytes).unwrap_err().to_string();

@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bias_reaches_every_pixel_and_its_gradient_sums_them() {
+    fn bias_is_added_to_every_pixel_and_its_gradient_is_the_sum() {
         let mut out = [0.0; 6];
         fill_bias(&[1.0, 2.0], &mut out);
         assert_eq!(out, [1.0, 2.0, 1.0, 2.0, 1.0, 2.0]);

@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn all_three_are_the_sum_of_products() {
+    fn products_match_the_definition() {
         for (rows, inner, cols) in [(1, 1, 1), (5, 3, 7), (64, 3, 40), (33, 129, 64), (128, 17, 120)] {
             let (a, b) = (numbers(rows * inner, 1), numbers(inner * cols, 2));
             let mut expected = vec![0.0; rows * cols];

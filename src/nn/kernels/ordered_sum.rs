@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_run_over_all_parts() {
+    fn sum_covers_all_parts() {
         let parts: Vec<Vec<f32>> = (0..3).map(|k| (0..40_000).map(|i| (i * (k + 1)) as f32).collect()).collect();
         let mut total = vec![7.0; 40_000];
         ordered_sum(&parts.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut total);

@@ -2,8 +2,8 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Workspaces of threads, kept from one piece of work to the next. Which thread gets which must not matter: whoever borrows
-/// one writes all of it before reading, so nothing that a panic elsewhere could have broken is left in it.
+/// /// Workspaces of threads, reused between tasks. Results must not depend on which thread gets which: a borrower writes all
+/// /// of a workspace before reading it, so a panic elsewhere leaves nothing broken in it.
 #[derive(Debug)]
 pub struct Pool<T>(Mutex<Vec<T>>);
 
@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_serves_is_lent_again_and_what_does_not_is_kept_for_others() {
+    fn matching_workspaces_are_reused() {
         let pool = Pool::default();
         let lend = |length: usize| {
             let mut made = false;

@@ -29,7 +29,7 @@ impl Adam {
         [&self.first, &self.second]
     }
 
-    /// Goes back to these means, one after the other, after so many steps.
+    /// /// Restores the moments, one after the other, after a number of steps.
     pub fn restore(&mut self, moments: &[f32], steps: usize) {
         let (first, second) = moments.split_at(self.first.len());
         self.first.copy_from_slice(first);

@@ -32,7 +32,7 @@ pub enum Averaging {
     Off,
     /// About this share of all steps so far, those taken last.
     LastShare(f32),
-    /// About so many of the last steps. Before the first one weights were those that it began with.
+    /// /// Average over about this many last steps. Before the first step the weights are the initial ones.
     Last(usize),
 }
 
@@ -51,7 +51,7 @@ pub struct Optimizer {
 }
 
 impl Optimizer {
-    /// For the weights of a layout; `rule` tells how each tensor moves. Vectors given to Muon move by Adam.
+    /// /// An optimizer for the weights of a layout; `rule` chooses the update of each tensor. Vectors given to Muon use Adam.
     pub fn new(
         layout: &ParameterLayout,
         weights: &[f32],
@@ -126,7 +126,7 @@ impl Optimizer {
         state
     }
 
-    /// Goes back to what [`Optimizer::state`] gave after so many steps, for the same layout.
+    /// /// Restores the state of [`Optimizer::state`] after a number of steps, for the same layout.
     ///
     /// # Panics
     /// For a state of another length.
@@ -163,7 +163,7 @@ mod tests {
     use crate::nn::parameters::Initial;
 
     #[test]
-    fn weights_are_averaged_over_what_they_are_told_to() {
+    fn weights_are_averaged_over_the_chosen_steps() {
         let mut layout = ParameterLayout::default();
         layout.add("one", &[1], Initial::Zeros);
         let result = |averaging: Averaging| {

@@ -1,4 +1,4 @@
-//! The ceiling that the entropy of independent beads puts on the information of any encoder.
+//! //! The object-entropy bound for independent beads: an upper bound on the information of any encoder.
 //!
 //! Every object pixel holds a bead with probability p, independently. By the chain rule the information is at most
 //! the sum over object pixels of what the patch tells about one pixel when all others are known, and that is largest
@@ -51,7 +51,7 @@ pub fn binary_entropy(p: f64) -> f64 {
 /// Upper bound on the information that any estimate of a patch of independent beads can truly have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntropyBound {
-    /// The ceiling, bits per pixel of the patch.
+    /// /// The bound, bits per pixel of the patch.
     pub bits_per_pixel: f64,
     /// The cruder bound that needs no noise: entropy of all object pixels that touch the patch, bits per pixel.
     pub footprint_entropy: f64,
@@ -61,10 +61,10 @@ pub struct EntropyBound {
     pub entropy_per_object_pixel: f64,
 }
 
-/// Ceilings for beads of one density; keeps a table, so make it once per object set.
+/// Object-entropy bounds for beads of one density; holds a table, so make one per object set.
 ///
-/// Nothing here knows beads from other independent sparse objects: whatever occupies each object pixel with one
-/// probability and then adds one known pattern of light has the same ceiling.
+/// The bound holds for any independent sparse objects that occupy each object pixel with one probability and add one known
+/// pattern of light.
 ///
 /// ```
 /// use lenslet_studio::information::BeadEntropyBound;
@@ -76,14 +76,14 @@ pub struct EntropyBound {
 /// spot[[0, 1, 1]] = 500.0;
 /// spot.index_axis_mut(ndarray::Axis(0), 1).fill(500.0 / 16.0);
 ///
-/// let ceilings = BeadEntropyBound::new(0.02)?;
-/// let ceiling = ceilings.evaluate_exact(spot.view(), 10.0, (32, 32), Noise::Shot)?;
+/// let bounds = BeadEntropyBound::new(0.02)?;
+/// let bound = bounds.evaluate_exact(spot.view(), 10.0, (32, 32), Noise::Shot)?;
 /// // At most the entropy of the 32 x 32 + 35 x 35 object pixels that the patch sees.
-/// assert_eq!(ceiling.footprint_pixels, 32 * 32 + 35 * 35);
-/// assert!(ceiling.bits_per_pixel < ceiling.footprint_entropy);
+/// assert_eq!(bound.footprint_pixels, 32 * 32 + 35 * 35);
+/// assert!(bound.bits_per_pixel < bound.footprint_entropy);
 /// // The Gaussian channel is faster and never below.
-/// let fast = ceilings.evaluate(spot.view(), 10.0, (32, 32), Noise::Shot)?;
-/// assert!(ceiling.bits_per_pixel <= fast.bits_per_pixel);
+/// let fast = bounds.evaluate(spot.view(), 10.0, (32, 32), Noise::Shot)?;
+/// assert!(bound.bits_per_pixel <= fast.bits_per_pixel);
 /// # Ok::<(), lenslet_studio::information::InformationError>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -94,7 +94,7 @@ pub struct BeadEntropyBound {
 }
 
 impl BeadEntropyBound {
-    /// Ceilings for beads that occupy each object pixel with the given probability.
+    /// /// Bounds for beads that occupy each object pixel with the given probability.
     ///
     /// # Errors
     /// When the probability is not between 0 and 1.
@@ -108,7 +108,7 @@ impl BeadEntropyBound {
         Ok(Self { probability, entropy: binary_entropy(probability), information })
     }
 
-    /// The ceiling of one encoder, by a Gaussian channel for each bead: fast enough for every mouse move.
+    /// The bound of one encoder, by a Gaussian channel for each bead: fast enough for every mouse move.
     ///
     /// - `spot`: photons that one bead adds on an infinite sensor (bead convolved with the point spread function),
     ///   shape (planes, rows, cols);
@@ -129,11 +129,11 @@ impl BeadEntropyBound {
         Ok(self.sum(spot, (patch, precision), gaussian))
     }
 
-    /// The ceiling of one encoder, by the exact information of photon counts about each bead: tighter for shot noise,
-    /// above all where few photons decide. Other noises have the ceiling of [`BeadEntropyBound::evaluate`], whose arguments
+    /// The bound of one encoder, by the exact information of photon counts about each bead: tighter for shot noise,
+    /// above all where few photons decide. Other noises have the bound of [`BeadEntropyBound::evaluate`], whose arguments
     /// these are; a bias of 0 is no special case here, for a bead may still send no photon.
     ///
-    /// Each bead counts with the smaller of the two channels, so this never exceeds the other ceiling. The quadrature
+    /// Each bead counts with the smaller of the two channels, so this never exceeds the other bound. The quadrature
     /// adds less than 1e-7 bit to each bead and takes nothing away.
     ///
     /// # Errors
@@ -199,7 +199,7 @@ impl BeadEntropyBound {
     }
 }
 
-/// Refuses what has no ceiling; gives the precision of a pixel at the bias level, 1 / photons^2.
+/// Refuses what has no bound; gives the precision of a pixel at the bias level, 1 / photons^2.
 fn check(
     spot: ArrayView3<'_, f64>,
     bias: f64,

@@ -20,7 +20,7 @@ struct Part {
     by_patch: Vec<f32>,
 }
 
-/// Fused passes on all threads, with memory kept from step to step.
+/// /// Fused kernels on all threads, with workspaces reused between steps.
 #[derive(Debug, Default)]
 pub(super) struct CpuEngine {
     workspaces: Workspaces,

@@ -48,8 +48,7 @@ impl PixelCnnFit {
         self.fit_kept(shape, min_width, patches, (start, None), on_progress)
     }
 
-    /// As [`PixelCnnFit::fit`]; a keeper keeps the state as often as it asks for, and a fit whose state is there goes on from it.
-    /// Without a budget the outcome is then the same bit for bit.
+    /// /// As [`PixelCnnFit::fit`], with a checkpoint that the fit resumes from.
     ///
     /// # Errors
     /// As there; where the state cannot be read or written, or is that of another fit.
@@ -123,7 +122,7 @@ struct Run<'a> {
     fit: &'a PixelCnnFit,
     time: Stopwatch,
     keeper: Option<&'a dyn FitCheckpoint>,
-    /// When it was kept last.
+    /// /// Time of the last checkpoint.
     kept: Instant,
     optimizer: Optimizer,
     engine: Box<dyn Engine>,
@@ -158,7 +157,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// Goes on from what was kept, if anything was.
+    /// /// Restores the checkpoint, if there is one.
     fn restore(&mut self, model: &mut PixelCnn) -> Result<(), InformationError> {
         let Some(keeper) = self.keeper else { return Ok(()) };
         let Some(kept) = restore_fit(keeper, &mut model.weights, &mut self.optimizer)? else { return Ok(()) };
@@ -245,7 +244,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether so many epochs are over.
+    /// /// Whether the last epoch is over.
     fn epochs_done(&self, epochs: usize) -> bool {
         if self.fit.budget.is_some() && self.fit.schedule {
             self.done() * self.fit.max_epochs as f64 >= epochs as f64

@@ -1,4 +1,4 @@
-//! What the network is told about its data beforehand: mean, spread and range of the training patches.
+//! //! Statistics of the training patches that scale the network: mean, spread and range.
 
 use ndarray::ArrayView3;
 
