@@ -18,7 +18,7 @@ use crate::workbench::{IdealRecord, LiveNumbers, LiveRecord, Record, Repeated, p
 /// Arguments of `reproduce`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Record of a live estimate (written in the Information room) or of a run (run.json).
+    /// Record of a live estimate (written in the Information panel) or of a run (run.json).
     record: PathBuf,
 
     /// Print the result as JSON.

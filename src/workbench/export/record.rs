@@ -24,7 +24,7 @@ pub enum RecordError {
     /// The file is JSON, but not a record that this version knows.
     #[error(
         "{path}: expected a record of a live estimate or of a run, of version 1, found {found}; choose a file that \
-         the Information room has written, or the run.json of a run"
+         the Information panel has written, or the run.json of a run"
     )]
     Refused {
         /// The file.
