@@ -1,8 +1,8 @@
 //! Design lensless cameras by the information their measurements carry.
 //!
 //! A lensless camera puts a thin mask of small lenses in front of a sensor. How good a mask is for a kind of
-//! scene is told, before any decoder is chosen, by the mutual information between scenes and noisy measurements,
-//! in bits per pixel.
+//! scene is measured, before any decoder is chosen, by the mutual information between scenes and noisy measurements,
+//! in bits per pixel. [`prelude`] holds the items that most programs need.
 //!
 //! # The house
 //! Modules stand on floors and import only from floors below their own (`tests/architecture.rs` reads the imports):

@@ -1,7 +1,7 @@
 //! Lenslet Studio: the window, or one subcommand.
 
-/// The system's allocator keeps a heap for every thread that ever asked: within minutes of edits beside a run, twice what
-/// the program needs. So do huge pages, which `no_thp` does not ask for.
+/// Allocator of the program. The allocator of the system keeps a heap per thread: twice the memory within minutes of edits
+/// during a run. Huge pages cost as much; `no_thp` avoids them.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

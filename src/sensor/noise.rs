@@ -15,7 +15,7 @@ use super::poisson::sample_poisson;
 /// Least and largest standard deviation of read noise, photons.
 const LEAST_SIGMA: f64 = 1e-6;
 const MOST_SIGMA: f64 = 1e6;
-/// Read noise below which sums of it and a count still tell the count, photons. At this one the density of measurements rises and
+/// Read noise below which the sum of it and a count still determines the count, photons. At this one the density of measurements rises and
 /// falls by 1.4 % between counts, which is 0.0001 bits.
 const LEAST_HIDING_SIGMA: f64 = 0.5;
 
@@ -45,7 +45,7 @@ impl Noise {
         matches!(self, Self::Shot | Self::ShotRead { .. })
     }
 
-    /// The noise by which densities over measurements bound information from above. Read noise only takes from what counts tell,
+    /// The noise by which densities over measurements bound information from above. Read noise only reduces the information of the counts,
     /// so where it is too weak to hide that they are whole it is left out: densities that do not know of whole counts would
     /// take them for something told.
     #[must_use]
@@ -66,7 +66,7 @@ impl Noise {
 
     /// Draws noisy measurements of encoded images, shape (n, rows, cols) in photons per pixel.
     ///
-    /// Image i draws from stream i of the generator of `seed`: it has the same noise whatever else is in the stack.
+    /// Image i draws from stream i of the generator of `seed`: its noise does not depend on the rest of the stack.
     pub fn draw(self, encoded: ArrayView3<'_, f32>, seed: u64) -> Array3<f32> {
         self.draw_from(encoded, 0, seed)
     }

@@ -292,7 +292,7 @@ fn a_run_is_repeated_from_its_record() {
     let (printed, told) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{told}");
     assert!(printed.contains("Different from step 5"), "{printed}");
-    assert!(told.contains("the record, which may have been changed"), "{told}");
+    assert!(told.contains("the record may have been edited"), "{told}");
     changed["program_version"] = json!("0.0.1");
     bench.write("changed.json", changed.to_string());
     let told = text(&bench.run("reproduce changed.json".split_whitespace()).stderr);

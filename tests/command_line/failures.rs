@@ -386,7 +386,10 @@ fn states_beside_an_estimate_take_the_place_of_no_file() {
         "estimate k.fit-1 --estimator causal --resume k",
         "estimate --estimator pixelcnn --resume k --save-weights k.fit-1",
     ] {
-        assert_told(&bench.refused(line), &["k.fit-1: expected another name", "--resume k", "choose another one"]);
+        assert_told(
+            &bench.refused(line),
+            &["k.fit-1: expected a name that differs", "--resume k", "choose another name"],
+        );
     }
     assert!(bench.path("k.fit-1").exists() && !bench.path("k").exists());
 }
