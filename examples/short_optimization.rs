@@ -30,15 +30,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         last_fit: 60,
         ..IdealSettings::new(Preset::Default, Objective::Density, 3)
     };
-    let mut optimizer = Ideal::new(&model, &start, Limits::default(), settings)?;
+    let mut optimizer = IdealOptimizer::new(&model, &start, Limits::default(), settings)?;
     while !optimizer.is_finished() {
         optimizer.advance(&mut |_| ControlFlow::Continue(()))?;
     }
 
-    for checkpoint in &optimizer.state().frames {
+    for checkpoint in &optimizer.state().checkpoints {
         println!("step {}: {:.3} bits per pixel", checkpoint.step, checkpoint.bits_per_pixel);
     }
-    if let Some(last) = optimizer.state().frames.last() {
+    if let Some(last) = optimizer.state().checkpoints.last() {
         for lenslet in &last.array.lenslets {
             println!("lenslet at ({:.2}, {:.2}) px, weight {:.2}", lenslet.x, lenslet.y, lenslet.weight);
         }

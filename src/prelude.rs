@@ -33,4 +33,4 @@ pub use crate::evaluation::{
 pub use crate::information::{Bracket, Estimate, Estimator, InformationError, NamedBound};
 
 // The optimizer.
-pub use crate::design::{Ideal, IdealError, IdealSettings, Objective, Preset};
+pub use crate::design::{IdealError, IdealOptimizer, IdealSettings, Objective, Preset};

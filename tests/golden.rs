@@ -13,7 +13,7 @@ use lenslet_studio::evaluation::EvaluationError;
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{Estimate, PixelCnn};
 use lenslet_studio::studies::StudyRecord;
-use lenslet_studio::workbench::{GoOn, KeptRun, Record, Session, Snapshots, run_ideal};
+use lenslet_studio::workbench::{Record, RunStore, Session, Snapshots, run_ideal};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden").join(name)
@@ -95,7 +95,7 @@ fn weights_open() {
 fn runs_are_resumed() {
     for (name, at) in [("window-v0/run", 0), ("starts-v0", 1)] {
         let folder = copied(name);
-        let run = KeptRun::in_folder(folder.path()).unwrap();
+        let run = RunStore::in_folder(folder.path()).unwrap();
         let (order, states) = run.last().unwrap();
         assert_eq!(order.at, at);
         let state = match states[at].clone() {
@@ -109,7 +109,7 @@ fn runs_are_resumed() {
             resumed = true;
             ControlFlow::Break(())
         };
-        let from = Some(GoOn { state: &state, rewind_to: None });
+        let from = Some(&state[..]);
         let design = &order.starts[at].design;
         let ended =
             run_ideal(design, &order.settings, from, &|_| ControlFlow::Continue(()), &mut |_| Ok(()), &mut watch);

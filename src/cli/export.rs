@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::choices::{check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs, check_no_other};
-use super::design_runs::RECORD;
+use super::optimize_runs::RECORD;
 use super::{Failure, output};
 use crate::workbench::{Colormap, design_outputs, export_design};
 

@@ -5,12 +5,12 @@
 
 mod bounds;
 mod choices;
-mod design;
 mod design_args;
-mod design_runs;
 mod estimate;
 mod export;
 mod headless;
+mod optimize;
+mod optimize_runs;
 mod output;
 mod reproduce;
 mod simulate;
@@ -59,7 +59,8 @@ enum Command {
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
     /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
-    Design(design::Arguments),
+    #[command(alias = "design")]
+    Optimize(optimize::Arguments),
     /// Estimate a table of objects, designs and patches (resumable) and write it into a folder.
     Study(study::Arguments),
     /// Recompute a live estimate or a run from its record, and compare the results.
@@ -134,7 +135,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Simulate(arguments)) => arguments.run(),
         Some(Command::Bounds(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
-        Some(Command::Design(arguments)) => arguments.run(),
+        Some(Command::Optimize(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
         Some(Command::Reproduce(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),

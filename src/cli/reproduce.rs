@@ -85,7 +85,7 @@ impl Arguments {
             progress_line.show(progress.state.step, total, "");
             ControlFlow::Continue(())
         };
-        let record = recorded.repeat(&parts, &|_| ControlFlow::Continue(()), &mut watch);
+        let record = recorded.reproduce(&parts, &|_| ControlFlow::Continue(()), &mut watch);
         let record = record.map_err(|error| about_objects(&recorded.start, error))?;
         progress_line.finish();
 
@@ -126,11 +126,11 @@ fn lines_of_run(
 ) -> Vec<String> {
     let patch = patches_of(record.settings.patch);
     let mut lines = vec![format!("Run on {}, {patch}, bits per pixel (now, recorded):", record.start.objects)];
-    let last = recorded.frames.len() - 1;
+    let last = recorded.checkpoints.len() - 1;
     for at in [0, last] {
-        if let Some(now) = record.frames.get(at) {
+        if let Some(now) = record.checkpoints.get(at) {
             let [low, high] = now.interval_95;
-            let (bits, then, step) = (now.bits_per_pixel, recorded.frames[at].bits_per_pixel, now.step);
+            let (bits, then, step) = (now.bits_per_pixel, recorded.checkpoints[at].bits_per_pixel, now.step);
             lines.push(format!("  step {step}: {bits:.6} [{low:.4}, {high:.4}], {then:.6}"));
         }
     }

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::choices::{about_objects, check_count, check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs, check_no_other};
-use super::design_runs::RECORD;
+use super::optimize_runs::RECORD;
 use super::output::ProgressLine;
 use super::tamura::Summary;
 use super::{Failure, output};

@@ -1,4 +1,4 @@
-//! What can be wrong with a design by information.
+//! Errors of the optimizer.
 
 use thiserror::Error;
 
@@ -8,44 +8,44 @@ use crate::optics::LensletError;
 use crate::plural::counted;
 use crate::sensor::SensorError;
 
-/// Why a mask has no gradient, or a run no next step.
+/// Error of a gradient or of an optimizer run.
 #[derive(Debug, Error)]
 pub enum IdealError {
-    /// The mask.
+    /// Error of the mask.
     #[error(transparent)]
     Lenslets(#[from] LensletError),
-    /// The objects.
+    /// Error of the objects.
     #[error(transparent)]
     Objects(#[from] ObjectError),
     /// Objects, PSF and patches together.
     #[error(transparent)]
     Sensor(#[from] SensorError),
-    /// The density model or the decoder.
+    /// Error of the density model or the decoder.
     #[error(transparent)]
     Information(#[from] InformationError),
-    /// A setting of the run.
+    /// A setting is out of range.
     #[error("{name} is {found}; expected {expected}")]
     Setting {
-        /// The setting.
+        /// Name of the setting.
         name: &'static str,
         /// Its value.
         found: String,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
     },
-    /// Steps were refused again and again.
+    /// Too many steps were refused.
     #[error(
-        "the gradient of the mask had no finite numbers {}; start from another mask or at a lower rate",
+        "the gradient of the mask was not finite {}; start from another mask or with lower rates",
         counted(*refused, "time")
     )]
     Diverged {
-        /// How often.
+        /// Number of refused steps.
         refused: usize,
     },
-    /// A state that belongs to another run.
+    /// A saved state belongs to another run.
     #[error("this is not the state of this run: {reason}")]
     OtherRun {
-        /// What differs.
+        /// Difference.
         reason: String,
     },
 }

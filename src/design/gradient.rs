@@ -1,4 +1,4 @@
-//! The gradient of information by the lenslets, the density model's weights held.
+//! Gradient of the information by the lenslets under a density model with fixed weights.
 
 use ndarray::{Array3, ArrayView3, ArrayView4, Axis};
 use rand::SeedableRng;
@@ -13,7 +13,7 @@ use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolution, Patches};
 
-/// The objects, and what chance does to their measurements.
+/// Objects with the random numbers of their measurements.
 #[derive(Clone, Copy)]
 pub struct GradientScene<'a> {
     /// Transforms for objects and PSF.
@@ -22,26 +22,26 @@ pub struct GradientScene<'a> {
     pub objects: ArrayView4<'a, f32>,
     /// Background, photons per pixel.
     pub bias: f64,
-    /// Where patches are cut out of the measurements.
+    /// Places of the patches in the measurements.
     pub patches: &'a Patches,
     /// A standard normal number for the noise of every pixel of every patch, shape (patches, rows, cols).
     pub normals: ArrayView3<'a, f32>,
 }
 
-/// Information of a mask and how it changes with every lenslet.
+/// Information of a mask and its gradient by every lenslet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DesignGradient {
-    /// Under the density model, at these measurements, bits per pixel.
+    /// Information of these measurements under the density model, bits per pixel.
     pub bits_per_pixel: f64,
-    /// Per lenslet, bits per pixel and unit of the parameter.
+    /// Gradient by each lenslet, bits per pixel and unit of the parameter.
     pub lenslets: Vec<LensletGradient>,
 }
 
-/// Information of the measurements of `scene` through `array` under a density model whose weights are held, and its exact
-/// gradient through likelihood, reparameterised noise, valid convolution and point spread function (Kabuli et al. 2026).
+/// Information of the measurements of `scene` through `array` under a density model with fixed weights, and its exact gradient
+/// through likelihood, reparameterised noise, valid convolution and point spread function (Kabuli et al. 2026).
 ///
-/// A model that was fitted to measurements of this mask makes the number an estimate, and its gradient that of the
-/// information, since the fit stands at the bottom of the cross-entropy.
+/// The weights should be fitted to measurements of this mask. The fit minimises the cross-entropy, so that its gradient by the
+/// weights vanishes.
 ///
 /// # Errors
 /// [`IdealError`] where mask, objects, patches and model do not belong together.
@@ -62,22 +62,21 @@ pub fn information_gradient(
     Ok(DesignGradient { bits_per_pixel, lenslets: psf_gradient(array, by_psf.view())? })
 }
 
-/// Which measurements a gradient is taken of.
+/// Random draw of the measurements of a gradient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GradientDraw {
-    /// The part of the objects.
+    /// Part of the objects.
     pub split: Split,
-    /// Objects that are measured.
+    /// Number of objects.
     pub objects: usize,
-    /// Patches that are cut out of their measurements.
+    /// Number of patches from their measurements.
     pub patches: usize,
     /// Seed of objects, places and noise.
     pub seed: u64,
 }
 
 impl ForwardModel<'_> {
-    /// The [`information_gradient`] of freshly drawn measurements, cut to patches of `patch` (rows, cols), which the model
-    /// must take.
+    /// The [`information_gradient`] of freshly drawn measurements with patches of shape `patch` (rows, cols).
     ///
     /// # Errors
     /// As [`information_gradient`]; where objects cannot be drawn.

@@ -1,25 +1,23 @@
-//! Lenslets that have become one, or dark: how many there really are, and the mask without the others.
+//! Merging of coincident lenslets and removal of dark ones.
 
 use super::settings::{Free, IdealSettings};
 use crate::optics::{Lenslet, LensletArray, Spot};
 
-/// Distance of centres below which two lenslets make one spot, px.
+/// Distance of centres below which two lenslets coincide, px.
 const COINCIDENT_PX: f64 = 0.25;
-/// Distance of centres below which two lenslets may as well be one, px.
+/// Distance of centres below which two lenslets are a close pair, px.
 const CLOSE_PX: f64 = 1.0;
-/// Share of the light below which a lenslet is dark, and the same as a share of what one lenslet of many has on average:
-/// where there are hundreds, all of them may have little.
+/// Share of the total weight below which a lenslet is dark, and share of the mean weight; the smaller of both counts, since each of
+/// hundreds of lenslets has little.
 const DARK: f64 = 1e-3;
 const DARK_OF_MEAN: f64 = 0.1;
 
-/// The array with dark lenslets left out and coincident ones made one: the same light, its centre of mass and mean
-/// covariance.
+/// The array without dark lenslets and with coincident ones merged: their total weight, centre of mass and mean covariance.
 pub fn merged(array: &LensletArray) -> LensletArray {
     merged_where(array, Free::default(), &[])
 }
 
-/// The mask that a run with these settings leaves: as [`merged`], but locked lenslets and what is held are as they
-/// were.
+/// The result of a run with these settings: as [`merged`], but locked lenslets and fixed parameters stay.
 pub fn merged_result(array: &LensletArray, settings: &IdealSettings) -> LensletArray {
     merged_where(array, settings.free, &settings.locked)
 }
@@ -29,11 +27,11 @@ fn merged_where(array: &LensletArray, free: Free, locked: &[usize]) -> LensletAr
     let dark = total * DARK.min(DARK_OF_MEAN / array.lenslets.len().max(1) as f64);
     let lenslets = array.lenslets.iter().enumerate().map(|(index, lenslet)| (*lenslet, !locked.contains(&index)));
     let mut lenslets: Vec<_> = lenslets.filter(|(lenslet, may_change)| lenslet.weight >= dark || !may_change).collect();
-    let mut go_on = free.weights;
-    while go_on {
+    let mut is_joining = free.weights;
+    while is_joining {
         let apart = apart(&lenslets, free);
-        // What was joined may have come upon another.
-        go_on = apart.len() < lenslets.len();
+        // A joined lenslet may coincide with another one.
+        is_joining = apart.len() < lenslets.len();
         lenslets = apart;
     }
     if lenslets.is_empty() {
@@ -43,7 +41,7 @@ fn merged_where(array: &LensletArray, free: Free, locked: &[usize]) -> LensletAr
     LensletArray { lenslets, ..array.clone() }.with_unit_weight()
 }
 
-/// The lenslets, which may change or not, with each joined to the first one before it that it coincides with.
+/// The lenslets, each with whether it may change, and each joined to the first one before it that it coincides with.
 fn apart(lenslets: &[(Lenslet, bool)], free: Free) -> Vec<(Lenslet, bool)> {
     let mut apart: Vec<(Lenslet, bool)> = Vec::with_capacity(lenslets.len());
     for &(lenslet, may_change) in lenslets {
@@ -56,7 +54,7 @@ fn apart(lenslets: &[(Lenslet, bool)], free: Free) -> Vec<(Lenslet, bool)> {
     apart
 }
 
-/// Whether two lenslets make one spot: a narrow one in the middle of a wide one does not.
+/// Whether two lenslets coincide: close centres and about the same width.
 fn coincide(one: &Lenslet, other: &Lenslet) -> bool {
     let ((axx, axy, ayy), (bxx, bxy, byy)) = (one.spot.covariance(), other.spot.covariance());
     one.plane == other.plane
@@ -66,7 +64,7 @@ fn coincide(one: &Lenslet, other: &Lenslet) -> bool {
         && (axy - bxy).abs() < COINCIDENT_PX
 }
 
-/// The two lenslets of one plane whose centres are closest, and their distance in px.
+/// Indices of the two lenslets of one plane with the closest centres, and their distance, px.
 fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
     let mut found: Option<(usize, usize, f64)> = None;
     for (one, a) in lenslets.iter().enumerate() {
@@ -80,19 +78,19 @@ fn closest(lenslets: &[Lenslet]) -> Option<(usize, usize, f64)> {
     found
 }
 
-/// Least distance of the centres of two lenslets of one plane, px, where there are two.
+/// Least distance of the centres of two lenslets of one plane, px; none for fewer than two.
 pub fn least_separation_px(array: &LensletArray) -> Option<f64> {
     closest(&array.lenslets).map(|(_, _, distance)| distance)
 }
 
-/// Of some lenslets of an array the two that all but coincide, as places in the list.
+/// Indices of a close pair among some lenslets of an array.
 pub(super) fn close_pair(array: &LensletArray, among: &[usize]) -> Option<(usize, usize)> {
     let lenslets: Vec<Lenslet> = among.iter().map(|&index| array.lenslets[index]).collect();
     let (one, other, _) = closest(&lenslets).filter(|&(_, _, distance)| distance < CLOSE_PX)?;
     Some((among[one], among[other]))
 }
 
-/// One lenslet with the light of two; what is not free is as it was in the first.
+/// One lenslet with the weight of two; fixed parameters are those of the first.
 pub(super) fn joined(one: Lenslet, other: Lenslet, free: Free) -> Lenslet {
     let weight = one.weight + other.weight;
     let share = if weight > 0.0 { one.weight / weight } else { 0.5 };
@@ -116,7 +114,7 @@ mod tests {
     use crate::optics::{heuristic_layout, render_psf};
 
     #[test]
-    fn coincident_and_dark_lenslets_leave_the_psf_as_it_was() {
+    fn merging_keeps_the_psf() {
         let mut array = heuristic_layout(4);
         array.lenslets.push(Lenslet { weight: 1e-9, x: 20.0, ..array.lenslets[0] });
         array.lenslets.push(Lenslet { x: array.lenslets[2].x + 0.02, weight: 0.1, ..array.lenslets[2] });
@@ -130,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_core_keeps_its_halo_locked_lenslets_their_place_and_held_weights_their_light() {
+    fn merging_spares_halos_locked_lenslets_and_fixed_weights() {
         let mut array = heuristic_layout(3);
         array.lenslets.push(Lenslet { spot: Spot::Isotropic(5.0), ..array.lenslets[0] });
         assert_eq!(merged(&array).lenslets.len(), 4);
@@ -149,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn lenslets_that_come_together_by_being_joined_are_one() {
+    fn merging_repeats_until_no_pair_coincides() {
         let at = |x: f64| Lenslet::round(x, 5.0, 1.0, 1.0);
         let array = LensletArray { rows: 10, cols: 10, lenslets: [5.0, 5.4, 5.2, 5.34].map(at).to_vec() };
         let [one] = &merged(&array).lenslets[..] else { panic!("one lenslet") };
@@ -157,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn none_of_many_lenslets_is_dark_because_others_have_become_brighter() {
+    fn many_lenslets_are_not_dark_beside_brighter_ones() {
         let lenslet = |index: usize| Lenslet::round((index % 40) as f64, (index / 40) as f64, 1.0, 1.0);
         let mut array = LensletArray { rows: 50, cols: 40, lenslets: (0..2000).map(lenslet).collect() };
         for lenslet in &mut array.lenslets[..10] {

@@ -1,20 +1,22 @@
-//! Design by information: how the information of the measurements changes with the mask, and masks that climb it.
+//! Mask optimization by information (IDEAL, Kabuli et al. 2026): gradient of the information by the mask, and the optimizer.
 
+mod adam;
+mod config;
 mod error;
 mod gradient;
-mod guide;
-mod ideal;
 mod merge;
-mod movement;
-mod schedule;
+mod objective_model;
+mod observer;
+mod optimizer;
+mod projection;
 mod settings;
 mod state;
-mod unused;
-mod watched;
 
+pub use config::SettingsFile;
 pub use error::IdealError;
 pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_gradient};
-pub use ideal::{Ideal, OnIdeal};
 pub use merge::{least_separation_px, merged, merged_result};
+pub use observer::Observer;
+pub use optimizer::IdealOptimizer;
 pub use settings::{Free, IdealSettings, Objective, Preset, Rates};
-pub use state::{Doing, Frame, IdealEvent, IdealProgress, IdealState, gain_in_words, time_left};
+pub use state::{Checkpoint, IdealEvent, IdealProgress, IdealState, Phase, gain_summary, time_left};

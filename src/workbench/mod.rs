@@ -5,9 +5,9 @@ mod background;
 mod document;
 mod estimates;
 mod export;
-mod ideal;
 mod jobs;
 mod live;
+mod runs;
 mod session;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
@@ -24,10 +24,6 @@ pub use export::design_files::{
 };
 pub use export::record::{Record, RecordError};
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
-pub use ideal::{
-    DesignRun, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, RunBounds, RunStatus, Start, curve_of, patches_of,
-    run_ideal, score_in_patches, score_settings, score_whole, verdict, worths,
-};
 pub use jobs::job::{Job, Outcome};
 pub use jobs::worker::{Live, Revisioned, Worker};
 pub use live::bounds::{BoundSource, SensorBounds};
@@ -35,5 +31,9 @@ pub use live::estimator::{LiveEstimate, ReplayRecipe};
 pub use live::inspection::{InspectionKey, InspectionRequest, SampleInspection};
 pub use live::position_gradients::PositionGradient;
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
+pub use runs::{
+    DesignRun, IdealRecord, RankedStart, RunBounds, RunQueue, RunStatus, RunStore, Start, comparison_summary, curve_of,
+    patches_of, result_lines, run_ideal, score_in_patches, score_settings, score_whole,
+};
 pub use session::Session;
 pub use session::snapshots::{Bits, FileChange, Snapshot, SnapshotNumbers, Snapshots};

@@ -19,10 +19,10 @@ use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
 use crate::workbench::estimates::files::{EstimateOrder, FinishedEstimate};
 use crate::workbench::estimates::queue::Estimates;
-use crate::workbench::ideal::Designer;
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::jobs::worker::{Live, Wanted, Worker};
 use crate::workbench::live::inspection::InspectionRequest;
+use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
 
 /// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
@@ -48,7 +48,7 @@ pub struct Session {
     threads: Threads,
     activities: Activities,
     pub(crate) worker: Worker,
-    pub(in crate::workbench) designer: Designer,
+    pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
     /// In the folder before, until its design is kept in the new one.
@@ -82,7 +82,7 @@ impl Session {
             history: History::default(),
             path,
             worker,
-            designer: Designer::new(wake, threads.clone(), activities.clone()),
+            designer: RunThread::new(wake, threads.clone(), activities.clone()),
             threads,
             activities,
             watched: RunPreview::default(),

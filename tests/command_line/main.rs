@@ -1,10 +1,10 @@
 //! The program as its users meet it: the built binary, its files, its sentences and its exit codes.
 
-mod design;
 mod display;
 mod failures;
 mod inputs;
 mod measured;
+mod optimize;
 mod options;
 mod outputs;
 mod streams;

@@ -135,6 +135,20 @@ fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) 
     window.run_steps(3);
 }
 
+/// Stops the run, and the score that follows, and waits until the run has stopped.
+fn stop_run(window: &mut Window) {
+    let deadline = std::time::Instant::now() + std::time::Duration::from_mins(5);
+    while studio(window).bench().run().is_some_and(|run| run.is_active()) && std::time::Instant::now() < deadline {
+        window.run_steps(2);
+        let label = ["Stop run", "Stop scoring"].into_iter().find(|label| window.query_by_label(label).is_some());
+        if let Some(label) = label {
+            click(window, label);
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    window.run_steps(4);
+}
+
 /// Turns the wheel over a place.
 fn turn(window: &mut Window, place: Pos2, notches: f32, modifiers: Modifiers) {
     window.hover_at(place);

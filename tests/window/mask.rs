@@ -311,7 +311,7 @@ fn locked_lenslets_stay_locked_and_unmoved() {
     assert_eq!(run.settings.locked, [1]);
     assert_eq!((run.array.lenslets[1].x, run.array.lenslets[1].y), (kept.x, kept.y));
     assert_ne!(run.array.lenslets[0].x, run.start.encoder.lenslets().unwrap().lenslets[0].x);
-    click(&mut window, "Stop run");
+    super::stop_run(&mut window);
 }
 
 #[test]

@@ -114,6 +114,6 @@ fn panics_of_estimates_and_runs_are_reported() {
         click(&mut window, "Start new run");
     }
     wait_for(&mut window, "a step of the next run", |window| {
-        studio(window).bench().run().is_some_and(|run| !run.frames.is_empty())
+        studio(window).bench().run().is_some_and(|run| !run.checkpoints.is_empty())
     });
 }

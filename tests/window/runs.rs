@@ -1,15 +1,15 @@
-//! Runs in the window: started, watched, rewound, stopped, and undone; and undo of everything else.
+//! Runs in the window: started, previewed, paused, stopped, and undone; and undo of everything else.
 
 use super::estimates::wait_for;
 use super::home::at_home;
 use super::*;
 use egui::accesskit::Toggled;
 use egui_kittest::kittest::NodeT;
-use lenslet_studio::design::{Ideal, IdealSettings, Objective, Preset};
+use lenslet_studio::design::{IdealOptimizer, IdealSettings, Objective, Preset};
 use lenslet_studio::evaluation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 use lenslet_studio::information::Protocol;
 use lenslet_studio::optics::{heuristic_layout, random_layout};
-use lenslet_studio::workbench::{KeptOrder, KeptRun, RankedStart, RunStatus, Start, run_ideal};
+use lenslet_studio::workbench::{RankedStart, RunQueue, RunStatus, RunStore, Start, run_ideal};
 
 #[test]
 fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
@@ -17,24 +17,27 @@ fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
     let started = |window: &mut Window, button: &str| {
         click(window, button);
         wait_for(window, "the run", |window| studio(window).bench().run().is_some_and(|run| run.step > 0));
-        click(window, "Stop run");
+        stop_run(window);
         wait_for(window, "its end", |window| {
             studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
         });
         let run = studio(window).bench().run().unwrap();
-        (run.settings.refit_every, run.settings.rates.position, run.settings.settle)
+        (run.settings.refit_every, run.settings.rates.position, run.settings.decay_fraction)
     };
     for name in ["Optimize", "Details", "16 px", "Schedule and rates"] {
         click(&mut window, name);
     }
     type_number(&mut window, "Refit every", "7");
     type_number(&mut window, "Position rate", "0.25");
-    type_number(&mut window, "Settle over", "50");
+    type_number(&mut window, "Decay over", "50");
     assert_eq!(started(&mut window, "Start run"), (7, 0.25, 0.5));
-    click(&mut window, "As the preset");
+    click(&mut window, "Reset to preset");
     click(&mut window, "Start run");
     let preset = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-    assert_eq!(started(&mut window, "Start new run"), (preset.refit_every, preset.rates.position, preset.settle));
+    assert_eq!(
+        started(&mut window, "Start new run"),
+        (preset.refit_every, preset.rates.position, preset.decay_fraction)
+    );
 }
 
 #[test]
@@ -51,23 +54,23 @@ fn all_of_the_order_of_a_run_can_be_reached_in_a_small_window() {
 }
 
 #[test]
-fn a_run_is_started_watched_rewound_and_undone() {
+fn run_is_started_paused_stopped_accepted_and_undone() {
     let mut window = open(Design::default());
     click(&mut window, "Optimize");
     click(&mut window, "Details");
     click(&mut window, "16 px");
     let before = lenslets(&window);
     click(&mut window, "Start run");
-    let frames = |window: &Window| studio(window).bench().run().map_or(0, |run| run.frames.len());
-    wait_for(&mut window, "the third refit", |window| frames(window) >= 3);
+    let checkpoints = |window: &Window| studio(window).bench().run().map_or(0, |run| run.checkpoints.len());
+    wait_for(&mut window, "the third refit", |window| checkpoints(window) >= 3);
     // The mask in the window is that of the run, and everything that depends on it follows; the design is as it was.
     assert_ne!(lenslets(&window), before);
     assert!(studio(&window).bench().is_following() && studio(&window).bench().is_previewing());
     assert_eq!(open_lenslets(&window), before);
     assert!(!studio(&window).bench().is_dirty());
     let run = studio(&window).bench().run().unwrap();
-    assert!(run.frames[0].bits_per_pixel > 0.1 && run.frames[2].step == 40);
-    assert_eq!(run.pulls.len(), before.len(), "arrows show where what it climbs pulls them");
+    assert!(run.checkpoints[0].bits_per_pixel > 0.1 && run.checkpoints[2].step == 40);
+    assert_eq!(run.position_gradients.len(), before.len(), "arrows show where what it climbs pulls them");
     assert_eq!(run.settings.objective, Objective::Posterior, "the prior of beads is known");
     assert!(window.query_by_label("Rewind").is_some());
 
@@ -79,18 +82,10 @@ fn a_run_is_started_watched_rewound_and_undone() {
     std::thread::sleep(std::time::Duration::from_millis(400));
     window.run_steps(4);
     assert!(studio(&window).bench().run().unwrap().step <= paused + 1);
-    // An earlier mask is looked at, and the run goes on from it.
-    click(&mut window, "Back to start");
-    assert_eq!(lenslets(&window), before);
-    click(&mut window, "Go on from step 0");
-    wait_for(&mut window, "more steps", |window| studio(window).bench().run().unwrap().step > paused + 1);
-    window.get_by_label_contains("Returns to a mask that was chosen: 1");
-    assert!(studio(&window).bench().is_following() && window.query_by_label("Go on from step 0").is_none());
-    click(&mut window, "Pause run");
     click(&mut window, "Resume run");
     wait_for(&mut window, "more steps", |window| studio(window).bench().run().unwrap().step > paused + 2);
 
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| {
         studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
     });
@@ -123,15 +118,15 @@ fn a_run_is_started_watched_rewound_and_undone() {
     click(&mut window, "Cancel");
     assert_eq!(lenslets(&window), stopped);
     // What it brings later can take the place of what was accepted.
-    click(&mut window, "Go on");
+    click(&mut window, "Resume");
     wait_for(&mut window, "the next steps", |window| studio(window).bench().run().unwrap().step > paused + 5);
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
     click(&mut window, "Start run");
     click(&mut window, "Start new run");
     wait_for(&mut window, "the first step", |window| studio(window).bench().run().unwrap().step > 0);
     assert!(studio(&window).bench().run().unwrap().step <= paused);
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
 
     // A mask may also become a design of its own.
@@ -150,7 +145,7 @@ fn masks_of_a_run_push_no_edits_out_of_the_history() {
         click(&mut window, name);
     }
     wait_for(&mut window, "some masks", |window| studio(window).bench().run().is_some_and(|run| run.step >= 30));
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
     click(&mut window, "End preview");
     settle(&mut window);
@@ -179,7 +174,7 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     let step = studio(&window).bench().run().unwrap().step;
     wait_for(&mut window, "the run to go on", |window| studio(window).bench().run().unwrap().step > step + 1);
     assert_eq!(lenslets(&window), edited);
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
 
     // The design is no longer what the run started from: a mask of the run can be had as a design of its own.
@@ -210,8 +205,8 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     click(&mut window, "Start from");
     click(&mut window, "Random lenslets");
     click(&mut window, "Start run");
-    let frames = |window: &Window| studio(window).bench().run().map_or(0, |run| run.frames.len());
-    wait_for(&mut window, "the second refit", |window| frames(window) >= 2);
+    let checkpoints = |window: &Window| studio(window).bench().run().map_or(0, |run| run.checkpoints.len());
+    wait_for(&mut window, "the second refit", |window| checkpoints(window) >= 2);
     assert_eq!((lenslets(&window).len(), open_lenslets(&window)), (25, before.clone()));
     // What the run knows of its mask stands among the numbers.
     wait_for(&mut window, "the bounds of the run", |window| {
@@ -227,7 +222,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     settle(&mut window);
     click(&mut window, "Optimize");
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
     click(&mut window, "Show newest");
     let newest = lenslets(&window);
@@ -257,8 +252,7 @@ fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
     let begun = |window: &mut Window, button: &str| {
         click(window, button);
         wait_for(window, "the run", |window| studio(window).bench().run().is_some_and(|run| run.step > 0));
-        assert!(window.query_by_label("End and score").is_none(), "it goes on");
-        click(window, "Stop run");
+        stop_run(window);
         wait_for(window, "its end", |window| {
             studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
         });
@@ -266,16 +260,6 @@ fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
     };
     let run = begun(&mut window, "Start run");
     assert_eq!(run.start.encoder, Encoder::Lenslets(heuristic_layout(2)));
-    click(&mut window, "End and score");
-    wait_for(&mut window, "the last fit", |window| {
-        let run = studio(window).bench().run().unwrap();
-        run.record.is_some_and(|record| record.finished && record.settings.steps == run.step)
-    });
-    assert!(studio(&window).bench().run().unwrap().is_active(), "its score is still to come");
-    click(&mut window, "Stop run");
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
-    assert!(window.query_by_label("End and score").is_none(), "it has ended there");
-
     click(&mut window, "Start from");
     click(&mut window, "Random lenslets");
     type_number(&mut window, "Random lenslets", "3");
@@ -308,9 +292,9 @@ fn two_results_in(folder: &Path) -> Vec<RankedStart> {
         weights: WeightsFiles::default(),
     };
     let go_on = || std::ops::ControlFlow::Continue(());
-    let kept = KeptRun::in_folder(&folder.join("run")).unwrap();
+    let kept = RunStore::in_folder(&folder.join("run")).unwrap();
     let found = |(at, start): (usize, &Start)| {
-        let keep = &mut |ideal: &Ideal<'_>| kept.store(at, &ideal.to_bytes()?);
+        let keep = &mut |ideal: &IdealOptimizer<'_>| kept.store(at, &ideal.to_bytes()?);
         let record = run_ideal(&start.design, &settings, None, &|_| go_on(), keep, &mut |_| go_on()).unwrap();
         let design = std::sync::Arc::new(record.design());
         let estimate = estimate(&design, &request, &mut |_| go_on()).unwrap();
@@ -319,28 +303,9 @@ fn two_results_in(folder: &Path) -> Vec<RankedStart> {
     };
     let ranked: Vec<RankedStart> = starts.iter().enumerate().map(found).collect();
     let (starts, settings, found) = (starts, settings.clone(), ranked.clone());
-    let order = KeptOrder { at: 1, ranked: found, ..KeptOrder::new(starts, settings) };
+    let order = RunQueue { at: 1, ranked: found, ..RunQueue::new(starts, settings) };
     kept.note(&order).unwrap();
     ranked
-}
-
-#[test]
-fn of_several_starts_the_one_that_is_shown_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let ranked = two_results_in(folder.path());
-    let mut window = at_home(folder.path());
-    click(&mut window, "Optimize");
-    // Nothing was chosen: the start that came last is shown, which is not the first in the list.
-    let begun = |result: &RankedStart| result.record.as_ref().unwrap().frames[0].array.lenslets.clone();
-    click(&mut window, "Back to start");
-    assert_eq!(lenslets(&window), begun(&ranked[1]));
-    window.get_by_label("Go on with result 2");
-    click(&mut window, "Go on from step 0");
-    wait_for(&mut window, "its next steps", |window| studio(window).bench().run().unwrap().step > 4);
-    click(&mut window, "Stop run");
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
-    let run = studio(&window).bench().run().unwrap();
-    assert_eq!((run.start_number, &run.frames[0].array.lenslets), ((2, 2), &begun(&ranked[1])));
 }
 
 #[test]
@@ -365,7 +330,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
         run.comparison.as_ref().map_or(0, |study| study.cells.len())
     };
     wait_for(&mut window, "the first numbers", |window| cells(window) >= 1);
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
     let run = studio(&window).bench().run().unwrap();
     assert_eq!((run.status, run.ranked.len()), (RunStatus::Finished, 2), "as it was");
@@ -393,23 +358,8 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     click(&mut window, "Start run");
     window.get_by_label_contains("It has 2 results.");
     click(&mut window, "Cancel");
-    // Where nothing was chosen the last start is shown.
-    window.get_by_label("Go on with result 2");
-    click(&mut window, "Result 1");
-    window.get_by_label("Go on with result 1");
-    click(&mut window, "Result 2");
-    click(&mut window, "Go on with result 2");
-    wait_for(&mut window, "its next steps", |window| studio(window).bench().run().unwrap().step > 4);
-    click(&mut window, "Stop run");
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
-    let run = studio(&window).bench().run().unwrap();
-    let begun = &run.frames[0].array.lenslets;
-    assert_eq!(*begun, ranked[1].record.as_ref().unwrap().frames[0].array.lenslets, "it is the run that led there");
-    assert_eq!((run.start_number, run.alone, run.ranked.len()), ((2, 2), true, 2));
-    drop(window);
-    let window = at_home(folder.path());
-    let run = studio(&window).bench().run().unwrap();
-    assert_eq!((run.start_number, run.alone, run.status), ((2, 2), true, RunStatus::Stopped));
+    // Each result can be opened as a design, from which a new run starts.
+    assert!(window.query_by_label("Extend").is_none() && window.query_by_label("Resume").is_none());
 }
 
 /// Lenslets of the open design, whatever is shown.
@@ -436,7 +386,7 @@ fn what_a_run_climbs_suits_the_objects() {
     click(&mut window, "Start run");
     wait_for(&mut window, "the run", |window| studio(window).bench().run().is_some());
     assert_eq!(studio(&window).bench().run().unwrap().settings.objective, Objective::PixelCnn);
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "its end", |window| !studio(window).bench().run().unwrap().is_active());
     click(&mut window, "Preset");
     click(&mut window, "default");

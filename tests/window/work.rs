@@ -231,7 +231,7 @@ fn closing_asks_while_jobs_run() {
     click(&mut window, "Cancel");
     let status = studio(&window).bench().run().map(|run| run.status);
     assert_eq!(status, Some(RunStatus::Running));
-    click(&mut window, "Stop run");
+    stop_run(&mut window);
     wait_for(&mut window, "its end", |window| !states(window).contains(&ActivityState::Running));
     close(&mut window);
     assert!(window.query_by_label("Close the window?").is_none());
@@ -244,7 +244,7 @@ fn run_is_listed_among_jobs_and_reproducible() {
     type_number(&mut window, "Steps", "10");
     click(&mut window, "Start run");
     wait_for(&mut window, "the second refit", |window| {
-        studio(window).bench().run().is_some_and(|run| run.frames.len() >= 2)
+        studio(window).bench().run().is_some_and(|run| run.checkpoints.len() >= 2)
     });
     click(&mut window, "More of the run");
     let line = copied(&mut window, "Copy command of run");
@@ -256,7 +256,7 @@ fn run_is_listed_among_jobs_and_reproducible() {
     answer(&mut window, &file, "Export");
     let record: serde_json::Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
     assert_eq!(record["settings"]["steps"], 10);
-    assert!(!record["frames"].as_array().unwrap().is_empty() && record["objects_fingerprint"].is_string());
+    assert!(!record["checkpoints"].as_array().unwrap().is_empty() && record["objects_fingerprint"].is_string());
     window.key_press_modifiers(Modifiers::COMMAND, Key::J);
     window.run_steps(3);
     click(&mut window, "Stop job 1");

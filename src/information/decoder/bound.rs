@@ -1,4 +1,4 @@
-//! //! Lower bound on the information by a trained decoder.
+//! The lower bound: a number of bits per pixel with all that belongs to it.
 
 use std::ops::ControlFlow;
 
@@ -29,7 +29,7 @@ pub struct LowerBound {
     pub decoder: DecoderKind,
     /// Patch shape [rows, cols], pixels.
     pub patch: [usize; 2],
-    /// /// Decoded object pixels of all planes: those whose light reaches the patch.
+    /// Object pixels, over all planes, that were decoded: those whose light reaches the patch.
     pub sites: usize,
     /// Probability of a bead at each of them.
     pub probability: f64,
@@ -37,7 +37,7 @@ pub struct LowerBound {
     pub bias: f64,
     /// Noise of the measurements.
     pub noise: Noise,
-    /// /// Held-out samples of the test.
+    /// Fresh samples that the decoder was tested on.
     pub test_patches: usize,
     /// Training steps.
     pub steps: usize,
@@ -45,23 +45,23 @@ pub struct LowerBound {
     pub batch: usize,
     /// Unrolled steps of the decoder.
     pub unrolled: usize,
-    /// /// Computing time of fit and test, seconds.
+    /// Time for fit and test, seconds.
     pub seconds: f64,
-    /// /// Seed of initial weights, samples and test.
+    /// Seed of first weights, samples and test.
     pub seed: u64,
-    /// /// Notes for the reader.
+    /// What a reader must know.
     pub notes: Vec<String>,
 }
 
-/// /// Fits a decoder to samples of a channel, from random weights or those of `start`, and tests it on held-out samples.
+/// Fits a decoder to fresh samples of a channel, from first weights or those of `start`, and tests it on others.
 ///
-/// /// The bound holds for any decoder; a longer fit raises it. Training and test samples come from different random streams of
-/// /// the same seed. A fit resumes from the checkpoint in `keeper`; with a fixed number of steps the result is the same to the
-/// /// bit.
+/// The bound holds for any decoder, however short the fit; a longer fit raises it. Training and test samples come from
+/// different random streams of the same seed. A fit whose state `keeper` has goes on from it, for a number of steps to the same
+/// bits as in one go.
 ///
 /// # Errors
-/// /// For an invalid channel or settings, a loss that stays infinite, a checkpoint that cannot be read or written or belongs to
-/// /// another fit, and when `on_progress`, called after every step, cancels.
+/// For what is no channel or no fit, for numbers that stay infinite, where a state cannot be read or written or is that of another
+/// fit, and when cancelled: `on_progress` is called after every step and may break off.
 pub fn decoder_lower_bound(
     channel: &BeadChannel,
     fit: &DecoderFit,
@@ -116,7 +116,7 @@ pub fn decoder_lower_bound(
     Ok((bound, decoder))
 }
 
-/// /// Scores blocks of test samples until the interval is narrow enough, the samples are used up, or the budget ends.
+/// Blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
 fn test(
     scene: &Problem,
     (fit, run): (&DecoderFit, &Run<'_>),
@@ -143,7 +143,7 @@ mod tests {
     use ndarray::array;
 
     #[test]
-    fn decoder_worse_than_the_prior_gives_zero_with_a_note() {
+    fn a_decoder_worse_than_the_prior_gives_zero_and_says_so() {
         let spot = array![[[9.0, 14.0, 5.0]]];
         let channel = BeadChannel { spot, probability: 0.02, bias: 40.0, noise: Noise::Shot, patch: (2, 8) };
         let fit = DecoderFit { unrolled: 2, ..DecoderFit::of_steps(0, DecoderKind::Factorised, 2) };
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn diverging_fit_fails() {
+    fn a_fit_whose_numbers_run_away_is_given_up() {
         let channel = BeadChannel {
             spot: array![[[9.0, 14.0, 5.0]]],
             probability: 0.1,
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn resumed_fit_equals_uninterrupted_fit() {
+    fn a_fit_that_was_stopped_goes_on_where_it_stood_and_comes_to_the_same_bits() {
         let spot = array![[[9.0, 14.0, 5.0]]];
         let channel = BeadChannel { spot, probability: 0.1, bias: 4.0, noise: Noise::Shot, patch: (2, 8) };
         let fit = DecoderFit { unrolled: 2, max_test: 64, ..DecoderFit::of_steps(12, DecoderKind::Autoregressive, 2) };

@@ -1,4 +1,4 @@
-//! //! The channel from beads to noisy measurements.
+//! The channel from beads to noisy measurements, as a person states it.
 
 use ndarray::{Array3, Axis, s};
 
@@ -8,12 +8,12 @@ use crate::sensor::Noise;
 
 /// Most object pixels, all planes together, that a decoder takes.
 const MAX_SITES: usize = 1 << 18;
-/// /// Edge rows and columns of a bead response are cropped where no pixel exceeds this share of the brightest one. Their
-/// /// information is far below 1e-6 bit.
+/// Rows and columns at the edges of a spot are left out where no pixel exceeds this share of the brightest one. What they
+/// could tell is far below 1e-6 bit.
 const FAINT: f64 = 1e-6;
 
-/// /// Independent beads seen through an encoder. Every object pixel whose light can reach the patch holds a bead with the same
-/// /// probability, and every bead has the same response.
+/// Independent beads seen through an encoder: every object pixel that could touch the patch holds a bead with the same
+/// probability, and every bead adds the same spot to the sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeadChannel {
     /// Photons that one bead adds to an infinite sensor (bead convolved with the point spread function), shape (planes,
@@ -30,15 +30,15 @@ pub struct BeadChannel {
 }
 
 impl BeadChannel {
-    /// /// Checks the channel, with or without the dark edges of its response.
+    /// Refuses what is no channel, whether or not the dark edges of its spot are left out.
     ///
     /// # Errors
-    /// /// For an invalid channel.
+    /// As [`super::decoder_lower_bound`] for what is no channel.
     pub fn check(&self) -> Result<(), InformationError> {
         self.whole_spot().map(|_| ())
     }
 
-    /// /// Checks the channel and returns the bead response without its dark edges.
+    /// Refuses what is no channel, and returns the spot without its dark edges.
     pub(crate) fn checked_spot(&self) -> Result<Array3<f64>, InformationError> {
         self.check_numbers()?;
         self.of_sites(self.trimmed()?)
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_channels_are_refused() {
+    fn what_is_no_channel_is_refused_in_a_sentence() {
         let refused = |change: &dyn Fn(&mut BeadChannel), part: &str| {
             let mut channel = channel();
             change(&mut channel);

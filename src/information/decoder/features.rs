@@ -1,11 +1,12 @@
-//! //! Features of every site, updates of the logits, and the gradients of both; plain arrays with one number per site or pixel.
+//! What the network is told about every site, how it moves the logits, and the derivatives of both: passes over plain
+//! arrays with one number per site or per pixel.
 
 use super::layers::{FEATURES, HIDDEN, INPUTS, OUTPUTS};
 use crate::nn::{exponential, logarithm, vectorised};
 
-/// /// Limit of the log odds between steps, or a little beyond those of the prior.
+/// Log odds are kept within this of zero between steps, or a little beyond those of the prior.
 const STATE_LIMIT: f32 = 14.0;
-/// /// Additional range of the log odds of the last step.
+/// Log odds that the last step may claim beyond that.
 const CLAIM_MARGIN: f32 = 4.0;
 /// Log odds at which revealed sites are shown to the network.
 pub(super) const REVEALED: f32 = 8.0;
@@ -124,7 +125,7 @@ vectorised! {
     }
 }
 
-/// /// Evidence of a step about the sites, before its layers.
+/// What a step knows about the sites before its layers.
 #[derive(Clone, Debug)]
 pub(super) struct Evidence {
     pub logits: Vec<f32>,
@@ -188,7 +189,7 @@ vectorised! {
     }
 }
 
-/// /// Gradients by the evidence.
+/// Gradients by what a step knows about the sites.
 #[derive(Clone, Debug)]
 pub(super) struct ByEvidence {
     pub logits: Vec<f32>,
@@ -251,7 +252,7 @@ vectorised! {
     }
 }
 
-/// /// Updates of the logits: an additive term and a gate on the log-likelihood ratio.
+/// How the layers move the logits: a level that is added, and a gate on the log likelihood ratio.
 #[derive(Clone, Debug)]
 pub(super) struct Moves {
     pub level: Vec<f32>,

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn decoder_file_round_trips_and_others_are_refused() {
+    fn a_decoder_comes_back_bit_for_bit_and_others_are_refused() {
         let decoder = Decoder::new(3, 8).unwrap();
         let bytes = decoder.to_bytes().unwrap();
         let read = Decoder::from_bytes(&bytes).unwrap();

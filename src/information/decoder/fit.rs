@@ -1,4 +1,4 @@
-//! //! Fits of a decoder to samples of a channel.
+//! The fit of a decoder to fresh samples of a channel.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -18,11 +18,11 @@ use crate::information::fit_checkpoint::{FitArrays, RestoredFit, fit_to_bytes, r
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Averaging, Optimizer, Rule, learning_rate_factor};
 
-/// /// Share of the budget for the test.
+/// Share of a budget that is kept for the test.
 const TEST_SHARE: f64 = 0.06;
-/// /// Skipped steps (gradient not finite) after which a fit fails.
+/// Steps without finite numbers after which a fit is given up.
 const MAX_REFUSED: usize = 30;
-/// /// Gradients are clipped at this multiple of their running mean norm.
+/// Gradients longer than this many times their running mean are shortened to it.
 const LONGEST: f64 = 2.0;
 /// Weight of a step in running means.
 const RUNNING: f64 = 0.02;
@@ -37,10 +37,10 @@ const MEAN_NORM: &str = "mean_norm";
 const SAVED: &str = "saved_per_site";
 const NANOSECONDS: &str = "nanoseconds";
 
-/// /// Settings of fit and test of a decoder.
+/// How a decoder is fitted and tested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecoderFit {
-    /// /// Kind of decoder.
+    /// What the decoder is given besides the measurement.
     pub kind: DecoderKind,
     /// Unrolled steps.
     pub unrolled: usize,
@@ -52,27 +52,27 @@ pub struct DecoderFit {
     pub steps: usize,
     /// Time for fit and test together; the schedule is stretched over it.
     pub budget: Option<Duration>,
-    /// /// Half width of the 95 % interval at which the test stops, bits per pixel.
+    /// Half width of the 95 % interval at which the test ends, bits per pixel.
     pub half_width: f64,
     /// Largest number of test samples.
     pub max_test: usize,
-    /// /// Seed of initial weights, samples and test.
+    /// Seed of first weights, samples and test.
     pub seed: u64,
 }
 
 impl DecoderFit {
-    /// /// Largest learning rate of a fit from random weights.
+    /// Largest learning rate of a fit from first weights.
     pub const RATE: f64 = 1e-2;
-    /// /// Largest learning rate of a warm start: larger steps undo what the decoder has learned. For four kinds of beads the lower
-    /// /// bound came out 0.0004 to 0.0012 bits per pixel higher than by the other rate after 20 s.
+    /// That of one which goes on from a fitted decoder: larger steps undo what it knows. By six unrolled steps the lower bound came out
+    /// 0.0004 to 0.0012 bits per pixel higher than by the other rate after 20 s, before four kinds of beads.
     pub const RATE_ON: f64 = 3e-3;
 
-    /// /// Default settings for a time budget.
+    /// The default fit within a budget of time.
     pub fn within(budget: Duration, kind: DecoderKind, seed: u64) -> Self {
         Self { budget: Some(budget), ..Self::of_steps(usize::MAX, kind, seed) }
     }
 
-    /// /// Default settings for a number of steps. Equal seeds give equal bits on any number of threads.
+    /// The default fit of a number of steps: equal seeds give equal bits, whatever the number of threads.
     pub fn of_steps(steps: usize, kind: DecoderKind, seed: u64) -> Self {
         Self {
             kind,
@@ -87,7 +87,7 @@ impl DecoderFit {
         }
     }
 
-    /// /// Checks the settings.
+    /// Refuses a fit that does nothing.
     pub(super) fn check(&self) -> Result<(), InformationError> {
         let refuse = |expected, found: String| Err(InformationError::DecoderFit { expected, found });
         if !(1..=1024).contains(&self.batch) {
@@ -106,17 +106,17 @@ impl DecoderFit {
     }
 }
 
-/// /// Progress of a fit; sent after every step and every few test samples.
+/// Where a fit is; sent after every step and every few test samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecoderProgress {
     /// Training steps taken.
     pub step: usize,
     /// Time since the start.
     pub elapsed: Duration,
-    /// /// Estimated time left for the fit, without the test; `None` while unknown.
+    /// Time left for the fit, where it can be told; the test follows.
     pub remaining: Option<Duration>,
-    /// /// Running mean of the information gain on training samples, bits per pixel, with as many sites revealed as in training. It
-    /// /// approaches the bound.
+    /// Bits per pixel that the decoder saves on the training samples of late, on sites with as many others revealed as
+    /// in training; it settles near the bound.
     pub training_bits: f64,
     /// Test samples scored, once the fit is over.
     pub tested: Option<usize>,
@@ -131,29 +131,29 @@ pub(super) struct Run<'a> {
     course: Course,
 }
 
-/// /// Counters of a fit.
+/// How far a fit has come.
 struct Course {
-    trainer: Trainer,
+    mover: Mover,
     steps: usize,
     saved_per_site: f64,
 }
 
-/// /// Online fit of a number of steps; each part uses samples of the present channel.
+/// A fit of a number of steps that is done part by part: each part takes samples of the channel as it is by then.
 pub struct DecoderRefit {
     fit: DecoderFit,
     decoder: Decoder,
     course: Course,
 }
 
-/// /// Optimizer of a decoder with clipped gradients.
-pub(super) struct Trainer {
+/// Moves the weights of a decoder by gradients that are shortened where they are unusually long.
+pub(super) struct Mover {
     optimizer: Optimizer,
     moved: usize,
     refused: usize,
     mean_norm: f64,
 }
 
-impl Trainer {
+impl Mover {
     pub fn new(decoder: &Decoder) -> Self {
         let optimizer = Optimizer::new(&decoder.layout, &decoder.weights, Averaging::LAST_TENTH, |tensor| {
             if tensor.name.starts_with("block") { Rule::Muon } else { Rule::Adam }
@@ -195,7 +195,7 @@ impl Trainer {
 
 impl Course {
     fn new(decoder: &Decoder) -> Self {
-        Self { trainer: Trainer::new(decoder), steps: 0, saved_per_site: 0.0 }
+        Self { mover: Mover::new(decoder), steps: 0, saved_per_site: 0.0 }
     }
 
     /// Share of the steps of a fit that is over.
@@ -203,7 +203,7 @@ impl Course {
         self.steps as f64 / fit.steps.max(1) as f64
     }
 
-    /// /// One step on new samples of a problem.
+    /// One step on fresh samples of a scene.
     fn step(
         &mut self,
         fit: &DecoderFit,
@@ -218,16 +218,16 @@ impl Course {
             DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
         };
         self.steps += 1;
-        if self.trainer.step(decoder, &passes.gradient, 1.0, fit.rate * learning_rate_factor(done))? {
+        if self.mover.step(decoder, &passes.gradient, 1.0, fit.rate * learning_rate_factor(done))? {
             let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / outcomes.len() as f64;
             self.saved_per_site += RUNNING.max(1.0 / self.steps as f64) * (saved - self.saved_per_site);
         }
         Ok(())
     }
 
-    /// /// Writes the checkpoint after `elapsed` in all.
+    /// Keeps where the fit of a decoder stands after `elapsed` in all.
     fn keep(&self, keeper: &dyn FitCheckpoint, decoder: &Decoder, elapsed: Duration) -> Result<(), InformationError> {
-        let Trainer { optimizer, refused, mean_norm, .. } = &self.trainer;
+        let Mover { optimizer, refused, mean_norm, .. } = &self.mover;
         let details = vec![
             (MEAN_NORM, mean_norm.to_string()),
             (SAVED, self.saved_per_site.to_string()),
@@ -237,31 +237,31 @@ impl Course {
         keeper.store(&fit_to_bytes(keeper.key(), &numbers, (self.steps, *refused), details)?)
     }
 
-    /// /// Restores the checkpoint of the same fit; returns the computing time of earlier sessions.
+    /// Goes on from what is kept of the same fit, if anything; returns the time that was taken for it.
     fn restore(&mut self, keeper: &dyn FitCheckpoint, decoder: &mut Decoder) -> Result<Duration, InformationError> {
-        let Some(kept) = restore_fit(keeper, &mut decoder.weights, &mut self.trainer.optimizer)? else {
+        let Some(kept) = restore_fit(keeper, &mut decoder.weights, &mut self.mover.optimizer)? else {
             return Ok(Duration::ZERO);
         };
         let RestoredFit { details, steps, refused, .. } = kept;
         self.steps = steps;
         self.saved_per_site = details.number(SAVED)?;
-        (self.trainer.moved, self.trainer.refused) = (steps.saturating_sub(refused), refused);
-        self.trainer.mean_norm = details.number(MEAN_NORM)?;
+        (self.mover.moved, self.mover.refused) = (steps.saturating_sub(refused), refused);
+        self.mover.mean_norm = details.number(MEAN_NORM)?;
         Ok(Duration::from_nanos(details.number(NANOSECONDS)?))
     }
 }
 
 impl DecoderRefit {
-    /// /// Starts an online fit from the weights of a decoder.
+    /// Begins a fit of its number of steps from the weights of a decoder.
     ///
     /// # Errors
-    /// /// For invalid settings.
+    /// For what is no fit.
     pub fn new(fit: DecoderFit, start: &Decoder) -> Result<Self, InformationError> {
         fit.check()?;
         Ok(Self { fit, decoder: start.clone(), course: Course::new(start) })
     }
 
-    /// /// Advances to `steps` steps in all on samples of a channel; `watch` receives every step and can cancel.
+    /// Goes on up to so many steps in all, on samples of a channel; `watch` hears of every step and answers whether to go on.
     ///
     /// # Errors
     /// As [`decoder_lower_bound`](super::decoder_lower_bound).
@@ -291,7 +291,7 @@ impl DecoderRefit {
 
     /// The decoder with weights averaged over the last steps.
     pub fn decoder(&self) -> Decoder {
-        Decoder { weights: self.course.trainer.result(&self.decoder), ..self.decoder.clone() }
+        Decoder { weights: self.course.mover.result(&self.decoder), ..self.decoder.clone() }
     }
 }
 
@@ -332,7 +332,7 @@ impl<'a> Run<'a> {
                 return Err(InformationError::Cancelled);
             }
         }
-        decoder.weights = self.course.trainer.result(decoder);
+        decoder.weights = self.course.mover.result(decoder);
         Ok(self.course.steps)
     }
 
@@ -349,7 +349,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// /// Progress of the fit.
+    /// What there is to tell now.
     pub fn progress(&self, tested: Option<usize>) -> DecoderProgress {
         let (elapsed, done) = (self.elapsed(), self.done());
         let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 / done - 1.0).max(0.0));

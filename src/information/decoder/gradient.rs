@@ -1,4 +1,4 @@
-//! //! Batches of samples through the decoder on all threads. Results do not depend on the number of threads.
+//! Samples through the decoder on all threads, with results that do not depend on their number.
 
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -9,16 +9,16 @@ use super::problem::Problem;
 use super::samples::{Purpose, Reveal};
 use crate::nn::{Pool, ordered_sum};
 
-/// /// Result of one sample.
+/// What one sample told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::information) struct Outcome {
-    /// /// Information gain over the prior on the predicted sites, bits, times the weight of the sample.
+    /// Bits that the decoder saves over the prior on the sites it predicts, times the weight of the sample.
     pub saved_bits: f64,
     /// The same per predicted site, without the weight.
     pub saved_bits_per_site: f64,
 }
 
-/// /// Workspaces of the threads, reused between steps.
+/// Memory of the threads, kept from step to step.
 pub(in crate::information) struct Passes<'a> {
     scene: &'a Problem,
     steps: usize,

@@ -1,9 +1,10 @@
-//! //! I-MMSE gradient: derivative of the information about beads by their light on the sensor.
+//! How the information about beads changes with the light that they leave on the sensor.
 //!
-//! //! More light in one pixel changes the information by `E[log2(x / E[x | y])]` under shot noise (Atar and Weissman 2012; for
-//! //! vectors Wang et al. 2014) and by `E[(x - E[x | y]) / sigma^2] / ln 2` under read noise (Palomar and Verdu 2006), with x
-//! //! the clean photons of the pixel. Both need the mean of the clean measurement given the noisy one, that is the probability
-//! //! of a bead at each site, which a decoder estimates. Under both noises the photons count as Poisson with sigma^2 added.
+//! A little more light in one pixel changes the information by `E[log2(x / E[x | y])]` under shot noise (Atar and Weissman
+//! 2012; for vectors Wang et al. 2014) and by `E[(x - E[x | y]) / sigma^2] / ln 2` under read noise (Palomar and Verdu 2006),
+//! x the clean photons of the pixel. Both rest on the mean of the clean measurement given the noisy one and on nothing else,
+//! and that mean needs the probability of a bead at each site alone, which a decoder claims. Under both noises the photons
+//! are taken for Poisson counts with sigma^2 more, as their variance has it.
 
 use ndarray::{Array3, ArrayView4};
 use rayon::prelude::*;
@@ -16,11 +17,12 @@ use super::samples::{Purpose, Reveal};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// /// Gradient of the information by every pixel of the bead response, shape (planes, rows, cols), bits per pixel of the patch
-/// /// and photon: the mean over `count` samples, numbered from `first`. Exact for the posterior probabilities of the beads.
+/// Slope of the information by every pixel of the channel's spot (planes, rows, cols), bits per pixel of the patch and photon:
+/// the mean over `count` fresh samples, numbered from `first`. It is exact where the decoder's probabilities are those of the
+/// posterior.
 ///
 /// # Errors
-/// /// For an invalid channel.
+/// For what is no channel.
 pub fn bead_response_gradient(
     channel: &BeadChannel,
     decoder: &Decoder,
@@ -70,7 +72,8 @@ pub fn bead_response_gradient(
     Ok(by_spot / (count * scene.pixels()).max(1) as f64)
 }
 
-/// /// Information of one more clean photon, bits, at `clean` photons where `mean` are expected given the measurement.
+/// Bits that one more photon of clean light tells, where `clean` photons are there and `mean` are expected from what was
+/// measured.
 fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     let variance = noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
     if noise.has_shot_noise() {
@@ -80,10 +83,10 @@ fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     }
 }
 
-/// /// Lower limit of photons.
+/// Photons are not taken for fewer.
 const LEAST: f64 = 1e-3;
 
-/// /// The larger of both; NaN stays NaN.
+/// The larger of both. What is no number stays none, so that whoever takes the slope hears of it.
 fn at_least(value: f64, least: f64) -> f64 {
     if value < least { least } else { value }
 }
@@ -164,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn immse_gradient_matches_finite_differences() {
+    fn the_rule_gives_the_slopes_of_the_information() {
         let spot = [31.0, 12.0];
         for noise in NOISES {
             let found = exact_slopes(spot, noise);
@@ -183,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn nan_gives_no_gradient() {
+    fn what_is_no_number_gives_no_slope() {
         for noise in NOISES {
             assert!(pixel_slope(8.0, f64::NAN, noise).is_nan() && pixel_slope(f64::NAN, 8.0, noise).is_nan());
             assert!(pixel_slope(0.0, 0.0, noise).abs() < 1e-12);
@@ -191,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn fitted_decoder_matches_exact_gradients() {
+    fn a_fitted_decoder_finds_the_slopes() {
         for noise in NOISES {
             let spot = ndarray::array![[[9.0, 4.0]]];
             let channel = BeadChannel { spot, probability: PROBABILITY, bias: BIAS, noise, patch: (1, 1) };

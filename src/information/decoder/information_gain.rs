@@ -1,4 +1,4 @@
-//! //! Information gain of a decoder over the prior on held-out samples.
+//! What a decoder is worth on fresh samples.
 //!
 //! The prior code length of the drawn beads has a known mean, so the difference of the two code lengths of each sample
 //! has the mean of the bound and varies far less than the decoder's code length alone.
@@ -30,7 +30,7 @@ const REPORT: usize = 16;
 /// Standard errors to either side of a 95 % interval.
 const NORMAL_95: f64 = 1.96;
 
-/// /// Information gain over the prior, bits per pixel of the patch, one per test sample.
+/// InformationGain over the prior, bits per pixel of the patch, one per test sample.
 #[derive(Clone, Debug, Default)]
 pub(super) struct InformationGain(pub Vec<f64>);
 
@@ -48,7 +48,7 @@ impl InformationGain {
         (mean, NORMAL_95 * square.sqrt() / count)
     }
 
-    /// /// Scores one more block of samples; `on_scored` receives the count and can cancel.
+    /// Scores one more block of fresh samples; `on_scored` hears of every few of them and may break off.
     ///
     /// # Errors
     /// [`InformationError::Cancelled`] where it does.
@@ -71,7 +71,7 @@ impl InformationGain {
     }
 }
 
-/// /// Information gains of some test samples, each `block` of them spread evenly over k.
+/// The savings of some of the test samples, each `block` of them spread evenly over k.
 fn scored(
     scene: &Problem,
     passes: &Passes<'_>,
@@ -88,12 +88,12 @@ fn scored(
     outcomes.into_iter().map(move |outcome| outcome.saved_bits / pixels as f64)
 }
 
-/// /// Information gain of a decoder on a range of the test samples of a seed, bits per pixel each. The mean over a multiple of
-/// /// `block` samples is a lower bound; a block is spread evenly over the number of revealed sites. From 64 on the interval
-/// /// is no wider for that.
+/// What a decoder as it is saves over the prior on a range of the fresh test samples of a seed, bits per pixel each. Their mean
+/// is a lower bound once all of a multiple of `block` are there, which spreads evenly over the orders in which sites are told (from 64 on
+/// its interval is no wider for that; [`PretrainedLowerBound::of_savings`](super::PretrainedLowerBound::of_savings)).
 ///
 /// # Errors
-/// /// For an invalid channel; cancelled where `go_on`, asked every few samples, returns false.
+/// For what is no channel; cancelled where `go_on`, which is asked every few samples, says so.
 //
 // Beads are drawn at all sites of the whole spot, however much of it is dark, so that masks on one grid are asked for the same ones.
 pub fn decoder_information(
@@ -116,8 +116,8 @@ pub fn decoder_information(
     Ok(savings)
 }
 
-/// /// Mean paired difference of two gains on the same samples, bits per pixel, and the half width of its 95 % interval. Common
-/// /// variation of the samples cancels.
+/// How much more is saved on the same samples after a change than before, bits per pixel, and half the width of the 95 % interval of
+/// that: what both find hard or easy alike is no error of the difference.
 pub fn paired_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
     InformationGain(before.iter().zip(after).map(|(before, after)| after - before).collect()).mean_and_half_width()
 }

@@ -4,13 +4,13 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// /// Conditioning of a decoder besides the measurement. The serialised names are stable.
+/// What a decoder is given besides the measurement. The serialised names are stable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DecoderKind {
-    /// /// None: independent probabilities per site.
+    /// Nothing: every site has a probability of its own.
     Factorised,
-    /// /// Earlier sites in random order.
+    /// The sites before it, in random order.
     Autoregressive,
 }
 

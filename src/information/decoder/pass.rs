@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_match_finite_differences() {
+    fn gradients_are_slopes_of_the_loss() {
         for noise in [Noise::Shot, Noise::Read { sigma: 3.0 }, Noise::ShotRead { sigma: 2.0 }] {
             let scene = scene(noise);
             let mut random = ChaCha8Rng::seed_from_u64(7);
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn decoder_without_evidence_returns_the_prior() {
+    fn a_decoder_without_evidence_knows_the_prior() {
         let scene = scene(Noise::Shot);
         let mut decoder = Decoder::new(1, 2).unwrap();
         decoder.weights.fill(0.0);

@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::channel::BeadChannel;
-use super::fit::{Trainer, revealed_in_training};
+use super::fit::{Mover, revealed_in_training};
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::problem::Problem;
@@ -72,7 +72,7 @@ impl Decoder {
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut trainer = Trainer::new(self);
+        let mut mover = Mover::new(self);
         let mut progress = DecoderPretrainProgress::default();
         loop {
             let scenes = (0..CHANNELS as u64).map(|index| Problem::new(&channel(progress.channels + index)?));
@@ -83,7 +83,7 @@ impl Decoder {
                 progress.elapsed = started.elapsed();
                 let done = progress.elapsed.as_secs_f64() / length.as_secs_f64().max(1e-9);
                 if done >= 1.0 {
-                    self.weights = trainer.result(self);
+                    self.weights = mover.result(self);
                     return Ok(());
                 }
                 let chosen = random.random_range(0..CHANNELS);
@@ -92,14 +92,14 @@ impl Decoder {
                 let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
                 // Sparse scenes have less to tell; without this they would count for less.
                 let prior = scene.prior_nats().max(1e-6);
-                if !trainer.step(self, &passes.gradient, prior, rate * learning_rate_factor(done))? {
+                if !mover.step(self, &passes.gradient, prior, rate * learning_rate_factor(done))? {
                     continue;
                 }
                 progress.steps += 1;
                 let saved = outcomes.iter().map(|outcome| outcome.saved_bits_per_site).sum::<f64>() / BATCH as f64;
                 let bits = saved * scene.decoded.len() as f64 / scene.pixels() as f64;
                 progress.saved_bits += (bits - progress.saved_bits) / (progress.steps.min(2000) as f64);
-                let snapshot = || Self { weights: trainer.result(self), ..self.clone() };
+                let snapshot = || Self { weights: mover.result(self), ..self.clone() };
                 if on_progress(&progress, &snapshot).is_break() {
                     return Err(InformationError::Cancelled);
                 }

@@ -49,7 +49,7 @@ impl PretrainedLowerBound {
     }
 
     /// The bound that [savings](super::decoder_information) make.
-    pub fn of_gains(savings: Vec<f64>) -> Self {
+    pub fn of_savings(savings: Vec<f64>) -> Self {
         let savings = InformationGain(savings);
         let (mean, half_width) = savings.mean_and_half_width();
         let interval_95 = [(mean - half_width).max(0.0), (mean + half_width).max(0.0)];

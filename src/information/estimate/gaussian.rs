@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn result_depends_on_the_seed_only() {
+    fn the_seed_alone_decides() {
         let (train, test) = (counts(200, 1), counts(60, 2));
         let run = |seed, threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

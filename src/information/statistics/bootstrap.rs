@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn seed_changes_the_interval() {
+    fn seed_decides() {
         let (a, b) = (sample(50, 1.0, 1.0, 1), sample(50, 0.0, 1.0, 2));
         assert_eq!(bootstrap_interval(&a, &b, 7), bootstrap_interval(&a, &b, 7));
         assert_ne!(bootstrap_interval(&a, &b, 7), bootstrap_interval(&a, &b, 8));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn paired_interval_uses_differences_only() {
+    fn pairs_need_no_more_than_their_differences() {
         let differences = sample(2000, 0.4, 0.3, 5);
         let [low, high] = paired_interval(&differences, 1).unwrap();
         let expected = 2.0 * 1.96 * 0.3 / 2000.0_f64.sqrt();
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn few_pairs_keep_the_coverage() {
+    fn pairs_cover_as_often_when_they_are_few() {
         for count in [3, 8, 32] {
             let covers = |&trial: &u64| {
                 let [low, high] = paired_interval(&sample(count, 0.4, 0.3, trial), trial).unwrap();

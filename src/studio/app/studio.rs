@@ -167,7 +167,7 @@ impl Studio {
     }
 
     fn keep_runs(&mut self, folder: &Path) {
-        match self.state.bench.keep_runs_in(&folder.join("run")) {
+        match self.state.bench.persist_runs_in(&folder.join("run")) {
             Ok(()) => match self.state.bench.run() {
                 Some(run) if run.status == RunStatus::Stopped => {
                     self.notify("A run was interrupted; it can be resumed in Optimize.".into());

@@ -48,7 +48,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
                 ui.label(format!("{} has unsaved changes.", file_name(state.bench.path())));
             } else if let (Transition::Run, Some(run)) = (&what, &state.run) {
                 ui.heading("Discard the last run?");
-                let end = if run.can_go_on() {
+                let end = if run.can_resume() {
                     format!("It was stopped at {} and can be resumed.", run.place())
                 } else if state.bench.has_unsaved_result() {
                     "Its result was not accepted.".into()

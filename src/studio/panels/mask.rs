@@ -116,9 +116,9 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
     let significant =
         |gradient: &PositionGradient| if gradient.is_significant { (gradient.x, gradient.y) } else { (0.0, 0.0) };
     let by_live = || Some(position_gradients(state)?.iter().map(significant).collect());
-    let of_run = |run: &&DesignRun| run.is_active() && !run.pulls.is_empty() && *run.array == *array;
+    let of_run = |run: &&DesignRun| run.is_active() && !run.position_gradients.is_empty() && *run.array == *array;
     let run = state.run.as_ref().filter(of_run);
-    let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.pulls.to_vec()).or_else(by_live);
+    let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.position_gradients.to_vec()).or_else(by_live);
     let Some(pulls) = pulls.filter(|pulls| pulls.len() == array.lenslets.len()) else { return };
     let longest = pulls.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);
     if longest <= 0.0 {

@@ -111,27 +111,19 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             state.request_transition(&ui.ctx().clone(), Transition::Run);
         }
         let Some(last) = last.filter(|run| !run.is_active()) else { return };
-        // Of several starts that came to their end one goes on, the best where the last has failed.
-        let place = run_results::place_of_shown(state, last).unwrap_or(0);
-        let text = if last.status == RunStatus::Finished && last.start_number.1 > 1 {
-            format!("Go on with result {}", place + 1)
-        } else {
-            "Go on".to_owned()
-        };
-        if ui.button(text).on_hover_text("Takes the run further, from where it was left").clicked() {
-            let done = state.bench.extend_run(state.optimize_form.further_steps(last), place, None);
-            run_results::went_on(state, done);
+        let is_extended = last.status == RunStatus::Finished;
+        // Several finished starts have several results, from each of which a new run can start.
+        if is_extended && last.start_number.1 > 1 {
+            return;
         }
-        let end = last.can_end_here().then(|| ui.button("End and score"));
-        if let Some(end) = end
-            && end
-                .on_hover_text(
-                    "Ends the run at its last refit, without starts that come after it: one more fit, then bounds of its own for the mask",
-                )
-                .clicked()
-        {
-            let done = state.bench.end_run_here();
-            run_results::went_on(state, done);
+        let (text, hint) = if is_extended {
+            ("Extend", "Extends the run by the steps of the form")
+        } else {
+            ("Resume", "Resumes the run where it was stopped")
+        };
+        if ui.button(text).on_hover_text(hint).clicked() {
+            let done = state.bench.extend_run(state.optimize_form.further_steps(last));
+            run_results::show_resumed(state, done);
         }
     });
 }
@@ -144,7 +136,7 @@ fn details(ui: &mut Ui, state: &mut State) {
     ui.collapsing("Details", |ui| {
         let settings = &mut form.settings;
         ui.horizontal_wrapped(|ui| {
-            ui.label("Move");
+            ui.label("Free");
             let Free { positions, widths, weights } = &mut settings.free;
             ui.checkbox(positions, "positions");
             ui.checkbox(widths, "widths");
@@ -152,7 +144,7 @@ fn details(ui: &mut Ui, state: &mut State) {
             ui.checkbox(&mut settings.anisotropic, "ellipses").on_hover_text("Lets spots become elliptic");
         });
         ui.horizontal_wrapped(|ui| {
-            ui.label("Climb");
+            ui.label("Objective");
             for (objective, hint) in OBJECTIVES {
                 let chosen = settings.objective == objective;
                 let offered = offered(objective, settings.preset, objects);
@@ -183,12 +175,12 @@ fn details(ui: &mut Ui, state: &mut State) {
             ui.label("Least distance");
             let field = NumberField::new("Least distance", 0.0..=8.0).speed(0.05).unit(" px");
             field.edit(ui, &mut settings.min_separation_px);
-            let mut limited = settings.lenslets.is_some();
-            if ui.checkbox(&mut limited, "Limit number").clicked() {
-                settings.lenslets = limited.then_some(6);
+            let mut limited = settings.cardinality.is_some();
+            if ui.checkbox(&mut limited, "Limit count").clicked() {
+                settings.cardinality = limited.then_some(6);
             }
-            if let Some(count) = &mut settings.lenslets {
-                let field = NumberField::whole("Lenslets in the end", 1..=64).counting(" lenslet", " lenslets");
+            if let Some(count) = &mut settings.cardinality {
+                let field = NumberField::whole("Final lenslets", 1..=64).counting(" lenslet", " lenslets");
                 field.edit_whole(ui, count);
             }
         });
@@ -202,34 +194,34 @@ fn details(ui: &mut Ui, state: &mut State) {
     });
 }
 
-/// Steps of a fit that goes on from the one before it.
+/// Steps of a warm fit.
 const REFIT: &str = "Refit";
 
-/// When what the mask climbs is fitted, and how fast lenslets move; as the preset says where nobody says otherwise.
+/// Schedule of the fits, and rates of the lenslets.
 fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
-    let is_refitted = settings.why_unused("refit").is_none();
+    let is_refitted = settings.warm;
     ui.collapsing("Schedule and rates", |ui| {
         egui::Grid::new("schedule").num_columns(2).show(ui, |ui| {
             let counts = [
-                ("Refit every", &mut settings.refit_every, "Steps of the mask between two fits of what it climbs"),
-                ("First fit", &mut settings.first_fit, "Steps of the fit to the mask at the start"),
-                (REFIT, &mut settings.refit, "Steps of each fit on the way"),
-                ("Last fit", &mut settings.last_fit, "Steps of the fit to the mask in the end"),
+                ("Refit every", &mut settings.refit_every, "Steps of the mask between two fits of the model"),
+                ("First fit", &mut settings.first_fit, "Fit steps for the first mask"),
+                (REFIT, &mut settings.refit, "Fit steps of every other round"),
+                ("Last fit", &mut settings.last_fit, "Fit steps for the last mask"),
             ];
             for (name, count, hint) in counts {
                 let label = ui.label(name).on_hover_text(hint);
                 let field = NumberField::whole(name, 1..=IdealSettings::MOST).counting(" step", " steps");
                 let is_used = name != REFIT || is_refitted;
                 let value = ui.add_enabled_ui(is_used, |ui| field.edit_whole(ui, count)).inner.labelled_by(label.id);
-                value.on_disabled_hover_text("Models that begin anew are fitted as the first and the last one");
+                value.on_disabled_hover_text("Cold fits have the steps of the first and the last fit");
                 ui.end_row();
             }
             let Rates { position, variance, weight, relative_weight } = &mut settings.rates;
             let rates = [
-                ("Position rate", position, " px", "How far a centre moves in one step, about"),
-                ("Variance rate", variance, " px\u{b2}", "How much a squared width changes in one step, about"),
-                ("Weight rate", weight, "", "How much a weight changes in one step, about; all weights sum to 1"),
-                ("Relative weight rate", relative_weight, "", "Least change of a weight in one step, as a share of it"),
+                ("Position rate", position, " px", "Step of a centre, about"),
+                ("Variance rate", variance, " px\u{b2}", "Step of a squared width, about"),
+                ("Weight rate", weight, "", "Step of a weight, about; all weights sum to 1"),
+                ("Relative weight rate", relative_weight, "", "Least step of a weight, as a share of it"),
             ];
             for (name, rate, unit, hint) in rates {
                 let label = ui.label(name).on_hover_text(hint);
@@ -238,18 +230,18 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
                 ui.end_row();
             }
             let label =
-                ui.label("Settle over").on_hover_text("Share of the steps, at the end, over which the rates fall");
-            let field = NumberField::new("Settle over", 0.0..=100.0).unit(" %");
-            let (value, edit) = field.show(ui, 100.0 * settings.settle);
+                ui.label("Decay over").on_hover_text("Share of the steps, at the end, over which the rates decay");
+            let field = NumberField::new("Decay over", 0.0..=100.0).unit(" %");
+            let (value, edit) = field.show(ui, 100.0 * settings.decay_fraction);
             value.labelled_by(label.id);
             if let Some(edit) = edit {
-                settings.settle = edit.value / 100.0;
+                settings.decay_fraction = edit.value / 100.0;
             }
             ui.end_row();
         });
-        ui.checkbox(&mut settings.warm, "warm").on_hover_text("Every fit goes on from the one before it");
-        let preset = settings.clone().turned_to(settings.preset, settings.objective);
-        if ui.add_enabled(*settings != preset, egui::Button::new("As the preset")).clicked() {
+        ui.checkbox(&mut settings.warm, "warm").on_hover_text("Every fit starts from the one before");
+        let preset = settings.clone().with_preset(settings.preset, settings.objective);
+        if ui.add_enabled(*settings != preset, egui::Button::new("Reset to preset")).clicked() {
             *settings = preset;
         }
     });
@@ -257,17 +249,12 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
 
 /// What a mask can climb, and what that is good for.
 const OBJECTIVES: [(Objective, &str); 3] = [
-    (
-        Objective::Posterior,
-        "What can be told of beads, by a decoder: some minutes. For beads and the default preset; other objects have no known \
-         prior",
-    ),
+    (Objective::Posterior, "Lower bound by a decoder, for beads and the default preset. It takes minutes"),
     (
         Objective::Density,
-        "Information under a density model of the measurements, for any objects. Before sparse beads a mask can climb what \
-         the model does not know",
+        "Upper bound by a causal density model, for any objects. With sparse beads a mask can exploit errors of the model",
     ),
-    (Objective::PixelCnn, "The same under a PixelCNN, as published: for the paper preset. It takes hours"),
+    (Objective::PixelCnn, "Upper bound by the published PixelCNN, for the paper preset. It takes hours"),
 ];
 
 /// The rates by which lenslets moved before the published objects.
@@ -298,15 +285,20 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         } else if ui.button("Pause run").clicked() {
             state.bench.pause_run(true);
         }
-        if ui.button("Stop run").clicked() {
+        if ui.button(stop_label(run)).clicked() {
             state.bench.stop_run();
         }
         let mut follow = state.bench.is_following();
         let hint = "Shows the masks of the run as they come, in place of your design";
         if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
-            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
+            (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None);
             state.bench.follow_run(follow);
         }
         ui.checkbox(&mut state.optimize_form.trajectories, "Trails");
     });
+}
+
+/// Label of the button that stops a run or its score.
+fn stop_label(run: &DesignRun) -> &'static str {
+    if run.is_scoring { "Stop scoring" } else { "Stop run" }
 }

@@ -210,7 +210,7 @@ impl State {
     /// Performs a transition, after a confirmation if something would be lost.
     pub fn request_transition(&mut self, ctx: &egui::Context, what: Transition) {
         let asks = match what {
-            Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_go_on) || self.bench.would_lose_run_data(),
+            Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_resume) || self.bench.would_lose_run_data(),
             Transition::Close => self.bench.is_dirty() || self.unfinished_work().is_some(),
             _ => self.bench.is_dirty(),
         };

@@ -44,7 +44,7 @@ pub struct OptimizeForm {
     /// The objective, if the user chose one.
     pub objective: Option<Objective>,
     /// Index of the shown checkpoint; the newest if none was chosen.
-    pub frame: Option<usize>,
+    pub checkpoint: Option<usize>,
     /// The run of the chosen result; the last run if none was chosen.
     pub chosen: Option<Arc<DesignRun>>,
     /// Whether the mask shows the trajectories of lenslets.
@@ -61,7 +61,7 @@ impl Default for OptimizeForm {
             seed: None,
             settings,
             objective: None,
-            frame: None,
+            checkpoint: None,
             chosen: None,
             trajectories: true,
         }
@@ -82,7 +82,7 @@ impl OptimizeForm {
         let chosen = self.objective.filter(|&objective| offered(objective, preset, objects));
         let objective = chosen.unwrap_or_else(|| Objective::usual(preset, objects));
         if (self.settings.preset, self.settings.objective) != (preset, objective) {
-            self.settings = self.settings.clone().turned_to(preset, objective);
+            self.settings = self.settings.clone().with_preset(preset, objective);
         }
     }
 }

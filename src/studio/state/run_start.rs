@@ -20,7 +20,7 @@ impl State {
     pub fn start_run(&mut self) {
         let design = Arc::clone(self.bench.open_design());
         let form = &mut self.optimize_form;
-        (form.frame, form.chosen) = (None, None);
+        (form.checkpoint, form.chosen) = (None, None);
         form.turn_to(form.settings.preset, &design.objects);
         let is_random = matches!(form.from, StartMask::Random | StartMask::RandomStarts);
         let seed = form.seed.filter(|_| is_random).unwrap_or(design.seed);

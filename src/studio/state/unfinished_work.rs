@@ -14,7 +14,8 @@ impl State {
             (false, false) if self.bench.would_lose_run_data() => Some("Results of the run would be lost."),
             (false, _) => None,
         };
-        let why = self.bench.keep_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be saved: {why}."));
+        let why =
+            self.bench.persistence_failure().filter(|_| run.is_some()).map(|why| format!("It cannot be saved: {why}."));
         let estimates =
             open.iter().filter(|activity| activity.kind == ActivityKind::Estimate && activity.is_open()).count();
         let estimate = match (estimates, self.bench.keeps_estimates()) {

@@ -12,7 +12,7 @@ use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
-use crate::workbench::ideal::ends_of;
+use crate::workbench::runs::segment_lengths;
 
 /// Longest JSON of a design in a command line, bytes.
 const LONGEST: usize = 40_000;
@@ -75,8 +75,7 @@ fn estimate_flags(request: &EstimateRequest) -> String {
 /// # Errors
 /// As [`bounds_command`]; where the run was told on its way to take another number of steps or to go back, which no command does.
 pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
-    let ends = ends_of(settings, events)
-        .map_err(|told| format!("{told}, which no command repeats; its record tells what it did"))?;
+    let ends = segment_lengths(settings, events)?;
     let parts = ends.into_iter().map(|steps| part_command(start, &IdealSettings { steps, ..settings.clone() }));
     Ok(parts.collect::<Result<Vec<_>, _>>()?.join("\n"))
 }
@@ -98,7 +97,7 @@ fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, Stri
     if settings.min_separation_px > 0.0 {
         flags.push(format!("--min-separation {}", settings.min_separation_px));
     }
-    flags.extend(settings.lenslets.map(|count| format!("--lenslets {count}")));
+    flags.extend(settings.cardinality.map(|count| format!("--cardinality {count}")));
     if settings.anisotropic {
         flags.push("--anisotropic".into());
     }
@@ -108,16 +107,17 @@ fn part_command(start: &Design, settings: &IdealSettings) -> Result<String, Stri
     flags.extend(published.map(|(_, name)| format!("--published-as {name}")));
     let preset = IdealSettings::new(settings.preset, settings.objective, settings.seed);
     let preset = IdealSettings { rates: published.map_or(preset.rates, |(rates, _)| rates), ..preset };
-    // What changes nothing is refused.
-    let apart = settings.set_apart_from(&preset).into_iter().filter(|(name, _)| settings.why_unused(name).is_none());
-    let set: Vec<String> = apart.map(|(name, value)| format!("{name}={value}")).collect();
-    if !set.is_empty() {
-        flags.push(format!("--set {}", set.join(",")));
+    let mut overrides = settings.overrides(&preset);
+    for given in ["steps", "patch", "free", "locked", "min_separation_px", "cardinality", "anisotropic", "seed"] {
+        overrides.remove(given);
+    }
+    if !overrides.is_empty() {
+        flags.push(format!("--config '{}'", serde_json::Value::Object(overrides)));
     }
     flags.push("--score none --out run".into());
     // A run takes its seed from the design.
     let start = Design { seed: settings.seed, ..start.clone() };
-    with_design("design", "--start", &start, &flags.join(" "))
+    with_design("optimize", "--start", &start, &flags.join(" "))
 }
 
 fn patch_name(patch: Option<(usize, usize)>) -> String {
@@ -217,9 +217,9 @@ mod tests {
         settings.rates.position = 0.05;
         let text = run_command(&design, &settings, &[]).unwrap();
         let (head, rest) = text.split_once(" <<'END'\n").unwrap();
-        assert!(head.starts_with("lenslet-studio design - --preset default --objective posterior --steps"), "{head}");
+        assert!(head.starts_with("lenslet-studio optimize - --preset default --objective posterior --steps"), "{head}");
         assert!(head.contains("--free positions,weights --lock 1,5") && head.ends_with("--out run"), "{head}");
-        assert!(head.contains("--set refit=70,rates.position=0.05 "), "{head}");
+        assert!(head.contains(r#"--config '{"rates":{"position":0.05},"refit":70}' "#), "{head}");
         let value = serde_json::from_str(rest.strip_suffix("\nEND").unwrap()).unwrap();
         assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design.clone() });
         // One that went on beyond its end.
@@ -228,9 +228,7 @@ mod tests {
         let text = run_command(&published, &settings, &[IdealEvent::Extended { step: 40 }]).unwrap();
         let steps: Vec<&str> = text.lines().map(|line| line.split("--steps ").nth(1).unwrap()).collect();
         assert!(steps.len() == 2 && steps[0].starts_with("40 ") && steps[1].starts_with("90 "), "{text}");
-        let refusal = run_command(&published, &settings, &[IdealEvent::Replanned { step: 5, before: 40 }]).unwrap_err();
-        assert!(refusal.contains("step 5 of 40"), "{refusal}");
-        let refusal = run_command(&published, &settings, &[IdealEvent::Rewound { step: 40, to: 20 }]).unwrap_err();
-        assert!(refusal.contains("go back to step 20"), "{refusal}");
+        let refusal = run_command(&published, &settings, &[IdealEvent::Unsupported]).unwrap_err();
+        assert!(refusal.contains("cannot be reproduced"), "{refusal}");
     }
 }

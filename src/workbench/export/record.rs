@@ -7,8 +7,8 @@ use serde_json::Value;
 use thiserror::Error;
 
 use crate::formats::{DocumentKind, FormatError, read_json};
-use crate::workbench::ideal::IdealRecord;
 use crate::workbench::live::record::LiveRecord;
+use crate::workbench::runs::IdealRecord;
 
 /// The kinds of the files.
 pub(crate) const LIVE_ESTIMATE: DocumentKind =

@@ -15,8 +15,8 @@ use crate::plural::counted;
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
-use crate::workbench::ideal::IdealRecord;
 use crate::workbench::live::record::LiveRecord;
+use crate::workbench::runs::IdealRecord;
 
 /// Work that the window hands to the worker.
 #[derive(Clone, Debug)]

@@ -95,7 +95,7 @@ impl<'a> Pulls<'a> {
         (array, model): (&LensletArray, &CausalModel),
         seed: u64,
     ) -> Result<Vec<LensletGradient>, IdealError> {
-        let by = |patch| self.imaging.posterior_gradient(array, (scenes_of(patch), seed), patch, decoder);
+        let by = |patch| self.imaging.posterior_gradient(array, patch, scenes_of(patch), seed, decoder);
         by(self.imaging.patch(None)).or_else(|_| by(model.patch()))
     }
 

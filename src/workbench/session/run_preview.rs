@@ -7,7 +7,7 @@ use crate::design::IdealSettings;
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::optics::{Encoder, LensletArray};
-use crate::workbench::ideal::{DesignRun, KeptRun, RunStatus, Start};
+use crate::workbench::runs::{DesignRun, RunStatus, RunStore, Start};
 use crate::workbench::session::Session;
 
 /// What the workbench knows of the run beside the run itself.
@@ -35,8 +35,8 @@ impl Session {
     ///
     /// # Errors
     /// Where the folder cannot be made, or another program keeps its runs there.
-    pub fn keep_runs_in(&self, folder: &Path) -> Result<(), EvaluationError> {
-        self.designer.keep_in(KeptRun::in_folder(folder)?)
+    pub fn persist_runs_in(&self, folder: &Path) -> Result<(), EvaluationError> {
+        self.designer.keep_in(RunStore::in_folder(folder)?)
     }
 
     /// Starts a run from each of `starts`, one after the other, and follows it; every result is scored.
@@ -51,35 +51,12 @@ impl Session {
         Ok(())
     }
 
-    /// Lets a run go on: one that was stopped to its end, one that came to its end for so many more steps. Of several starts that
-    /// came to their end the one goes on that led to the result at this place. It goes on from its newest mask, or from that of an
-    /// earlier frame (`rewind_to`), counted from 0; those after it stay among the frames.
+    /// Resumes a stopped run, or extends a finished one by `steps` steps, and follows it.
     ///
     /// # Errors
-    /// One sentence where there is none.
-    pub fn extend_run(&mut self, steps: usize, place: usize, rewind_to: Option<usize>) -> Result<(), String> {
-        self.designer.extend(steps, place, rewind_to)?;
-        self.watched.following = true;
-        Ok(())
-    }
-
-    /// Lets a run that was stopped come to its end at its last refit, so that the mask which it had there is scored; starts after it
-    /// are left out.
-    ///
-    /// # Errors
-    /// One sentence where none was stopped after a step.
-    pub fn end_run_here(&mut self) -> Result<(), String> {
-        self.designer.end_here()?;
-        self.watched.following = true;
-        Ok(())
-    }
-
-    /// Lets a run that waits go on from the mask of an earlier frame, counted from 0.
-    ///
-    /// # Errors
-    /// One sentence where none waits, or its result is being scored.
-    pub fn resume_run_from(&mut self, frame: usize) -> Result<(), String> {
-        self.designer.resume_from(frame)?;
+    /// One sentence where there is none that can be resumed.
+    pub fn extend_run(&mut self, steps: usize) -> Result<(), String> {
+        self.designer.extend(steps)?;
         self.watched.following = true;
         Ok(())
     }
@@ -114,7 +91,7 @@ impl Session {
 
     /// Takes up what has become of the run, shows its mask where it is followed, and returns it. To be called for every
     /// frame of the window.
-    pub fn take_up_run(&mut self) -> Option<DesignRun> {
+    pub fn sync_run(&mut self) -> Option<DesignRun> {
         let run = self.designer.run();
         self.worker.estimator().hold(run.as_ref().is_some_and(|run| run.status == RunStatus::Running));
         if self.watched.following
@@ -240,7 +217,7 @@ impl Session {
     }
 
     /// Why the run cannot be kept, where it was to be.
-    pub fn keep_failure(&self) -> Option<String> {
-        self.designer.keep_failure()
+    pub fn persistence_failure(&self) -> Option<String> {
+        self.designer.persistence_failure()
     }
 }

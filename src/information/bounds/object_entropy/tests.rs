@@ -42,7 +42,7 @@ pub(in crate::information) fn information(p: f64, dark: &[f64], lit: &[f64], ste
 }
 
 #[test]
-fn published_settings_have_known_entropy_bounds() {
+fn published_settings_have_the_known_ceilings() {
     let known = [
         (1, 0.11, 0.69),
         (1, 0.05, 0.42),
@@ -63,7 +63,7 @@ fn published_settings_have_known_entropy_bounds() {
 }
 
 #[test]
-fn poisson_information_is_below_gaussian_channel() {
+fn counts_tell_no_more_than_the_gaussian_channel() {
     for bias in [0.02, 0.3, 1.0, 4.0, 10.0, 60.0] {
         for photons in [0.003, 0.05, 0.4, 1.5, 6.0, 30.0, 100.0] {
             let mut dark = poisson(bias);
@@ -82,7 +82,7 @@ fn poisson_information_is_below_gaussian_channel() {
 }
 
 #[test]
-fn blurred_counts_are_below_fisher_channel() {
+fn blurred_counts_tell_no_more_than_the_fisher_channel() {
     let mut beaten = 0;
     for sigma in [0.12, 0.3, 0.5, 1.0, 4.0] {
         for bias in [0.02, 0.5, 3.0, 10.0] {
@@ -181,7 +181,7 @@ fn enumerated_information_of_a_two_plane_toy_stays_below() {
 }
 
 #[test]
-fn exact_bounds_lie_below_gaussian_bounds() {
+fn exact_ceilings_of_published_settings_lie_a_little_below_the_gaussian_ones() {
     // By Monte Carlo on the exact log-likelihood ratios: .2113, .3625, .4399, .2163, with an error of about 2e-4.
     for (lenslets, probability, expected) in
         [(1, 0.02, 0.2113), (4, 0.02, 0.3625), (9, 0.02, 0.4399), (9, 0.008, 0.2163)]

@@ -182,7 +182,7 @@ mod tests {
     use crate::sensor::Noise;
 
     #[test]
-    fn gradient_matches_finite_differences() {
+    fn the_gradient_is_that_of_finite_differences() {
         for noise in [Noise::Shot, Noise::Read { sigma: 3.0 }, Noise::ShotRead { sigma: 2.0 }] {
             let clean = Array3::from_shape_fn((12, 6, 7), |(n, r, c)| {
                 let distance = (r as f32 - (n * 5 % 6) as f32).hypot(c as f32 - (n * 3 % 7) as f32);

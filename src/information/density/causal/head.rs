@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn losses_and_gradients_match_the_mixture() {
+    fn losses_and_gradients_are_those_of_the_mixture() {
         let (levels, pixels, targets) = (32, 3, 2);
         let number = |i: usize| ((i * 37) % 101) as f32 / 101.0;
         let photons: Vec<f32> = (0..levels).map(|l| 10.0 + 3.0 * l as f32).collect();
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn improbable_values_have_a_gradient() {
+    fn what_is_all_but_impossible_has_a_gradient() {
         let photons: Vec<f32> = (0..16).map(|l| 10.0 * l as f32).collect();
         // The network is certain of the darkest level; the brightest was measured.
         let mut outputs: Vec<f32> = (0..17).map(|l| -10.0 * l as f32).collect();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn loss_beyond_single_precision_is_not_finite() {
+    fn what_single_precision_cannot_hold_is_told() {
         let photons: Vec<f32> = (0..16).map(|l| l as f32).collect();
         let mut shares = vec![0.0; 16];
         shares[15] = 1e-30;

@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn blind_mask_measures_only_noise() {
+    fn a_blind_mask_measures_the_noise_alone() {
         let model = AnalyticGaussian::new(&bead_autocovariance(0.1, 12), (3, 3), (6, 6)).unwrap();
         let dark = Array3::<f64>::zeros((1, 3, 3));
         let read = Noise::Read { sigma: 4.0 };

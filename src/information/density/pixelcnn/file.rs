@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn network_file_round_trips() {
+    fn a_network_comes_back_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("weights.safetensors");
         let model = model();

@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn resumed_fit_equals_uninterrupted_fit() {
+    fn a_stopped_fit_goes_on_bit_for_bit() {
         let clean = patches();
         let noisy = Noise::Shot.draw(clean.view(), 5);
         let patches = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn validation_can_be_cancelled() {
+    fn a_validation_can_be_left() {
         let noisy = patches();
         let noisy = ndarray::concatenate![Axis(0), noisy, noisy, noisy, noisy, noisy, noisy];
         let patches = TrainingPatches { noisy: noisy.view(), clean: None };

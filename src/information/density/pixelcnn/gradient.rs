@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gradient_matches_finite_differences() {
+    fn the_gradient_is_that_of_finite_differences() {
         let clean = Array3::from_shape_fn((2, 6, 7), |(n, r, c)| {
             let distance = (r as f32 - (n * 5 % 6) as f32).hypot(c as f32 - (n * 3 % 7) as f32);
             15.0 + 60.0 * (-0.3 * distance * distance).exp()

@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn losses_and_gradients_match_the_definition() {
+    fn losses_and_gradients_are_those_of_the_definition() {
         for components in [3, 8, 40] {
             let values = [48.0, 52.5, 11.0, 119.0];
             let number = |i: usize| ((i * 37) % 101) as f64 / 101.0;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use egui::{Align, Color32, Layout, Slider, Ui, vec2};
 use egui_plot::{FilledArea, Line, Plot, PlotPoints, Points, VLine};
 
-use crate::design::{Frame, IdealEvent, Objective, gain_in_words};
+use crate::design::{Checkpoint, IdealEvent, Objective, gain_summary};
 use crate::information::{Bracket, Estimate, between, rounded, with_interval};
 use crate::plural::counted;
 use crate::studio::panels::parts::hints::COUNTS;
@@ -14,7 +14,7 @@ use crate::studio::state::messages::Severity;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::colours::{DENSITY, LOWER, TRAJECTORY};
 use crate::studio::widgets::controls::name_widget;
-use crate::workbench::{DesignRun, RunStatus, curve_of, estimate_command, patches_of, run_command, verdict};
+use crate::workbench::{DesignRun, RunStatus, comparison_summary, curve_of, estimate_command, patches_of, run_command};
 
 /// Height of what stands above the curve of a run, its numbers and the slider, in points.
 const ABOVE_PLOT: f32 = 84.0;
@@ -31,19 +31,16 @@ pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
     let run = chosen.as_deref().unwrap_or(all);
     ranking(ui, state, all);
     comparison(ui, state, all);
-    if run.frames.is_empty() {
+    if run.checkpoints.is_empty() {
         if run.is_active() {
             ui.weak("The first fit takes some seconds.");
         }
         return;
     }
-    let last = run.frames.len() - 1;
-    let shown = state.optimize_form.frame.unwrap_or(last).min(last);
+    let last = run.checkpoints.len() - 1;
+    let shown = state.optimize_form.checkpoint.unwrap_or(last).min(last);
     value(ui, state, run, shown);
     rewind(ui, state, run, shown);
-    if chosen.is_none() || all.status == RunStatus::Finished {
-        go_on_from(ui, state, all, run, shown);
-    }
     information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
     notes(ui, state, run);
     other_plots(ui, run);
@@ -53,10 +50,10 @@ pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
 /// which was scored, without dark lenslets.
 pub fn take_up(state: &mut State) {
     let was_followed = state.bench.is_following();
-    state.run = state.bench.take_up_run();
+    state.run = state.bench.sync_run();
     let has_ended = |run: &&DesignRun| run.status == RunStatus::Finished;
     if was_followed && let Some(run) = state.run.as_ref().filter(has_ended).cloned() {
-        let place = if run.alone || run.start_number.1 == 1 { place_of(&run, &run) } else { Some(0) };
+        let place = if run.start_number.1 == 1 { place_of(&run, &run) } else { Some(0) };
         if let Some(place) = place {
             show_result(state, &run, place);
         }
@@ -68,16 +65,11 @@ fn show_result(state: &mut State, run: &DesignRun, place: usize) {
     if let Some(result) = run.ranked.get(place)
         && let Some(array) = result.design.encoder.lenslets()
     {
-        state.optimize_form.frame = None;
-        state.optimize_form.chosen = run.that_led_to(place).map(Arc::new);
+        state.optimize_form.checkpoint = None;
+        state.optimize_form.chosen = run.run_of_result(place).map(Arc::new);
         state.bench.follow_run(false);
         state.go(|bench| bench.preview(array, &result.design));
     }
-}
-
-/// The place of the result that is looked at: that of the last run where none was chosen. None where that run has no result.
-pub fn place_of_shown(state: &State, run: &DesignRun) -> Option<usize> {
-    place_of(run, state.optimize_form.chosen.as_deref().unwrap_or(run))
 }
 
 /// The place among the results of `all` of the one that a run has led to.
@@ -88,7 +80,7 @@ fn place_of(all: &DesignRun, run: &DesignRun) -> Option<usize> {
 
 /// What a mask is worth.
 fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
-    let frame = &run.frames[shown];
+    let checkpoint = &run.checkpoints[shown];
     ui.horizontal(|ui| {
         // What is left beside the button in the corner.
         let room = vec2((ui.available_width() - 34.0).max(80.0), 20.0);
@@ -106,11 +98,11 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
                      design follows the posterior and tells more.",
                 ),
             };
-            ui.strong(format!("{sign} {}", with_interval(frame.bits_per_pixel, frame.interval_95)));
-            let text = format!("bits per pixel at step {}", frame.step);
+            ui.strong(format!("{sign} {}", with_interval(checkpoint.bits_per_pixel, checkpoint.interval_95)));
+            let text = format!("bits per pixel at step {}", checkpoint.step);
             ui.label(text).on_hover_text(hint);
-            // The last that was taken up to this frame.
-            if let Some(lower) = run.frames[..=shown].iter().rev().find_map(|frame| frame.lower) {
+            // The last that was taken up to this checkpoint.
+            if let Some(lower) = run.checkpoints[..=shown].iter().rev().find_map(|checkpoint| checkpoint.lower) {
                 let text = format!("\u{2265} {}", rounded(lower.bits_per_pixel));
                 ui.colored_label(LOWER, text).on_hover_text(
                     "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
@@ -123,9 +115,9 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
     let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
     ui.weak(format!(
         "{patch}, {} ({:.1} effective), Tamura {:.3}",
-        counted(frame.distinct_lenslets, "lenslet"),
-        frame.effective_lenslets,
-        frame.tamura
+        counted(checkpoint.distinct_lenslets, "lenslet"),
+        checkpoint.effective_lenslets,
+        checkpoint.tamura
     ))
     .on_hover_text(COUNTS);
 }
@@ -134,7 +126,7 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
 fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let more = ui.menu_button("...", |ui| {
         if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
-            let curve = curve_of(run.settings.objective, &run.frames);
+            let curve = curve_of(run.settings.objective, &run.checkpoints);
             state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
         }
         if let Some(record) = &run.record {
@@ -154,14 +146,14 @@ fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
 
 /// A slider over all masks so far, from that of the start to the newest.
 fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
-    let last = run.frames.len() - 1;
+    let last = run.checkpoints.len() - 1;
     ui.horizontal(|ui| {
         let back = ui.small_button("Start").on_hover_text("The mask that the run started from");
         name_widget(&back, "Back to start");
         if back.clicked()
             && let Some(array) = run.start.encoder.lenslets()
         {
-            state.optimize_form.frame = Some(0);
+            state.optimize_form.checkpoint = Some(0);
             state.bench.follow_run(false);
             state.go(|bench| bench.preview(array, &run.start));
         }
@@ -169,14 +161,14 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
         let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
         name_widget(&slider, "Rewind");
         if slider.changed() && shown <= last {
-            state.optimize_form.frame = Some(shown);
+            state.optimize_form.checkpoint = Some(shown);
             state.bench.follow_run(false);
-            state.go(|bench| bench.preview(&run.frames[shown].array, &run.start));
+            state.go(|bench| bench.preview(&run.checkpoints[shown].array, &run.start));
         }
         let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
         name_widget(&newest, "Show newest");
         if newest.clicked() {
-            (state.optimize_form.frame, state.optimize_form.chosen) = (None, None);
+            (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None);
             let newest = state.run.clone();
             let run = newest.as_ref().unwrap_or(run);
             state.go(|bench| bench.preview(&run.array, &run.start));
@@ -185,38 +177,17 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
     });
 }
 
-/// Lets a run that waits, was stopped or has ended go on from an earlier mask that is shown.
-fn go_on_from(ui: &mut Ui, state: &mut State, all: &DesignRun, run: &DesignRun, shown: usize) {
-    if shown + 1 >= run.frames.len() || all.status == RunStatus::Running || all.is_being_scored() {
-        return;
-    }
-    // Of several starts that came to their end the one that is shown goes on, if it can.
-    let is_of_several = all.status == RunStatus::Finished && all.start_number.1 > 1;
-    let Some(place) = place_of(all, run).or((!is_of_several).then_some(0)) else { return };
-    let text = format!("Go on from step {}", run.frames[shown].step);
-    let hint = "The run takes up this mask again and goes on from it, where with Go on or Resume it would go on from the newest. \
-                The masks after it stay in the curve";
-    if ui.button(text).on_hover_text(hint).clicked() {
-        let done = if all.status == RunStatus::Paused {
-            state.bench.resume_run_from(shown)
-        } else {
-            state.bench.extend_run(state.optimize_form.further_steps(all), place, Some(shown))
-        };
-        went_on(state, done);
-    }
-}
-
-/// Shows the run that goes on, or why it does not.
-pub fn went_on(state: &mut State, done: Result<(), String>) {
+/// Shows the resumed run, or why it was not resumed.
+pub fn show_resumed(state: &mut State, done: Result<(), String>) {
     match done {
-        Ok(()) => (state.optimize_form.frame, state.optimize_form.chosen) = (None, None),
+        Ok(()) => (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None),
         Err(refusal) => state.messages.push(Severity::Failure, refusal),
     }
 }
 
 /// A curve over the steps of a run.
-fn points(run: &DesignRun, value: &dyn Fn(&Frame) -> f64) -> PlotPoints<'static> {
-    run.frames.iter().map(|frame| [frame.step as f64, value(frame)]).collect()
+fn points(run: &DesignRun, value: &dyn Fn(&Checkpoint) -> f64) -> PlotPoints<'static> {
+    run.checkpoints.iter().map(|checkpoint| [checkpoint.step as f64, value(checkpoint)]).collect()
 }
 
 /// Information with its interval; a line marks the mask that is shown.
@@ -233,17 +204,22 @@ fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
         .allow_scroll(false)
         .y_axis_label("bits per pixel")
         .show(ui, |plot| {
-            let column = |value: &dyn Fn(&Frame) -> f64| -> Vec<f64> { run.frames.iter().map(value).collect() };
-            let (low, high) = (column(&|frame| frame.interval_95[0]), column(&|frame| frame.interval_95[1]));
-            let band = FilledArea::new("95 % interval", &column(&|frame| frame.step as f64), &low, &high);
+            let column =
+                |value: &dyn Fn(&Checkpoint) -> f64| -> Vec<f64> { run.checkpoints.iter().map(value).collect() };
+            let (low, high) =
+                (column(&|checkpoint| checkpoint.interval_95[0]), column(&|checkpoint| checkpoint.interval_95[1]));
+            let band = FilledArea::new("95 % interval", &column(&|checkpoint| checkpoint.step as f64), &low, &high);
             plot.add(band.fill_color(colour.gamma_multiply(0.35)));
-            let values = || points(run, &|frame| frame.bits_per_pixel);
+            let values = || points(run, &|checkpoint| checkpoint.bits_per_pixel);
             plot.line(Line::new(name, values()).color(colour).width(2.0));
             plot.points(Points::new("refits", values()).color(colour).radius(2.0));
-            if shown + 1 < run.frames.len() {
-                plot.vline(VLine::new("shown", run.frames[shown].step as f64).color(TRAJECTORY).width(1.0));
+            if shown + 1 < run.checkpoints.len() {
+                plot.vline(VLine::new("shown", run.checkpoints[shown].step as f64).color(TRAJECTORY).width(1.0));
             }
-            let lower = run.frames.iter().filter_map(|frame| Some([frame.step as f64, frame.lower?.bits_per_pixel]));
+            let lower = run
+                .checkpoints
+                .iter()
+                .filter_map(|checkpoint| Some([checkpoint.step as f64, checkpoint.lower?.bits_per_pixel]));
             let lower: Vec<[f64; 2]> = lower.collect();
             if !lower.is_empty() {
                 plot.line(Line::new("lower bound", PlotPoints::from(lower.clone())).color(LOWER).width(2.0));
@@ -260,9 +236,9 @@ fn other_plots(ui: &mut Ui, run: &DesignRun) {
             "effective lenslets",
             "lenslets",
             LENSLETS,
-            &(|frame: &Frame| frame.effective_lenslets) as &dyn Fn(&Frame) -> f64,
+            &(|checkpoint: &Checkpoint| checkpoint.effective_lenslets) as &dyn Fn(&Checkpoint) -> f64,
         ),
-        ("sensor Tamura", "sensor Tamura", TAMURA, &|frame: &Frame| frame.tamura),
+        ("sensor Tamura", "sensor Tamura", TAMURA, &|checkpoint: &Checkpoint| checkpoint.tamura),
     ] {
         Plot::new(name)
             .height(90.0)
@@ -276,10 +252,10 @@ fn other_plots(ui: &mut Ui, run: &DesignRun) {
 
 /// What the run had to do besides climbing.
 fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
-    for line in IdealEvent::detours(&run.events) {
+    for line in IdealEvent::event_summary(&run.events) {
         ui.weak(line);
     }
-    if let Some(sentence) = gain_in_words(&run.frames, run.settings.objective).filter(|_| !run.is_active()) {
+    if let Some(sentence) = gain_summary(&run.checkpoints, run.settings.objective).filter(|_| !run.is_active()) {
         ui.weak(sentence);
     }
     // The ceiling of this mask, in patches like those of the run.
@@ -288,7 +264,7 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
         is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
     });
     let ceiling = information.and_then(|information| information.value.ceiling_bits());
-    if let (Some(ceiling), Some(last)) = (ceiling, run.frames.last())
+    if let (Some(ceiling), Some(last)) = (ceiling, run.checkpoints.last())
         && last.interval_95[0] > ceiling
     {
         let warning = "The run's estimate lies above what the objects hold at all: judge the design by a bracket.";
@@ -372,7 +348,7 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 ui.end_row();
             }
         });
-        for sentence in verdict(study) {
+        for sentence in comparison_summary(study) {
             ui.label(sentence);
         }
     });

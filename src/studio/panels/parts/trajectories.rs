@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use egui::{Stroke, Ui};
 
-use crate::design::{Frame, IdealEvent};
+use crate::design::{Checkpoint, IdealEvent};
 use crate::optics::{Lenslet, LensletArray};
 use crate::studio::canvas::viewport::Placement;
 use crate::studio::state::app_state::State;
@@ -14,15 +14,15 @@ use crate::studio::widgets::colours::TRAJECTORY;
 pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let form = &state.optimize_form;
     let Some(run) = form.chosen.as_deref().or(state.run.as_ref()).filter(|_| form.trajectories) else { return };
-    let shown = run.frames.iter().position(|frame| frame.array == *array);
+    let shown = run.checkpoints.iter().position(|checkpoint| checkpoint.array == *array);
     let is_newest = *run.array == *array;
-    let is_other = |frame: &Frame| frame.array.lenslets.len() != array.lenslets.len();
-    if (shown.is_none() && !is_newest) || run.frames.iter().any(is_other) {
+    let is_other = |checkpoint: &Checkpoint| checkpoint.array.lenslets.len() != array.lenslets.len();
+    if (shown.is_none() && !is_newest) || run.checkpoints.iter().any(is_other) {
         return;
     }
     let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
     for (index, lenslet) in array.lenslets.iter().enumerate() {
-        let way = way(&run.frames, &run.events, shown, index).chain([lenslet]);
+        let way = way(&run.checkpoints, &run.events, shown, index).chain([lenslet]);
         let points: Vec<_> = way.map(|lenslet| placement.to_screen(lenslet.x, lenslet.y)).collect();
         let share = (lenslet.weight / brightest.max(1e-12)) as f32;
         let stroke = Stroke::new(1.5, TRAJECTORY.gamma_multiply(0.25 + 0.75 * share));
@@ -30,32 +30,32 @@ pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) 
     }
 }
 
-/// What a lenslet was in the masks on its way to the frame that is shown, or to the newest mask where none is.
+/// What a lenslet was in the masks on its way to the checkpoint that is shown, or to the newest mask where none is.
 fn way<'a>(
-    frames: &'a [Frame],
+    checkpoints: &'a [Checkpoint],
     events: &[IdealEvent],
     shown: Option<usize>,
     index: usize,
 ) -> impl Iterator<Item = &'a Lenslet> {
-    let before = &frames[..shown.map_or(frames.len(), |shown| shown + 1)];
-    let last = before.last().map_or(0, |frame| frame.step);
+    let before = &checkpoints[..shown.map_or(checkpoints.len(), |shown| shown + 1)];
+    let last = before.last().map_or(0, |checkpoint| checkpoint.step);
     // Masks that the run came back from are not on the way.
     let given_up = |at: usize| {
         let until_then = |steps: &RangeInclusive<usize>| *steps.end() <= last;
-        events.iter().filter_map(IdealEvent::given_up).filter(until_then).any(|steps| steps.contains(&at))
+        events.iter().filter_map(IdealEvent::discarded_steps).filter(until_then).any(|steps| steps.contains(&at))
     };
     // A lenslet that was put elsewhere took no way there.
     let relocated = |event: &IdealEvent| match *event {
         IdealEvent::Relocated { step, lenslet } if lenslet == index && !given_up(step) => {
-            // Of the two frames where a run that had ended goes on, the later one is after it; one may still be to come.
-            let at = frames.iter().rposition(|frame| frame.step == step).unwrap_or(frames.len());
+            // Of the two checkpoints where a run that had ended goes on, the later one is after it; one may still be to come.
+            let at = checkpoints.iter().rposition(|checkpoint| checkpoint.step == step).unwrap_or(checkpoints.len());
             (at < before.len() || shown.is_none()).then_some(at)
         }
         _ => None,
     };
     let since = events.iter().filter_map(relocated).max().unwrap_or(0);
-    let kept: Vec<_> = before[since..].iter().filter(|frame| !given_up(frame.step)).collect();
-    kept.into_iter().map(move |frame| &frame.array.lenslets[index])
+    let kept: Vec<_> = before[since..].iter().filter(|checkpoint| !given_up(checkpoint.step)).collect();
+    kept.into_iter().map(move |checkpoint| &checkpoint.array.lenslets[index])
 }
 
 #[cfg(test)]
@@ -63,52 +63,50 @@ mod tests {
     use super::*;
 
     /// Frames every ten steps with a lenslet at x = steps / 10.
-    fn frames(count: usize) -> Vec<Frame> {
-        let frame = |number: usize| Frame {
+    fn checkpoints(count: usize) -> Vec<Checkpoint> {
+        let checkpoint = |number: usize| Checkpoint {
             step: 10 * number,
             array: LensletArray { rows: 32, cols: 32, lenslets: vec![Lenslet::round(number as f64, 5.0, 1.0, 1.0)] },
             bits_per_pixel: 0.1,
             interval_95: [0.0, 0.2],
             lower: None,
             tamura: 1.0,
-            afresh: None,
+            cold_fit_bits: None,
             distinct_lenslets: 1,
             effective_lenslets: 1.0,
             seconds: 1.0,
         };
-        (0..count).map(frame).collect()
+        (0..count).map(checkpoint).collect()
     }
 
-    fn visited(frames: &[Frame], events: &[IdealEvent], shown: Option<usize>) -> Vec<f64> {
-        way(frames, events, shown, 0).map(|lenslet| lenslet.x).collect()
+    fn visited(checkpoints: &[Checkpoint], events: &[IdealEvent], shown: Option<usize>) -> Vec<f64> {
+        way(checkpoints, events, shown, 0).map(|lenslet| lenslet.x).collect()
     }
 
     #[test]
     fn a_way_leads_to_the_mask_that_is_shown() {
-        assert_eq!(visited(&frames(4), &[], Some(2)), [0.0, 1.0, 2.0]);
-        assert_eq!(visited(&frames(4), &[], None), [0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(visited(&checkpoints(4), &[], Some(2)), [0.0, 1.0, 2.0]);
+        assert_eq!(visited(&checkpoints(4), &[], None), [0.0, 1.0, 2.0, 3.0]);
         assert!(visited(&[], &[], None).is_empty());
     }
 
     #[test]
     fn a_lenslet_that_got_light_elsewhere_took_no_way_there() {
         let relocated = [IdealEvent::Relocated { step: 20, lenslet: 0 }];
-        assert_eq!(visited(&frames(4), &relocated, None), [2.0, 3.0]);
-        assert_eq!(visited(&frames(4), &relocated, Some(1)), [0.0, 1.0], "it was still to come");
-        assert!(visited(&frames(2), &relocated, None).is_empty(), "its frame is still to come");
+        assert_eq!(visited(&checkpoints(4), &relocated, None), [2.0, 3.0]);
+        assert_eq!(visited(&checkpoints(4), &relocated, Some(1)), [0.0, 1.0], "it was still to come");
+        assert!(visited(&checkpoints(2), &relocated, None).is_empty(), "its checkpoint is still to come");
         let other = [IdealEvent::Relocated { step: 20, lenslet: 1 }];
-        assert_eq!(visited(&frames(4), &other, None), [0.0, 1.0, 2.0, 3.0]);
+        assert_eq!(visited(&checkpoints(4), &other, None), [0.0, 1.0, 2.0, 3.0]);
     }
 
     #[test]
     fn masks_that_a_run_came_back_from_are_not_on_the_way() {
-        let returned = IdealEvent::Returned { step: 30, to: 10 };
-        assert_eq!(visited(&frames(6), std::slice::from_ref(&returned), None), [0.0, 1.0, 4.0, 5.0]);
-        assert_eq!(visited(&frames(6), std::slice::from_ref(&returned), Some(2)), [0.0, 1.0, 2.0]);
-        let rewound = IdealEvent::Rewound { step: 30, to: 10 };
-        assert_eq!(visited(&frames(6), &[rewound], None), [0.0, 1.0, 4.0, 5.0], "by whomever");
+        let returned = IdealEvent::Reverted { step: 30, to: 10 };
+        assert_eq!(visited(&checkpoints(6), std::slice::from_ref(&returned), None), [0.0, 1.0, 4.0, 5.0]);
+        assert_eq!(visited(&checkpoints(6), std::slice::from_ref(&returned), Some(2)), [0.0, 1.0, 2.0]);
         // What had come to light between is as it was before.
         let events = [IdealEvent::Relocated { step: 20, lenslet: 0 }, returned];
-        assert_eq!(visited(&frames(6), &events, None), [0.0, 1.0, 4.0, 5.0]);
+        assert_eq!(visited(&checkpoints(6), &events, None), [0.0, 1.0, 4.0, 5.0]);
     }
 }

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn software_drivers_are_refused() {
+    fn software_drivers_are_no_cards() {
         let told = |found: &[&str]| check_cards(found, &"software").map_err(|error| error.to_string());
         assert_eq!(told(&["card"]), Ok(()));
         assert_eq!(told(&["software", "card"]), Ok(()));

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::design::Frame;
+use crate::design::Checkpoint;
 use crate::evaluation::estimation::read;
 use crate::evaluation::progress::Watch;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, estimate};
@@ -11,8 +11,8 @@ use crate::forward::{forward_model, open_set};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
 use crate::studies::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
-use crate::workbench::ideal::design_run::score_request;
-use crate::workbench::ideal::record::{IdealRecord, patches_of};
+use crate::workbench::runs::design_run::score_request;
+use crate::workbench::runs::record::{IdealRecord, patches_of};
 
 /// Names of the two masks of a run among those they are compared with.
 const RESULT: &str = "design";
@@ -37,7 +37,7 @@ pub fn score_in_patches(
 /// [`score_request`] with fits of this time, where there is one.
 fn score_within(design: &Design, patch: Option<(usize, usize)>, budget: Option<Duration>) -> EstimateRequest {
     let request = score_request(design, patch);
-    let timed = budget.map(|_| DensityModel::new(judge_of(design), budget, EngineChoice::default()));
+    let timed = budget.map(|_| DensityModel::new(scoring_estimator(design), budget, EngineChoice::default()));
     EstimateRequest { model: timed.unwrap_or(request.model), ..request }
 }
 
@@ -82,14 +82,14 @@ pub fn score_settings(
     };
     let against = against.iter().enumerate().filter(|&(index, count)| !against[..index].contains(count));
     let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
-    let begun = record.frames.first().map_or_else(|| start.encoder.clone(), mask_of);
+    let begun = record.checkpoints.first().map_or_else(|| start.encoder.clone(), mask_of);
     let designs = [named(RESULT, &record.result), named(START, &begun)];
     Ok(StudySettings {
         kind: StudyKind::Grid,
         objects: vec![StudyObjects::new(start.objects.clone(), None)],
         designs: designs.into_iter().chain(against.map(|(_, &count)| StudyDesign::heuristic(count))).collect(),
         patches,
-        estimator: judge_of(start),
+        estimator: scoring_estimator(start),
         budget_seconds: Some(budget.as_secs_f64()),
         patches_train: 0,
         patches_test: 600,
@@ -102,21 +102,21 @@ pub fn score_settings(
 }
 
 /// Whether a study of [`score_settings`] is about this mask.
-pub(super) fn is_about(study: &StudyRecord, result: &Encoder) -> bool {
+pub(super) fn matches_mask(study: &StudyRecord, result: &Encoder) -> bool {
     study.settings.designs.first().is_some_and(|design| design.encoder == *result)
 }
 
 /// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
-pub(super) fn judge_of(design: &Design) -> Estimator {
+pub(super) fn scoring_estimator(design: &Design) -> Estimator {
     if design.objects.is_beads() { Estimator::Bracket } else { Estimator::Causal }
 }
 
-fn mask_of(frame: &Frame) -> Encoder {
-    Encoder::Lenslets(frame.array.clone())
+fn mask_of(checkpoint: &Checkpoint) -> Encoder {
+    Encoder::Lenslets(checkpoint.array.clone())
 }
 
 /// What result and start are worth by a study of [`score_settings`], a sentence for each patch.
-pub fn worths(study: &StudyRecord) -> Vec<String> {
+pub fn result_lines(study: &StudyRecord) -> Vec<String> {
     let of_patch = |patch: Option<(usize, usize)>| {
         let worth = |name: &str| {
             let cell = study.cells.iter().find(|cell| cell.patch == patch && cell.design == name)?;
@@ -130,7 +130,7 @@ pub fn worths(study: &StudyRecord) -> Vec<String> {
 
 /// What a study of [`score_settings`] says of the result beside its start and heuristic layouts, a sentence for each bound and patch;
 /// none for a patch where estimates are missing.
-pub fn verdict(study: &StudyRecord) -> Vec<String> {
+pub fn comparison_summary(study: &StudyRecord) -> Vec<String> {
     let mut sentences = Vec::new();
     for &patch in &study.settings.patches {
         let place = patches_of(patch);
@@ -243,7 +243,7 @@ fn highest_of(cell: &StudyCell) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::design::{Ideal, IdealSettings, Objective, Preset};
+    use crate::design::{IdealOptimizer, IdealSettings, Objective, Preset};
     use crate::formats::write_array;
     use crate::forward::ForwardModel;
     use crate::information::PairedDifference;
@@ -267,7 +267,8 @@ mod tests {
             let settings =
                 IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
             let imaging = forward_model(&design, &set).unwrap();
-            let record = IdealRecord::new(&design, &Ideal::new(&imaging, start, design.limits, settings).unwrap());
+            let record =
+                IdealRecord::new(&design, &IdealOptimizer::new(&imaging, start, design.limits, settings).unwrap());
             score_settings(&record, &[1], Duration::from_secs(1)).unwrap().patches
         };
         // A mask of 32 px leaves 90 x 90 = 8,100 px of it, and 91 x 91 = 8,281.
@@ -282,7 +283,7 @@ mod tests {
         let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
-        let ideal = Ideal::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
+        let ideal = IdealOptimizer::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
         let mut settings =
             score_settings(&IdealRecord::new(&design, &ideal), &[1, 3, 1], Duration::from_millis(300)).unwrap();
         assert_eq!((settings.estimator, settings.cells()), (Estimator::Bracket, 8));
@@ -299,10 +300,10 @@ mod tests {
             .unwrap();
         assert_eq!(done, 4);
         let mut record = study.record().clone();
-        let told = verdict(&record).join("\n");
+        let told = comparison_summary(&record).join("\n");
         let mut partial = record.clone();
         partial.cells.retain(|cell| cell.design != "heuristic:3");
-        let of_start = verdict(&partial);
+        let of_start = comparison_summary(&partial);
         assert!(of_start.len() == 1 && of_start[0].contains(", its start 0."), "a missing layout may be the best");
         assert!(
             told.contains("6 x 6 px patches, density model") && told.contains("6 x 6 px patches, lower bound"),
@@ -317,7 +318,7 @@ mod tests {
         set("heuristic:1", 0.1);
         set("heuristic:3", 0.2);
         set("design", 0.205);
-        let judged = |record: &StudyRecord| verdict(record).last().unwrap().clone();
+        let judged = |record: &StudyRecord| comparison_summary(record).last().unwrap().clone();
         assert!(judged(&record).ends_with("does not confirm a gain"), "{}", judged(&record));
         let mut set = |name: &str, bits: f64| {
             let cell = record.cells.iter_mut().find(|cell| cell.design == name).unwrap();

@@ -1,21 +1,20 @@
-//! Masks that are to end with fewer lenslets than they began with.
+//! Runs that end with fewer lenslets than they start with.
 
-use super::Ideal;
+use super::IdealOptimizer;
 use crate::design::merge::{close_pair, joined};
-use crate::design::movement::project;
+use crate::design::projection::project;
 
-/// Share of the steps after which no more than the wished number of lenslets is left.
+/// Share of the steps after which the mask has the final number of lenslets.
 const PRUNED_BY: f64 = 0.6;
 
-impl Ideal<'_> {
-    /// Takes out lenslets until no more are left than are wished for by now: one of two that all but coincide, otherwise
-    /// the darkest.
+impl IdealOptimizer<'_> {
+    /// Removes lenslets down to the number that the schedule allows at this step: one of a close pair, otherwise the darkest.
     pub(super) fn prune(&mut self) {
-        let Some(wished) = self.settings.lenslets else { return };
+        let Some(wanted) = self.settings.cardinality else { return };
         let state = &mut self.state;
         let all = state.array.lenslets.len();
         let share = (state.step as f64 / self.settings.steps as f64 / PRUNED_BY).min(1.0);
-        let allowed = all - ((all.saturating_sub(wished)) as f64 * share).floor() as usize;
+        let allowed = all - ((all.saturating_sub(wanted)) as f64 * share).floor() as usize;
         while all - state.pruned.len() > allowed.max(1) {
             let free = self.settings.free_lenslets(all, &state.pruned);
             let out = if let Some((one, other)) = close_pair(&state.array, &free) {
@@ -30,7 +29,7 @@ impl Ideal<'_> {
             };
             state.array.lenslets[out].weight = 0.0;
             state.pruned.push(out);
-            state.followed = false;
+            state.model_up_to_date = false;
         }
         project(&mut state.array, &self.settings, &self.limits);
     }
@@ -46,20 +45,20 @@ mod tests {
     use crate::sensor::Noise;
 
     #[test]
-    fn pruning_joins_free_lenslets_alone_and_leaves_weights_that_are_held() {
+    fn pruning_joins_free_lenslets_only_and_keeps_fixed_weights() {
         let set = beads();
         let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let lenslets = [2.0, 2.1, 6.0, 6.4, 9.0].map(|x| Lenslet::round(x, 5.0, 1.0, 0.2)).to_vec();
         let start = LensletArray { rows: 12, cols: 12, lenslets };
         let settings = IdealSettings {
             patch: Some((6, 6)),
-            lenslets: Some(4),
+            cardinality: Some(4),
             locked: vec![0],
             free: Free { weights: false, ..Free::default() },
             steps: 10,
             ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
         };
-        let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings).unwrap();
+        let mut ideal = IdealOptimizer::new(&imaging, &start, Limits::default(), settings).unwrap();
         ideal.state.step = 10;
         ideal.prune();
         assert_eq!(ideal.state.pruned, [3]);

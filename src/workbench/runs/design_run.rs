@@ -1,11 +1,11 @@
-//! A run as the window sees it, and the results of its starts.
+//! A run as the window shows it, and the results of its starts.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::design::{Frame, IdealEvent, IdealSettings, IdealState, Objective};
+use crate::design::{Checkpoint, IdealEvent, IdealSettings, IdealState, Objective};
 use crate::evaluation::scene::Scene;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::forward::Design;
@@ -14,105 +14,105 @@ use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
 use crate::studies::StudyRecord;
 use crate::workbench::Live;
 use crate::workbench::estimates::files::is_estimate_of;
-use crate::workbench::ideal::record::IdealRecord;
-use crate::workbench::ideal::score::judge_of;
+use crate::workbench::runs::record::IdealRecord;
+use crate::workbench::runs::score::scoring_estimator;
 
-/// What a run is doing.
+/// Status of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RunStatus {
-    /// It computes.
+    /// The run computes.
     Running,
-    /// It waits to be told to go on.
+    /// The run is paused.
     Paused,
-    /// It was stopped; it can go on.
+    /// The run was stopped and can be resumed.
     Stopped,
-    /// It came to its end.
+    /// The last fit is done.
     Finished,
-    /// It could not go on, and why.
+    /// The run failed, with the reason.
     Failed(String),
 }
 
-/// A run and what came of it, as the window sees it.
+/// A run with its results, as the window shows it.
 #[derive(Clone, Debug)]
 pub struct DesignRun {
-    /// The design that it started from.
+    /// Design of the start.
     pub start: Arc<Design>,
-    /// What it does.
+    /// Settings of the run.
     pub settings: IdealSettings,
-    /// Whether it goes on.
+    /// Status of the run.
     pub status: RunStatus,
-    /// The mask now.
+    /// Present mask.
     pub array: Arc<LensletArray>,
-    /// Where the information pulls the centre of each of its lenslets (x, y), bits per pixel and pixel.
-    pub pulls: Arc<Vec<(f64, f64)>>,
+    /// Gradient of the information by the centre (x, y) of each lenslet, bits per pixel and pixel.
+    pub position_gradients: Arc<Vec<(f64, f64)>>,
     /// Steps of the mask so far.
     pub step: usize,
     /// The masks at all refits so far.
-    pub frames: Arc<Vec<Frame>>,
-    /// What else happened.
+    pub checkpoints: Arc<Vec<Checkpoint>>,
+    /// Events besides gradient steps.
     pub events: Vec<IdealEvent>,
-    /// What it is doing besides moving the mask, and how much of that is done.
+    /// Work besides gradient steps, and the share of it that is done, 0 to 1.
     pub doing: Option<(String, f64)>,
     /// Seconds of computing so far.
     pub seconds: f64,
-    /// Time that is left, once it can be told.
+    /// Estimated time that is left.
     pub left: Option<Duration>,
-    /// Which of how many starts is being run, from 1.
+    /// Number of the current start, from 1, and number of all starts.
     pub start_number: (usize, usize),
-    /// Whether it goes on by itself: the starts after it are done.
-    pub alone: bool,
-    /// What failed of other starts and of scores, a sentence for each.
+    /// Whether a result is being scored or compared.
+    pub is_scoring: bool,
+    /// Failures of other starts and of scores, one sentence each.
     pub failures: Vec<String>,
-    /// Results of the starts that came to their end, the best first.
+    /// Results of the starts so far, the best first.
     pub ranked: Vec<RankedStart>,
-    /// The best of them beside its start and the heuristic layouts, as far as that was computed.
+    /// Comparison of the best result with its start and the heuristic layouts, as far as it is computed.
     pub comparison: Option<Arc<StudyRecord>>,
-    /// Why that ended early, where it was not stopped.
+    /// Why the comparison failed.
     pub comparison_failure: Option<String>,
-    /// All that is needed to repeat the run, as of its last refit.
+    /// Record of the run up to its newest checkpoint.
     pub record: Option<Arc<IdealRecord>>,
 }
 
-/// What a run knows of a mask, by the values at one of its refits.
+/// Bounds of a mask by one checkpoint of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunBounds {
-    /// Whether the values are of this very mask, which has not moved on since.
+    /// Whether the mask is that of the checkpoint; otherwise it has moved on since.
     pub is_of_mask: bool,
-    /// The information is at least this.
+    /// Lower bound.
     pub lower: Option<NamedBound>,
-    /// The information is at most this.
+    /// Upper bound.
     pub upper: Option<NamedBound>,
 }
 
 /// The result of one start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RankedStart {
-    /// What it started from.
+    /// Name of the start.
     pub name: String,
-    /// The design in the end.
+    /// Design with the resulting mask.
     pub design: Arc<Design>,
-    /// What it is worth, by an estimate with a model of its own on held-out objects.
+    /// Score in patches, by an estimate with separate models on held-out objects.
     pub estimate: Estimate,
-    /// The same for whole measurements, where these are larger than the patches of that estimate.
+    /// Score for whole measurements, where these are larger than the patches.
     #[serde(default)]
     pub sensor: Option<Estimate>,
-    /// Whether nothing of its score is to come any more.
+    /// Whether the score is complete.
     #[serde(default)]
     pub is_scored: bool,
-    /// The run that led there.
+    /// Record of the run.
     #[serde(default)]
     pub record: Option<Arc<IdealRecord>>,
 }
 
-/// Steps of the fits by which a result is scored, which can be repeated: about as many as a minute has on two cores.
+/// Fit steps of a score, fixed so that it is reproducible: about a minute on two cores.
 pub(super) const BRACKET_STEPS: usize = 400;
 pub(super) const LIVE_STEPS: usize = 2_000;
-/// Share of them in the fits for whole measurements, of which each step takes longer.
+/// Divisor of these steps for whole measurements, where each step takes longer.
 const SENSOR_SHARE: usize = 4;
 
-/// What the result of a run is scored by, in patches or for whole measurements: a bracket where the prior of the objects is known.
+/// Request of a score in patches, or for whole measurements: a bracket where the prior of the objects is known.
 pub(super) fn score_request(design: &Design, patch: Option<(usize, usize)>) -> EstimateRequest {
-    let judge = judge_of(design);
+    let judge = scoring_estimator(design);
     let steps = if judge == Estimator::Bracket { BRACKET_STEPS } else { LIVE_STEPS };
     let steps = if patch.is_some() { steps } else { steps / SENSOR_SHARE };
     EstimateRequest {
@@ -129,41 +129,39 @@ pub(super) fn score_request(design: &Design, patch: Option<(usize, usize)>) -> E
     }
 }
 
-/// What a result is worth by an estimate, bits per pixel: the lower bound where there is one, which nobody can climb by being looked
-/// at loosely, and the estimate otherwise.
-fn worth(estimate: &Estimate) -> f64 {
+/// Score by an estimate, bits per pixel: the lower bound where there is one, and the estimate otherwise.
+fn score_of(estimate: &Estimate) -> f64 {
     estimate.lower().unwrap_or(estimate.bits_per_pixel)
 }
 
 impl RankedStart {
-    /// What was asked of the estimates.
+    /// Requests of the scores.
     pub fn requests(&self) -> Vec<EstimateRequest> {
         let patches = score_request(&self.design, Some(self.estimate.patch.into()));
         std::iter::once(patches).chain(self.sensor.as_ref().map(|_| score_request(&self.design, None))).collect()
     }
 
-    /// Takes up its score for whole measurements, or that it needs none; where that failed it is still to come, and the result stands
-    /// without it.
+    /// Sets the score for whole measurements, or that there is none; a failed score stays open.
     ///
     /// # Errors
-    /// Why it failed.
-    pub fn take_sensor(&mut self, scored: Result<Option<Estimate>, EvaluationError>) -> Result<(), EvaluationError> {
+    /// That of the score.
+    pub fn set_sensor(&mut self, scored: Result<Option<Estimate>, EvaluationError>) -> Result<(), EvaluationError> {
         self.sensor = scored?;
         self.is_scored = true;
         Ok(())
     }
 
-    /// Puts results in their order, the best first: by what they are worth for the whole sensor where that is known of all, for
-    /// patches count a point of the objects again in each of them, and in patches otherwise.
+    /// Sorts results, the best first: by the score for the whole sensor where all have one, since neighbouring patches share
+    /// information; by the score in patches otherwise.
     pub fn rank(results: &mut [Self]) {
         let whole = results.iter().all(|result| result.sensor.is_some());
-        let worth = |result: &Self| worth(result.sensor.as_ref().filter(|_| whole).unwrap_or(&result.estimate));
-        results.sort_by(|one, other| worth(other).total_cmp(&worth(one)));
+        let score = |result: &Self| score_of(result.sensor.as_ref().filter(|_| whole).unwrap_or(&result.estimate));
+        results.sort_by(|one, other| score(other).total_cmp(&score(one)));
     }
 }
 
 impl DesignRun {
-    /// A run that begins.
+    /// A run before its first step.
     pub(super) fn new(start: &Arc<Design>, settings: IdealSettings, starts: usize) -> Self {
         let none = || LensletArray { rows: 0, cols: 0, lenslets: Vec::new() };
         Self {
@@ -171,15 +169,15 @@ impl DesignRun {
             array: Arc::new(start.encoder.lenslets().cloned().unwrap_or_else(none)),
             settings,
             status: RunStatus::Running,
-            pulls: Arc::default(),
+            position_gradients: Arc::default(),
             step: 0,
-            frames: Arc::default(),
+            checkpoints: Arc::default(),
             events: Vec::new(),
             doing: Some(("opening objects".into(), 0.0)),
             seconds: 0.0,
             left: None,
             start_number: (1, starts),
-            alone: false,
+            is_scoring: false,
             failures: Vec::new(),
             ranked: Vec::new(),
             comparison: None,
@@ -188,56 +186,51 @@ impl DesignRun {
         }
     }
 
-    /// The run that led to one of the results, where it is still known, with all masks on its way.
-    pub fn that_led_to(&self, result: usize) -> Option<Self> {
+    /// The run of one of the results, where its record is known.
+    pub fn run_of_result(&self, result: usize) -> Option<Self> {
         let record = self.ranked.get(result)?.record.as_ref()?;
-        let last = record.frames.last()?;
+        let last = record.checkpoints.last()?;
         Some(Self {
             start: Arc::new(record.start.clone()),
             settings: record.settings.clone(),
             array: Arc::new(last.array.clone()),
-            pulls: Arc::default(),
+            position_gradients: Arc::default(),
             step: last.step,
-            frames: Arc::new(record.frames.clone()),
+            checkpoints: Arc::new(record.checkpoints.clone()),
             events: record.events.clone(),
             record: Some(Arc::clone(record)),
             ..self.clone()
         })
     }
 
-    /// Takes over where the run has come to.
-    pub(super) fn take_up(&mut self, state: &IdealState) {
-        let more_frames = self.frames.len() != state.frames.len();
-        // Before its first move the mask is that of the start; normalising its weights again may change their last digits.
-        let has_moved = state.step > 0 || !self.frames.is_empty();
-        if more_frames || (has_moved && *self.array != state.array) {
+    /// Updates the run to a state of the optimizer.
+    pub(super) fn sync(&mut self, state: &IdealState) {
+        let more_checkpoints = self.checkpoints.len() != state.checkpoints.len();
+        // Before the first step the mask is that of the start; normalising its weights again could change their last digits.
+        let has_moved = state.step > 0 || !self.checkpoints.is_empty();
+        if more_checkpoints || (has_moved && *self.array != state.array) {
             self.array = Arc::new(state.array.clone());
-            self.pulls = Arc::new(state.pulls());
+            self.position_gradients = Arc::new(state.position_gradients());
         }
         self.step = state.step;
-        if more_frames {
-            self.frames = Arc::new(state.frames.clone());
+        if more_checkpoints {
+            self.checkpoints = Arc::new(state.checkpoints.clone());
         }
         self.events.clone_from(&state.events);
     }
 
-    /// Whether it computes, or waits to.
+    /// Whether the run computes or is paused.
     pub fn is_active(&self) -> bool {
         matches!(self.status, RunStatus::Running | RunStatus::Paused)
     }
 
-    /// Whether it was stopped after a step and before its last.
-    pub fn can_end_here(&self) -> bool {
-        self.status == RunStatus::Stopped && self.step > 0 && !self.is_being_scored()
-    }
-
-    /// Whether it has come to its end but for the score of its result.
+    /// Whether all steps are taken and the result is not scored yet.
     pub fn is_being_scored(&self) -> bool {
         self.status != RunStatus::Finished && self.step >= self.settings.steps
     }
 
-    /// What is known of a design whose mask is one at a refit, or the newest one, for patches of this shape (rows, cols) or
-    /// for whole measurements.
+    /// Bounds of a design whose mask is that of a checkpoint, or the present one, for patches of this shape (rows, cols) or for whole
+    /// measurements.
     pub fn bounds_of(&self, design: &Design, patch: Option<(usize, usize)>) -> Option<RunBounds> {
         let start = &self.start;
         let is_seen_alike = (start.bias_photons, start.noise) == (design.bias_photons, design.noise);
@@ -245,25 +238,25 @@ impl DesignRun {
             return None;
         }
         let array = design.encoder.lenslets()?;
-        let at = self.frames.iter().rposition(|frame| frame.array == *array);
-        let newest = || self.frames.len().checked_sub(1).filter(|_| *self.array == *array);
-        let frame = &self.frames[at.or_else(newest)?];
+        let at = self.checkpoints.iter().rposition(|checkpoint| checkpoint.array == *array);
+        let newest = || self.checkpoints.len().checked_sub(1).filter(|_| *self.array == *array);
+        let checkpoint = &self.checkpoints[at.or_else(newest)?];
         let bound = |bits_per_pixel, interval_95| NamedBound {
-            from: format!("run, step {}", frame.step),
+            from: format!("run, step {}", checkpoint.step),
             bits_per_pixel,
             interval_95,
         };
-        let climbed = bound(frame.bits_per_pixel, frame.interval_95);
+        let climbed = bound(checkpoint.bits_per_pixel, checkpoint.interval_95);
         let (lower, upper) = match self.settings.objective {
             Objective::Posterior => (Some(climbed), None),
             Objective::Density | Objective::PixelCnn => {
-                (frame.lower.map(|lower| bound(lower.bits_per_pixel, lower.interval_95)), Some(climbed))
+                (checkpoint.lower.map(|lower| bound(lower.bits_per_pixel, lower.interval_95)), Some(climbed))
             }
         };
         Some(RunBounds { is_of_mask: at.is_some(), lower, upper })
     }
 
-    /// The scores of its results that are of this design and its objects as they were read last, by this version of the program.
+    /// Scores of this design with these objects, by this version of the program.
     pub fn scores_of(&self, design: &Arc<Design>, live: &Live) -> impl Iterator<Item = &Estimate> {
         let is_of_today = |result: &&RankedStart| {
             let version = result.record.as_ref().map(|record| &*record.program_version);
@@ -273,12 +266,12 @@ impl DesignRun {
         scored.flat_map(|result| std::iter::once(&result.estimate).chain(&result.sensor))
     }
 
-    /// Whether it was stopped on its way.
-    pub fn can_go_on(&self) -> bool {
+    /// Whether the run was stopped before its last step.
+    pub fn can_resume(&self) -> bool {
         self.status == RunStatus::Stopped && (self.step > 0 || self.start_number.0 > 1)
     }
 
-    /// How far it is: which step, and of which start where there are several.
+    /// Text of the present step, and of the start where there are several.
     pub fn place(&self) -> String {
         let (number, all) = self.start_number;
         let of_starts = if all > 1 { format!("start {number} of {all}, ") } else { String::new() };
@@ -286,23 +279,23 @@ impl DesignRun {
     }
 }
 
-/// A mask to start from.
+/// Start of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Start {
-    /// What it is called.
+    /// Name of the start.
     pub name: String,
     /// The design.
     pub design: Arc<Design>,
 }
 
 impl Start {
-    /// Random lenslets in place of those of a design.
+    /// The design with `count` random lenslets.
     pub fn random(design: &Design, count: usize, seed: u64) -> Self {
         let encoder = Encoder::Lenslets(random_layout(count, seed));
         Self { name: format!("{count} random, seed {seed}"), design: Arc::new(Design { encoder, ..design.clone() }) }
     }
 
-    /// The published layout of so many lenslets, 1 to 9, in place of those of a design.
+    /// The design with the published layout of `count` lenslets, 1 to 9.
     pub fn heuristic(design: &Design, count: usize) -> Self {
         let encoder = Encoder::Lenslets(heuristic_layout(count));
         Self { name: format!("heuristic, {count}"), design: Arc::new(Design { encoder, ..design.clone() }) }
@@ -318,15 +311,15 @@ mod tests {
     use crate::evaluation::estimate;
     use crate::information::InformationError;
 
-    fn frame(step: usize, array: &LensletArray) -> Frame {
-        Frame {
+    fn checkpoint(step: usize, array: &LensletArray) -> Checkpoint {
+        Checkpoint {
             step,
             array: array.clone(),
             bits_per_pixel: 0.3,
             interval_95: [0.2, 0.4],
             lower: None,
             tamura: 0.8,
-            afresh: None,
+            cold_fit_bits: None,
             distinct_lenslets: 9,
             effective_lenslets: 9.0,
             seconds: 1.0,
@@ -334,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn a_score_that_failed_is_still_to_come() {
+    fn failed_score_stays_open() {
         let start = Start::random(&Design::default(), 3, 1);
         let request = EstimateRequest {
             model: DensityModel::Stationary,
@@ -347,14 +340,14 @@ mod tests {
         let scored = Some(estimate.clone());
         let mut result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None };
         let failure = EvaluationError::Information(InformationError::Empty);
-        assert!(result.take_sensor(Err(failure)).is_err());
+        assert!(result.set_sensor(Err(failure)).is_err());
         assert!(!result.is_scored && result.sensor.is_none());
-        result.take_sensor(Ok(scored.clone())).unwrap();
+        result.set_sensor(Ok(scored.clone())).unwrap();
         assert!(result.is_scored && result.sensor == scored);
     }
 
     #[test]
-    fn a_run_bounds_its_own_masks_alone() {
+    fn run_bounds_its_own_masks_only() {
         let start = Arc::new(Design::default());
         let with = |array: &LensletArray| Design { encoder: Encoder::Lenslets(array.clone()), ..Design::clone(&start) };
         let first = start.encoder.lenslets().unwrap().clone();
@@ -366,7 +359,7 @@ mod tests {
             |objective| IdealSettings { patch: Some((32, 32)), ..IdealSettings::new(Preset::Default, objective, 1) };
         let mut run = DesignRun::new(&start, settings(Objective::Posterior), 1);
         assert_eq!(run.bounds_of(&start, Some((32, 32))), None, "nothing is known yet");
-        run.frames = Arc::new(vec![frame(0, &first), frame(20, &second)]);
+        run.checkpoints = Arc::new(vec![checkpoint(0, &first), checkpoint(20, &second)]);
         run.array = Arc::new(newest.clone());
         let told = |step: usize| {
             Some(NamedBound { from: format!("run, step {step}"), bits_per_pixel: 0.3, interval_95: [0.2, 0.4] })

@@ -1,4 +1,4 @@
-//! Runs of IDEAL from the command line: their files, and what becomes of them when the power is cut.
+//! Optimizer runs from the command line: their files, and their resumption after a power cut.
 
 use std::process::Stdio;
 
@@ -6,16 +6,16 @@ use serde_json::{Value, json};
 
 use super::{Bench, npy, text};
 
-/// A run of a second.
-const TINY: &str = "design --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density --score none \
-                    --set first_fit=60,refit=15,last_fit=60";
+/// A run that takes a second.
+const TINY: &str = "optimize --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density --score none \
+                    --config {\"first_fit\":60,\"refit\":15,\"last_fit\":60}";
 
 fn read(bench: &Bench, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
 }
 
 #[test]
-fn a_run_leaves_design_pictures_curve_and_record() {
+fn run_writes_design_psf_curve_and_record() {
     let bench = Bench::new();
     let told = bench.json(&format!("{TINY} --steps 6 --out a"));
     for name in ["psf.npy", "psf.tiff", "psf.png", "psf16.png", "lenslets.csv", "curve.csv", "run.safetensors"] {
@@ -24,10 +24,10 @@ fn a_run_leaves_design_pictures_curve_and_record() {
     let record = read(&bench, "a/run.json");
     assert_eq!(told["record"], record);
     assert_eq!((&record["format"], &record["finished"]), (&json!("lenslet-studio/ideal"), &json!(true)));
-    let frames = record["frames"].as_array().unwrap();
-    let steps: Vec<u64> = frames.iter().map(|frame| frame["step"].as_u64().unwrap()).collect();
+    let checkpoints = record["checkpoints"].as_array().unwrap();
+    let steps: Vec<u64> = checkpoints.iter().map(|checkpoint| checkpoint["step"].as_u64().unwrap()).collect();
     assert_eq!(steps, [0, 5, 6]);
-    assert_eq!(told["end"], frames[2]);
+    assert_eq!(told["end"], checkpoints[2]);
     let design = read(&bench, "a/design.json");
     assert_eq!(design["encoder"], record["result"]);
     assert_ne!(design["encoder"]["lenslets"], record["start"]["encoder"]["lenslets"]);
@@ -40,16 +40,19 @@ fn a_run_leaves_design_pictures_curve_and_record() {
     assert_eq!(again["end"], told["end"]);
     let longer = bench.json(&format!("{TINY} --steps 12 --out a"));
     assert_eq!(longer["end"]["step"], json!(12));
-    assert_eq!(longer["record"]["frames"][0], frames[0]);
+    assert_eq!(longer["record"]["checkpoints"][0], checkpoints[0]);
     let told = bench.done(&format!("{TINY} --steps 12 --out a"));
     assert!(told.contains("upper bound by the run's density model") && told.contains("12 steps"), "{told}");
 
     // The schedule is the user's.
-    let told = bench.json(&format!("{TINY} --set refit_every=2,refit=3,rates.position=0.25 --steps 4 --out set"));
+    let told = bench.json(&format!(
+        "{TINY} --config {{\"refit_every\":2,\"refit\":3,\"rates\":{{\"position\":0.25}}}} --steps 4 --out set"
+    ));
     let settings = &told["record"]["settings"];
     assert_eq!((&settings["refit_every"], &settings["refit"]), (&json!(2), &json!(3)));
     assert_eq!(settings["rates"]["position"], json!(0.25));
-    let steps: Vec<&Value> = told["record"]["frames"].as_array().unwrap().iter().map(|frame| &frame["step"]).collect();
+    let steps: Vec<&Value> =
+        told["record"]["checkpoints"].as_array().unwrap().iter().map(|checkpoint| &checkpoint["step"]).collect();
     assert_eq!(steps, [&json!(0), &json!(2), &json!(4)]);
 
     // Another run has no place in this folder.
@@ -62,14 +65,15 @@ fn two_starts(bench: &Bench, side: usize) -> String {
     let value = |index: usize| (index * 37 % 101 + index / side % 7 * 9) as f32;
     let values: Vec<f32> = (0..30 * side * side).map(value).collect();
     bench.write("seen.npy", npy(&format!("(30, {side}, {side})"), &values));
-    let objects = "--objects stack:seen.npy --patch 6 --set first_fit=60,last_fit=60 --score 0.2s --against 2";
-    format!("design --start random:4 --seed 5 {objects} --starts 2 --steps 2 --out a")
+    let objects =
+        "--objects stack:seen.npy --patch 6 --config {\"first_fit\":60,\"last_fit\":60} --score 0.2s --baselines 2";
+    format!("optimize --start random:4 --seed 5 {objects} --starts 2 --steps 2 --out a")
 }
 
 #[test]
-fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
+fn several_starts_are_ranked_by_their_scores() {
     let bench = Bench::new();
-    let scored = " --score 0.2s --against 2";
+    let scored = " --score 0.2s --baselines 2";
     let line = two_starts(&bench, 40);
     let told = bench.json(&line);
     let ranked = told["ranked"].as_array().unwrap();
@@ -118,13 +122,13 @@ fn several_starts_are_ranked_by_estimates_and_the_result_is_scored() {
 }
 
 #[test]
-fn what_a_run_takes_otherwise_than_asked_is_told() {
+fn deviations_from_the_request_are_reported() {
     let bench = Bench::new();
     let pictures: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
     bench.write("seen/all.npy", npy("(12, 40, 40)", &pictures));
     bench.write("seen/bad.png", "no picture");
-    let sizes = "--set objects=1,patches=1,moves=1,refit_every=1,first_fit=1,refit=1,last_fit=1 --steps 1 --score none";
-    let line = format!("design --start random:4 --objects images:seen --patch 66x4 {sizes} --out a");
+    let sizes = "--config {\"objects\":1,\"patches\":1,\"substeps\":1,\"refit_every\":1,\"first_fit\":1,\"refit\":1,\"last_fit\":1} --steps 1 --score none";
+    let line = format!("optimize --start random:4 --objects images:seen --patch 66x4 {sizes} --out a");
     let output = bench.run(line.split_whitespace());
     let (printed, told) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(0), "{told}");
@@ -135,12 +139,12 @@ fn what_a_run_takes_otherwise_than_asked_is_told() {
 }
 
 #[test]
-fn a_folder_that_cannot_take_the_result_is_told_before_the_run() {
+fn folder_that_cannot_be_written_is_refused_before_the_run() {
     let bench = Bench::new();
     for name in ["run.safetensors", "run.json", "curve.csv", "psf.npy"] {
         std::fs::create_dir_all(bench.path("taken").join(name)).unwrap();
         // Objects are read before the first fit, and are not there.
-        let sentence = bench.refused("design --objects idx:none --out taken");
+        let sentence = bench.refused("optimize --objects idx:none --out taken");
         assert!(sentence.contains(name) && sentence.contains("a folder or device"), "{sentence}");
         std::fs::remove_dir(bench.path("taken").join(name)).unwrap();
     }
@@ -150,7 +154,7 @@ fn a_folder_that_cannot_take_the_result_is_told_before_the_run() {
 }
 
 #[test]
-fn a_start_that_failed_is_told_whether_the_result_is_read_or_not() {
+fn failed_start_is_reported_even_with_a_closed_pipe() {
     let bench = Bench::new();
     let line = two_starts(&bench, 40);
     bench.write("a/start-2/run.safetensors", "no state");
@@ -168,7 +172,7 @@ fn a_start_that_failed_is_told_whether_the_result_is_read_or_not() {
 }
 
 #[test]
-fn a_score_for_the_whole_sensor_that_is_missing_is_all_that_is_computed() {
+fn missing_sensor_score_alone_is_computed_again() {
     let bench = Bench::new();
     let line = two_starts(&bench, 66);
     let told = bench.json(&line);
@@ -191,7 +195,7 @@ fn a_score_for_the_whole_sensor_that_is_missing_is_all_that_is_computed() {
 }
 
 #[test]
-fn what_is_known_of_starts_ahead_outlives_a_failure() {
+fn scores_of_later_starts_survive_a_failure() {
     let bench = Bench::new();
     let line = two_starts(&bench, 40);
     let told = bench.json(&line);
@@ -206,13 +210,14 @@ fn what_is_known_of_starts_ahead_outlives_a_failure() {
 }
 
 #[test]
-fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
+fn default_objective_of_beads_is_the_decoder() {
     let bench = Bench::new();
     let line = TINY.replace(" --objective density", "");
     let told = bench.json(&format!("{line} --steps 21 --out a"));
     let record = read(&bench, "a/run.json");
     assert_eq!(record["settings"]["objective"], json!("posterior"));
-    let steps: Vec<&Value> = record["frames"].as_array().unwrap().iter().map(|frame| &frame["step"]).collect();
+    let steps: Vec<&Value> =
+        record["checkpoints"].as_array().unwrap().iter().map(|checkpoint| &checkpoint["step"]).collect();
     assert_eq!(steps, [0, 20, 21]);
     assert!(told["end"]["lower"].is_null() && told["end"]["bits_per_pixel"].as_f64().unwrap() > 0.0);
     let curve = std::fs::read_to_string(bench.path("a/curve.csv")).unwrap();
@@ -225,10 +230,12 @@ fn beads_are_designed_by_their_posterior_unless_told_otherwise() {
 }
 
 #[test]
-fn a_run_that_was_killed_ends_as_one_that_was_not() {
+fn killed_run_resumes_bit_for_bit() {
     let bench = Bench::new();
-    let quick = "--steps 8 --set patches=2,refit_every=4,first_fit=2,refit=2,last_fit=2,tried=0";
-    for (objective, length) in [("density", "--steps 40 --set refit=60,last_fit=600"), ("posterior", quick)] {
+    let quick = "--steps 8 --config {\"patches\":2,\"refit_every\":4,\"first_fit\":2,\"refit\":2,\"last_fit\":2,\"relocation_candidates\":0}";
+    for (objective, length) in
+        [("density", "--steps 40 --config {\"refit\":60,\"last_fit\":600}"), ("posterior", quick)]
+    {
         let line = TINY.replace("density", objective);
         let line = format!("{line} {length} --out {objective}");
         let whole = bench.json(&format!("{line}-whole"));
@@ -244,19 +251,19 @@ fn a_run_that_was_killed_ends_as_one_that_was_not() {
         program.wait().unwrap();
         assert!(!bench.path(&design).exists(), "{objective}: the run was killed before its end");
         let output = bench.run(format!("{line}-killed --json").split_whitespace());
-        assert!(text(&output.stderr).contains("going on with the run"), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("resuming the run"), "{}", text(&output.stderr));
         let killed: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(killed["record"]["result"], whole["record"]["result"], "{objective}");
         let bits = |told: &Value| -> Vec<Value> {
-            let frames = told["record"]["frames"].as_array().unwrap();
-            frames.iter().map(|frame| frame["bits_per_pixel"].clone()).collect()
+            let checkpoints = told["record"]["checkpoints"].as_array().unwrap();
+            checkpoints.iter().map(|checkpoint| checkpoint["bits_per_pixel"].clone()).collect()
         };
         assert_eq!(bits(&killed), bits(&whole), "{objective}");
     }
 }
 
 #[test]
-fn a_run_is_repeated_from_its_record() {
+fn run_is_reproduced_from_its_record() {
     let bench = Bench::new();
     bench.done(&format!("{TINY} --steps 6 --out a"));
     // It came to its end once before.
@@ -276,7 +283,7 @@ fn a_run_is_repeated_from_its_record() {
     assert_eq!(bench.files(), before, "nothing stays behind");
     // One that was stopped is repeated as far as it got.
     let mut stopped = read(&bench, "a/run.json");
-    stopped["frames"].as_array_mut().unwrap().truncate(2);
+    stopped["checkpoints"].as_array_mut().unwrap().truncate(2);
     (stopped["finished"], stopped["events"], stopped["settings"]["steps"]) = (json!(false), json!([]), json!(6));
     bench.write("stopped.json", stopped.to_string());
     let told = bench.done("reproduce stopped.json");
@@ -285,8 +292,8 @@ fn a_run_is_repeated_from_its_record() {
 
     // A record that tells other numbers is found out.
     let mut changed = read(&bench, "a/run.json");
-    let bits = changed["frames"][1]["bits_per_pixel"].as_f64().unwrap();
-    changed["frames"][1]["bits_per_pixel"] = json!(bits + 1e-12);
+    let bits = changed["checkpoints"][1]["bits_per_pixel"].as_f64().unwrap();
+    changed["checkpoints"][1]["bits_per_pixel"] = json!(bits + 1e-12);
     bench.write("changed.json", changed.to_string());
     let output = bench.run("reproduce changed.json".split_whitespace());
     let (printed, told) = (text(&output.stdout), text(&output.stderr));
@@ -304,94 +311,72 @@ fn a_run_is_repeated_from_its_record() {
     rewound["events"] = json!([{"kind": "rewound", "step": 6, "to": 5}]);
     bench.write("rewound.json", rewound.to_string());
     let sentence = bench.refused("reproduce rewound.json");
-    assert!(sentence.contains("rewound.json: at step 6 this run was told to go back to step 5"), "{sentence}");
+    assert!(sentence.contains("rewound.json: the run branched, as earlier versions allowed"), "{sentence}");
     rewound["settings"]["steps"] = json!(0);
     bench.write("none.json", rewound.to_string());
     let sentence = bench.refused("reproduce none.json");
     assert!(sentence.contains("none.json: expected a record") && sentence.contains("(steps is 0"), "{sentence}");
-    rewound["frames"] = json!([]);
+    rewound["checkpoints"] = json!([]);
     rewound["settings"]["steps"] = json!(9);
     bench.write("none.json", rewound.to_string());
-    assert!(bench.refused("reproduce none.json").contains("a run without any mask"));
+    assert!(bench.refused("reproduce none.json").contains("a run without checkpoints"));
 }
 
 #[test]
-fn a_run_goes_on_from_an_earlier_mask() {
-    let bench = Bench::new();
-    let line = |steps: usize| format!("{TINY} --steps {steps} --rewind 5 --out a");
-    let sentence = bench.refused(&line(6));
-    assert!(sentence.contains("a: --rewind 5: expected a run that has begun"), "{sentence}");
-    let first = bench.json(&format!("{TINY} --steps 7 --out a"));
-    let sentence = bench.refused(&line(7));
-    assert!(sentence.contains("all 7 are taken; give more than that by --steps"), "{sentence}");
-    let told = bench.json(&line(12));
-    let rewinds = |told: &Value| {
-        let events = told["record"]["events"].as_array().unwrap();
-        events.iter().filter(|event| event["kind"] == "rewound").cloned().collect::<Vec<_>>()
-    };
-    let rewound = |step: usize| json!({"kind": "rewound", "step": step, "to": 5});
-    assert_eq!(rewinds(&told), [rewound(7)]);
-    let frames = |told: &Value| told["record"]["frames"].as_array().unwrap().clone();
-    let (before, after) = (frames(&first), frames(&told));
-    assert_eq!(after[..before.len()], before[..]);
-    assert_eq!((&after[before.len()]["step"], &after[before.len()]["array"]), (&json!(7), &before[1]["array"]));
-    // The same command has nothing left to do, another may go back once more.
-    assert_eq!(bench.json(&line(12))["end"], told["end"]);
-    assert_eq!(rewinds(&bench.json(&line(14))), [rewound(7), rewound(12)]);
-    // From its last mask it goes on as it would without; and again there is nothing left to do.
-    let last = line(16).replace("--rewind 5", "--rewind 14");
-    let told = bench.json(&last);
-    assert_eq!((rewinds(&told).len(), &told["end"]["step"]), (2, &json!(16)));
-    assert_eq!(bench.json(&last)["end"], told["end"]);
-    // It went on from another one since.
-    assert_eq!(rewinds(&bench.json(&line(18))).len(), 3);
-    let sentence = bench.refused(&format!("{TINY} --starts 2 --steps 7 --rewind 5 --out b"));
-    assert!(sentence.contains("--rewind is for a single run"), "{sentence}");
-}
-
-#[test]
-fn what_allows_no_run_is_refused_in_a_sentence() {
+fn impossible_runs_are_refused_in_a_sentence() {
     let bench = Bench::new();
     bench.write("taken", "a file");
     bench.write("other/run.safetensors", "no state");
     for (line, part) in [
-        ("design --out a --start diffuser:16", "no lenslets to move"),
-        ("design --out a --noise none", "noise"),
-        ("design --out a --steps 0", "steps is 0"),
-        ("design --out a --lock 26", "locked is 26"),
-        ("design --out a --lenslets 0", "lenslets is 0"),
-        ("design --out a --lenslets 26", "--lenslets 26: expected at most the 25 of the start"),
-        ("design --out a --anisotropic --free positions", "add widths to --free"),
-        ("design --out a --set objects=20", "is for density models"),
-        ("design --out a --objective density --set tried=20", "is for the posterior"),
-        ("design --out a --objective density --set warm=false,refit=9", "for models that go on"),
-        ("design --out a --set refit", "expected NAME=VALUE"),
-        ("design --out a --set steps=3", "expected one of objects, patches"),
-        ("design --out a --set refit=0", "refit is 0"),
-        ("design --out a --set warm=1", "expected true or false"),
-        ("design --out a --lock 0", "--lock"),
-        ("design --out a --score 5", "expected a time"),
-        ("design --out a --starts 0", "--starts"),
-        ("design --out a --score none --against 3", "--against"),
-        ("design --out a --score 1s --against 10", "from 1 to 9"),
-        ("design --out a --free speed", "expected positions"),
-        ("design --out a --preset best", "expected default or paper"),
-        ("design --out a --published-as mnist", "--preset paper"),
-        ("design --out a --objective all", "expected posterior, density or pixelcnn"),
-        ("design --out a --objective pixelcnn", "objective is pixelcnn"),
-        ("design --out a --preset paper --objective posterior", "objective is posterior"),
-        ("design --out a --min-separation 90", "min_separation_px is 90"),
-        ("design --out a --patch 0", "patch"),
-        ("design --out taken", "taken: expected a folder"),
-        ("design --out a --objects idx:none", "none"),
+        ("optimize --out a --start diffuser:16", "no lenslets to move"),
+        ("optimize --out a --noise none", "noise"),
+        ("optimize --out a --steps 0", "steps is 0"),
+        ("optimize --out a --lock 26", "locked is 26"),
+        ("optimize --out a --cardinality 0", "cardinality is 0"),
+        ("optimize --out a --lenslets 26", "--cardinality 26: expected at most the 25 of the start"),
+        ("optimize --out a --anisotropic --free positions", "add widths to --free"),
+        (r#"optimize --out a --config {"speed":3}"#, "unknown setting \"speed\": expected one of"),
+        (r#"optimize --out a --config {"rates":{"speed":3}}"#, "unknown setting \"rates.speed\""),
+        (r#"optimize --out a --config {"refit":0}"#, "refit is 0"),
+        (r#"optimize --out a --config {"warm":1}"#, "setting \"warm\" is 1"),
+        ("optimize --out a --config none.json", "none.json: cannot be read"),
+        ("optimize --out a --config taken", "taken: expected a JSON object"),
+        ("optimize --out a --lock 0", "--lock"),
+        ("optimize --out a --score 5", "expected a time"),
+        ("optimize --out a --starts 0", "--starts"),
+        ("optimize --out a --score none --baselines 3", "--baselines"),
+        ("optimize --out a --score 1s --baselines 10", "from 1 to 9"),
+        ("optimize --out a --free speed", "expected positions"),
+        ("optimize --out a --preset best", "expected default or paper"),
+        ("optimize --out a --published-as mnist", "--preset paper"),
+        ("optimize --out a --objective all", "expected posterior, density or pixelcnn"),
+        ("optimize --out a --objective pixelcnn", "objective is pixelcnn"),
+        ("optimize --out a --preset paper --objective posterior", "objective is posterior"),
+        ("optimize --out a --min-separation 90", "min_separation_px is 90"),
+        ("optimize --out a --patch 0", "patch"),
+        ("optimize --out taken", "taken: expected a folder"),
+        ("optimize --out a --objects idx:none", "none"),
         (
-            "design --out other --patch 6 --objects beads:0.05",
+            "optimize --out other --patch 6 --objects beads:0.05",
             "other/run.safetensors: this is not the state of this run",
         ),
-        ("design --out other --patch 6 --objects beads:0.05", "; choose another --out, or remove this file"),
-        ("design", "--out"),
+        ("optimize --out other --patch 6 --objects beads:0.05", "; choose another --out, or remove this file"),
+        ("optimize", "--out"),
     ] {
         let sentence = bench.refused(line);
         assert!(sentence.contains(part), "{line}: {sentence}");
     }
+}
+
+#[test]
+fn printed_settings_are_read_again() {
+    let bench = Bench::new();
+    let line = format!("{TINY} --steps 4 --cardinality 3 --print-config");
+    let printed = bench.done(&line);
+    let settings: Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!((&settings["steps"], &settings["cardinality"], &settings["refit"]), (&json!(4), &json!(3), &json!(15)));
+    bench.write("settings.json", &printed);
+    let again = bench.done("optimize --start random:4 --seed 5 --config settings.json --print-config");
+    assert_eq!(serde_json::from_str::<Value>(&again).unwrap(), settings);
+    assert!(!bench.path("a").exists());
 }

@@ -1,12 +1,13 @@
-//! A density model of the measurements, whose cross-entropy bounds the information from above.
+//! Causal density model of the measurements; its cross-entropy gives an upper bound on the information.
 
 use std::ops::ControlFlow;
 
 use ndarray::{Array3, ArrayView3, Axis, Slice, concatenate};
 
-use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued, WARM_RATE};
+use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, OnFit, SAMPLE, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
+use crate::design::objective_model::held_out::{HeldOut, HeldOutPatches};
 use crate::forward::ForwardModel;
 use crate::information::{AnalyticMoments, MeasurementStream};
 use crate::information::{
@@ -17,27 +18,27 @@ use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
 use crate::seeds::SeedStream;
 
-/// The causal density model of live estimates.
-pub(in crate::design) struct DensityGuide<'a> {
-    /// With the noise that bounds from above.
+/// The causal model, refitted to the mask.
+pub(in crate::design) struct DensityModel<'a> {
+    /// Forward model with the noise of the upper bound.
     imaging: ForwardModel<'a>,
     moments: AnalyticMoments<'a>,
     patch: (usize, usize),
     seed: u64,
     entropy: NoiseEntropy,
     held_out: HeldOut,
-    /// Before any fit, for the mask of the start.
-    first: CausalModel,
+    /// Weights before any fit, for the mask of the start.
+    initial: CausalModel,
     model: CausalModel,
-    /// Measurements through the mask that it follows.
+    /// Measurements through the mask of the model.
     stream: MeasurementStream<'a>,
-    /// The fit that keeps up with a mask which moves on from there.
+    /// The online fit to a mask that moves on from there.
     refit: Option<CausalRefit>,
 }
 
-impl<'a> DensityGuide<'a> {
-    /// A model before its fit, with levels up to the brightest measurement that the limits allow: that of one sharp lenslet, on
-    /// whichever plane.
+impl<'a> DensityModel<'a> {
+    /// An unfitted model. Its intensity grid reaches up to the brightest measurement that the limits allow: that of one sharp
+    /// lenslet, on any plane.
     ///
     /// # Errors
     /// Where objects, noise and patch allow none.
@@ -45,7 +46,8 @@ impl<'a> DensityGuide<'a> {
         imaging: &ForwardModel<'a>,
         start: &LensletArray,
         limits: &Limits,
-        (patch, seed): ((usize, usize), u64),
+        patch: (usize, usize),
+        seed: u64,
     ) -> Result<Self, IdealError> {
         check_causal_patch(patch)?;
         let imaging = imaging.bounding();
@@ -61,7 +63,7 @@ impl<'a> DensityGuide<'a> {
         let (sample, psf, stream) = drawn(start)?;
         let (x, y) = ((start.cols / 2) as f64, (start.rows / 2) as f64);
         let planes_in_use = start.planes().min(planes);
-        // All the light may come to gather on one plane.
+        // All the light may gather on one plane.
         let extremes = (0..planes_in_use)
             .map(|plane| {
                 let sharp = Lenslet { plane, ..Lenslet::round(x, y, limits.min_sigma_px, 1.0) };
@@ -72,24 +74,24 @@ impl<'a> DensityGuide<'a> {
         let extremes: Vec<_> = extremes.iter().map(|patches| patches.view()).collect();
         let extremes = concatenate(Axis(0), &extremes).expect("patches of one shape, of one plane at least");
         let known = moments.of(psf.view())?;
-        let first = CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &known, &extremes, seed)?;
-        let model = first.clone();
-        Ok(Self { imaging, moments, patch, seed, entropy, held_out, first, model, stream, refit: None })
+        let initial = CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &known, &extremes, seed)?;
+        let model = initial.clone();
+        Ok(Self { imaging, moments, patch, seed, entropy, held_out, initial, model, stream, refit: None })
     }
 
     /// Training measurements through a mask of this PSF.
-    fn seen_through(&self, psf: ArrayView3<'_, f64>) -> Result<MeasurementStream<'a>, IdealError> {
+    fn training_stream(&self, psf: ArrayView3<'_, f64>) -> Result<MeasurementStream<'a>, IdealError> {
         Ok(self.imaging.stream(self.imaging.convolver(psf)?, Split::Train, self.patch))
     }
 }
 
-/// Patches whose gradients are taken from one question whether to go on to the next.
-const ASKED_EVERY: usize = 64;
+/// Patches of a gradient between two calls of the cancel callback.
+const CHECK_EVERY: usize = 64;
 
-/// A model whose gradient of thousands of patches can be given up on the way.
+/// Density whose gradient by thousands of patches can be cancelled.
 struct Cancellable<'a> {
     model: &'a dyn FrozenDensity,
-    go_on: &'a dyn Fn() -> bool,
+    proceed: &'a dyn Fn() -> bool,
 }
 
 impl FrozenDensity for Cancellable<'_> {
@@ -101,11 +103,11 @@ impl FrozenDensity for Cancellable<'_> {
         let patches = clean.len_of(Axis(0));
         let mut gradient = Array3::zeros(clean.dim());
         let mut bits = 0.0;
-        for first in (0..patches).step_by(ASKED_EVERY) {
-            if !(self.go_on)() {
+        for first in (0..patches).step_by(CHECK_EVERY) {
+            if !(self.proceed)() {
                 return Err(InformationError::Cancelled);
             }
-            let part = Slice::from(first..(first + ASKED_EVERY).min(patches));
+            let part = Slice::from(first..(first + CHECK_EVERY).min(patches));
             let (clean, normals) = (clean.slice_axis(Axis(0), part), normals.slice_axis(Axis(0), part));
             let (part_bits, mut by_part) = self.model.information_gradient(clean, normals)?;
             let share = by_part.len_of(Axis(0)) as f64 / patches as f64;
@@ -117,52 +119,53 @@ impl FrozenDensity for Cancellable<'_> {
     }
 }
 
-impl Guide for DensityGuide<'_> {
-    fn follow(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
+impl ObjectiveModel for DensityModel<'_> {
+    fn retarget(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
-        self.stream = self.seen_through(psf.view())?;
+        self.stream = self.training_stream(psf.view())?;
         let sample = self.stream.draw(SAMPLE, SeedStream::ScalePatches.derive(self.seed))?;
         let moments = self.moments.of(psf.view())?;
         self.model =
-            if warm { self.model.following(&sample, &moments)? } else { self.first.anew(&sample, &moments)? };
+            if warm { self.model.following(&sample, &moments)? } else { self.initial.anew(&sample, &moments)? };
         self.refit = None;
         Ok(())
     }
 
-    fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
-        let &GuideFit { steps, seed, warm } = fit;
+    fn fit(&mut self, fit: &ModelFit, on_fit: OnFit<'_>) -> Result<(), IdealError> {
+        let &ModelFit { steps, seed, warm } = fit;
         let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
         if warm {
             fit.rate *= WARM_RATE;
         }
-        fit.fit(&mut self.model, &self.stream, &mut |progress| watch(progress.step as f64 / steps as f64))?;
+        fit.fit(&mut self.model, &self.stream, &mut |progress| on_fit(progress.step as f64 / steps as f64))?;
         Ok(())
     }
 
-    fn keep_up(
+    fn fit_online(
         &mut self,
-        &GuideFit { steps: all, seed, .. }: &GuideFit,
-        (array, steps): (&LensletArray, usize),
-        go_on: &dyn Fn() -> bool,
+        &ModelFit { steps: all, seed, .. }: &ModelFit,
+        array: &LensletArray,
+        steps: usize,
+        proceed: &dyn Fn() -> bool,
     ) -> Result<bool, IdealError> {
         let psf = render_psf(array, self.imaging.set.planes())?;
-        let stream = self.seen_through(psf.view())?;
+        let stream = self.training_stream(psf.view())?;
         let refit = self.refit.get_or_insert_with(|| CausalRefit::new((all, seed), self.model.clone()));
-        refit.advance_to(steps, &stream, go_on)?;
+        refit.advance_to(steps, &stream, proceed)?;
         self.model = refit.model();
         Ok(true)
     }
 
-    fn value(&self, array: &LensletArray, _last: bool, go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
-        let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
+    fn value(&self, array: &LensletArray, _last: bool, proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
+        let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.imaging, array)?;
         let test = PatchBatch { noisy, clean: Some(clean) };
-        let watch = &mut |_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let watch = &mut |_| if proceed() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let (information, _) = score_with_progress(&self.model, &self.entropy, &test, watch)?;
         self.held_out.value(&information)
     }
 
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
-        let held = Cancellable { model: &self.model, go_on };
+    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
+        let held = Cancellable { model: &self.model, proceed };
         Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 
@@ -175,7 +178,7 @@ impl Guide for DensityGuide<'_> {
         Ok(())
     }
 
-    fn can_overrate(&self) -> bool {
+    fn is_upper_bound(&self) -> bool {
         true
     }
 
@@ -193,19 +196,19 @@ mod tests {
     use crate::sensor::Noise;
 
     #[test]
-    fn a_value_is_left_between_two_parts_of_its_patches() {
+    fn value_can_be_cancelled() {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
-        let guide = DensityGuide::new(&imaging, &start, &Limits::default(), ((6, 6), 1)).unwrap();
+        let model = DensityModel::new(&imaging, &start, &Limits::default(), (6, 6), 1).unwrap();
         let left = Cell::new(2);
-        let value = guide.value(&start, false, &|| left.replace(left.get() - 1) > 1);
+        let value = model.value(&start, false, &|| left.replace(left.get() - 1) > 1);
         assert!(matches!(value, Err(IdealError::Information(InformationError::Cancelled))));
         assert_eq!(left.get(), 0);
     }
 
-    /// Knows the mean of what it is given.
+    /// Density whose information is a mean.
     struct Mean;
 
     impl FrozenDensity for Mean {
@@ -221,24 +224,24 @@ mod tests {
     }
 
     #[test]
-    fn parts_make_the_whole_and_can_be_left() {
+    fn gradient_is_the_mean_of_its_parts_and_can_be_cancelled() {
         let clean = Array3::from_shape_fn((150, 2, 3), |(n, r, c)| (n * 7 % 11 + r + 2 * c) as f32);
         let normals = clean.mapv(|x| 0.1 * x - 0.4);
         let asked = Cell::new(0);
-        let go_on = |most: usize| {
+        let proceed = |most: usize| {
             let asked = &asked;
             move || {
                 asked.set(asked.get() + 1);
                 asked.get() <= most
             }
         };
-        let held = Cancellable { model: &Mean, go_on: &go_on(3) };
+        let held = Cancellable { model: &Mean, proceed: &proceed(3) };
         let (bits, gradient) = held.information_gradient(clean.view(), normals.view()).unwrap();
         let (whole, by_whole) = Mean.information_gradient(clean.view(), normals.view()).unwrap();
         assert!((bits - whole).abs() < 1e-12 * whole.abs());
         assert!(gradient.iter().zip(&by_whole).all(|(one, other)| (one - other).abs() < 1e-15));
         assert_eq!(asked.get(), 3);
-        let held = Cancellable { model: &Mean, go_on: &go_on(5) };
+        let held = Cancellable { model: &Mean, proceed: &proceed(5) };
         let left = held.information_gradient(clean.view(), normals.view());
         assert!(matches!(left, Err(InformationError::Cancelled)) && asked.get() == 6);
     }

@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lenslet_studio::design::{GradientDraw, Ideal, IdealSettings, Objective, Preset};
+use lenslet_studio::design::{GradientDraw, IdealOptimizer, IdealSettings, Objective, Preset};
 use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{
     CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitLength, FrozenDensity, bead_response_gradient,
@@ -29,7 +29,7 @@ const HELD_OUT: usize = 128;
 const SAMPLES: usize = 512;
 
 /// Time for so many rounds from where a run has come to.
-fn time_of_rounds(ideal: &mut Ideal<'_>, count: u64) -> Duration {
+fn time_of_rounds(ideal: &mut IdealOptimizer<'_>, count: u64) -> Duration {
     let started = Instant::now();
     for _ in 0..count {
         // So far ahead that neither its end nor an occasion to move a dark lenslet is near.
@@ -48,7 +48,7 @@ fn up_a_density_model(criterion: &mut Criterion) {
     let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
     let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
     let start = random_layout(25, 1);
-    let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
+    let mut ideal = IdealOptimizer::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     ideal.advance(&mut |_| ControlFlow::Continue(())).expect("the first round");
     let draw = GradientDraw { split: Split::Train, objects: settings.objects, patches: settings.patches, seed: 1 };
     let shapes = causal_shapes();
@@ -128,7 +128,7 @@ fn up_the_posterior(criterion: &mut Criterion) {
     let (scenes, samples) = (of_patch(settings.patches).round() as usize, of_patch(SAMPLES) as usize);
     let decoder = Decoder::shipped().expect("a decoder");
     group.bench_function("slope of a step up the posterior", |bencher| {
-        let at_once = (scenes / settings.moves).max(2);
+        let at_once = (scenes / settings.substeps).max(2);
         bencher.iter(|| {
             for first in (0..scenes).step_by(at_once) {
                 bead_response_gradient(&channel, decoder, (1, first, at_once)).expect("a slope");
@@ -142,7 +142,7 @@ fn up_the_posterior(criterion: &mut Criterion) {
     group.bench_function("the products of such a slope alone", |bencher| {
         bencher.iter(|| products_alone(&shapes, sites, scenes, Gradients::None));
     });
-    let mut ideal = Ideal::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
+    let mut ideal = IdealOptimizer::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
     group.bench_function("a round up the posterior", |bencher| {
         bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
     });

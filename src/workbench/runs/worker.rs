@@ -1,11 +1,11 @@
-//! The thread of runs: what goes on there, and what others see of it.
+//! Work of the run thread, and the data that it shares with the window.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::design::{Ideal, IdealProgress, IdealSettings, time_left};
+use crate::design::{IdealOptimizer, IdealProgress, IdealSettings, time_left};
 use crate::evaluation::{EstimateProgress, EvaluationError};
 use crate::forward::Design;
 use crate::information::Estimate;
@@ -13,37 +13,38 @@ use crate::optics::LensletArray;
 use crate::studies::{Study, StudyCell, StudyError, StudyEvent};
 use crate::workbench::background::activity::{Activities, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
-use crate::workbench::ideal::design_run::{DesignRun, RankedStart, RunStatus, Start};
-use crate::workbench::ideal::record::IdealRecord;
-use crate::workbench::ideal::run::{GoOn, KeptOrder, KeptRun, run_ideal};
-use crate::workbench::ideal::score::{is_about, score_in_patches, score_settings, score_whole, verdict};
+use crate::workbench::runs::design_run::{DesignRun, RankedStart, RunStatus, Start};
+use crate::workbench::runs::record::IdealRecord;
+use crate::workbench::runs::score::{comparison_summary, matches_mask, score_in_patches, score_settings, score_whole};
+use crate::workbench::runs::store::{RunQueue, RunStore, run_ideal};
 
-/// Time between two tellings of a fit's progress; moves of the mask are all told.
-const TELL_EVERY: Duration = Duration::from_millis(100);
+/// Time between two reports of the progress of a fit; every move of the mask is reported.
+const REPORT_EVERY: Duration = Duration::from_millis(100);
 
 /// Time for each fit of a comparison, two for each of eleven masks.
 const COMPARED_FOR: Duration = Duration::from_secs(20);
 
-/// What the thread of runs and the window have in common.
+/// Data that the run thread and the window share.
 pub(super) struct Shared {
     pub run: Mutex<Option<DesignRun>>,
-    /// All starts of the last order.
+    /// All starts of the queue.
     pub starts: Mutex<Vec<Start>>,
-    /// The last state of each that it can go on from.
+    /// Newest state of each start.
     pub states: Mutex<Vec<Option<Vec<u8>>>>,
-    /// The last mask of the run that is in a file of a person's.
+    /// The last mask of the run that was saved in a design file.
     pub saved: Mutex<Option<LensletArray>>,
     pub paused: Mutex<bool>,
     pub resumed: Condvar,
+    /// Stops the optimizer; what there is then is scored.
     pub stopped: AtomicBool,
-    /// The frame of an earlier mask that the run is to go on from, by whoever runs it.
-    pub rewind_to: Mutex<Option<usize>>,
-    /// Where states survive the program.
-    pub folder: Mutex<Option<KeptRun>>,
-    /// Held while the order is written there.
+    /// Cancels scores and comparisons as well.
+    pub cancelled: AtomicBool,
+    /// Store of states between sessions.
+    pub folder: Mutex<Option<RunStore>>,
+    /// Held while the queue is written.
     pub order: Mutex<()>,
-    /// Why the last state or order was not written there.
-    pub keep_failure: Mutex<Option<String>>,
+    /// Why the last state or queue could not be written.
+    pub persistence_failure: Mutex<Option<String>>,
     pub threads: Threads,
     pub activities: Activities,
     /// The run's place among them.
@@ -51,10 +52,10 @@ pub(super) struct Shared {
     pub wake: Wake,
 }
 
-/// Puts the results of a run in their order; a comparison of another than the best goes.
+/// Sorts the results of a run; drops a comparison that is not of the best one.
 fn rank(run: &mut DesignRun) {
     RankedStart::rank(&mut run.ranked);
-    run.comparison.take_if(|study| !is_about(study, &run.ranked[0].design.encoder));
+    run.comparison.take_if(|study| !matches_mask(study, &run.ranked[0].design.encoder));
 }
 
 impl Shared {
@@ -94,7 +95,7 @@ impl Shared {
         self.end(before, told);
     }
 
-    /// Compares the result of a run with others; what comes back says what came of it.
+    /// Compares the result of a run with others, and returns a summary.
     fn compare(&self, record: &IdealRecord) -> Result<String, StudyError> {
         let layouts: Vec<usize> = (1..=9).collect();
         let settings = score_settings(record, &layouts, COMPARED_FOR)?;
@@ -116,19 +117,20 @@ impl Shared {
                     self.change(|run| run.comparison = Some(Arc::new(compared.clone())));
                 }
             }
-            self.go_on()
+            self.proceed_scoring()
         })?;
-        Ok(verdict(study.record()).join("; "))
+        Ok(comparison_summary(study.record()).join("; "))
     }
 
-    /// Notes how work on the run ended; without a word, it was stopped.
+    /// Sets the status at the end of the work; no `outcome` where it was stopped.
     fn end(&self, status: RunStatus, told: Option<Result<String, String>>) {
-        // Whoever sees the end may begin another run at once.
+        // The window may start another run as soon as it sees the new status.
         let entry = lock(&self.entry).take();
         self.change(|run| {
             run.status = status;
-            run.pulls = Arc::default();
+            run.position_gradients = Arc::default();
             run.doing = None;
+            run.is_scoring = false;
             run.left = None;
         });
         if let (Some(entry), Some(told)) = (entry, told) {
@@ -137,7 +139,7 @@ impl Shared {
         (self.wake)();
     }
 
-    /// The best result so far.
+    /// Summary of the best result so far.
     fn result_in_words(&self) -> Option<String> {
         let run = lock(&self.run);
         let best = run.as_ref()?.ranked.first()?;
@@ -146,15 +148,14 @@ impl Shared {
 
     fn run_all(&self, settings: &IdealSettings) -> Result<(), EvaluationError> {
         let starts = lock(&self.starts).clone();
-        let (at, alone) = lock(&self.run).as_ref().map_or((0, false), |run| (run.start_number.0 - 1, run.alone));
-        let end = if alone { at + 1 } else { starts.len() };
+        let at = lock(&self.run).as_ref().map_or(0, |run| run.start_number.0 - 1);
         let mut failed = None;
-        for (index, start) in starts.iter().enumerate().take(end).skip(at) {
+        for (index, start) in starts.iter().enumerate().skip(at) {
             if index > at {
                 self.change(|run| {
                     let fresh = DesignRun::new(&start.design, run.settings.clone(), starts.len());
                     *run = DesignRun {
-                        // Between two starts it may just have been paused.
+                        // The run may have been paused between two starts.
                         status: run.status.clone(),
                         start_number: (index + 1, starts.len()),
                         ranked: std::mem::take(&mut run.ranked),
@@ -172,7 +173,7 @@ impl Shared {
                 done => done?,
             }
         }
-        // What the others have found is worth showing.
+        // Results of other starts stay useful.
         let has_results = lock(&self.run).as_ref().is_some_and(|run| !run.ranked.is_empty());
         failed.filter(|_| !has_results).map_or(Ok(()), Err)
     }
@@ -188,21 +189,21 @@ impl Shared {
     fn run_one(&self, (at, start): (usize, &Start), settings: &IdealSettings) -> Result<(), EvaluationError> {
         let (mut told, mut shown) = (Instant::now(), None);
         let mut watch = |progress: &IdealProgress<'_>| {
-            if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= TELL_EVERY {
+            if shown.as_ref() != Some(&progress.state.array) || told.elapsed() >= REPORT_EVERY {
                 shown = Some(progress.state.array.clone());
                 told = Instant::now();
                 self.publish(progress, settings);
             }
-            self.go_on_unless_rewound()
+            self.proceed()
         };
         let folder = lock(&self.folder).clone();
         self.keep_order();
-        let mut keep = |ideal: &Ideal<'_>| {
+        let mut keep = |ideal: &IdealOptimizer<'_>| {
             let state = ideal.to_bytes()?;
             let record = Arc::new(IdealRecord::new(&start.design, ideal));
             self.change(|run| {
                 run.record = Some(record);
-                run.take_up(ideal.state());
+                run.sync(ideal.state());
             });
             if let Some(folder) = &folder {
                 self.note_kept(folder.store(at, &state));
@@ -210,28 +211,48 @@ impl Shared {
             lock(&self.states)[at] = Some(state);
             Ok(())
         };
-        let reading = |_| self.go_on_unless_rewound();
-        let record = loop {
-            let (state, rewind_to) = (lock(&self.states)[at].clone(), lock(&self.rewind_to).take());
-            let from = state.as_deref().map(|state| GoOn { state, rewind_to });
-            match run_ideal(&start.design, settings, from, &reading, &mut keep, &mut watch) {
-                Err(error) if error.is_cancelled() && self.is_to_rewind() => {}
-                done => break done?,
+        let reading = |_| self.proceed();
+        let state = lock(&self.states)[at].clone();
+        let run = run_ideal(&start.design, settings, state.as_deref(), &reading, &mut keep, &mut watch);
+        let stopped = match run {
+            Ok(record) => {
+                let record = Arc::new(record);
+                self.change(|run| {
+                    run.record = Some(Arc::clone(&record));
+                    run.left = None;
+                });
+                return self.score(start, &record);
             }
+            Err(error) => error,
         };
-        let (design, record) = (Arc::new(record.design()), Arc::new(record));
-        self.change(|run| {
-            run.record = Some(Arc::clone(&record));
-            run.left = None;
-        });
-        // It may have been stopped when it was scored in part.
+        if stopped.is_cancelled() && !self.cancelled.load(Ordering::Relaxed) {
+            // The mask of the newest checkpoint is scored; the run can still be resumed.
+            let record = lock(&self.run).as_ref().and_then(|run| run.record.clone());
+            if let Some(record) = record.filter(|record| record.steps() > 0) {
+                self.score(start, &record)?;
+            }
+        }
+        Err(stopped)
+    }
+
+    /// Scores the result of a run in patches and for the whole sensor, where that is not done yet.
+    fn score(&self, start: &Start, record: &Arc<IdealRecord>) -> Result<(), EvaluationError> {
+        self.change(|run| run.is_scoring = true);
+        let done = self.add_score(start, record);
+        self.change(|run| run.is_scoring = false);
+        done
+    }
+
+    fn add_score(&self, start: &Start, record: &Arc<IdealRecord>) -> Result<(), EvaluationError> {
+        let design = Arc::new(record.design());
+        // A score may have been stopped before.
         let is_this = |result: &RankedStart| result.name == start.name && result.design == design;
         let known = lock(&self.run).as_ref().and_then(|run| run.ranked.iter().find(|known| is_this(known)).cloned());
         let known = if let Some(known) = known {
             known
         } else {
             let (name, estimate) = (start.name.clone(), self.score_in_patches(&design)?);
-            let (design, record) = (Arc::clone(&design), Some(record));
+            let (design, record) = (Arc::clone(&design), Some(Arc::clone(record)));
             let result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record };
             self.change(|run| {
                 run.ranked.push(result.clone());
@@ -252,7 +273,7 @@ impl Shared {
             }
             self.change(|run| {
                 let result = run.ranked.iter_mut().find(|result| is_this(result));
-                if let Some(Err(error)) = result.map(|result| result.take_sensor(scored)) {
+                if let Some(Err(error)) = result.map(|result| result.set_sensor(scored)) {
                     run.failures.push(format!("{unscored}: {error}"));
                 }
                 rank(run);
@@ -262,30 +283,30 @@ impl Shared {
         Ok(())
     }
 
-    /// Writes what was ordered and what came of it so far, but for the state of the start that the run is at.
+    /// Writes the queue with all results so far.
     pub fn keep_order(&self) {
-        // Whoever writes last writes what is newest.
+        // The last writer writes the newest queue.
         let _turn = lock(&self.order);
         let (folder, run) = (lock(&self.folder).clone(), lock(&self.run).clone());
-        if let (Some(folder), Some(DesignRun { settings, start_number, alone, ranked, failures, .. })) = (folder, run) {
+        if let (Some(folder), Some(DesignRun { settings, start_number, ranked, failures, .. })) = (folder, run) {
             let (starts, saved) = (lock(&self.starts).clone(), lock(&self.saved).clone());
             let (at, budget_seconds) = (start_number.0 - 1, None);
-            let order = KeptOrder { starts, settings, at, alone, ranked, failures, saved, budget_seconds };
+            let order = RunQueue { starts, settings, at, ranked, failures, saved, budget_seconds };
             self.note_kept(folder.note(&order));
         }
     }
 
-    /// A run is worth more than its copy: it goes on where nothing can be written, and tells so.
+    /// Notes a failure to write; the run continues.
     fn note_kept(&self, written: Result<(), EvaluationError>) {
-        *lock(&self.keep_failure) = written.err().map(|error| error.to_string());
+        *lock(&self.persistence_failure) = written.err().map(|error| error.to_string());
     }
 
-    /// What a design is worth in patches, by models of its own.
+    /// Scores a design in patches.
     fn score_in_patches(&self, design: &Design) -> Result<Estimate, EvaluationError> {
         score_in_patches(design, None, &mut |progress| self.tell_score("", progress))
     }
 
-    /// The same for whole measurements, where these are larger.
+    /// Scores a design for whole measurements, where these are larger than patches.
     fn score_whole(&self, design: &Design, patches: &Estimate) -> Result<Option<Estimate>, EvaluationError> {
         score_whole(design, patches, None, &mut |progress| self.tell_score(" for the whole sensor", progress))
     }
@@ -295,29 +316,25 @@ impl Shared {
         let step = format!("Scoring the result{place}: {}", progress.step);
         self.tell(&step, share, None);
         self.change(|run| run.doing = Some((step, share)));
-        self.go_on()
+        self.proceed_scoring()
     }
 
-    /// Waits while the run is paused; breaks off where it is to stop.
-    fn go_on(&self) -> ControlFlow<()> {
+    /// Waits while the run is paused; `Break` where the optimizer is to stop.
+    fn proceed(&self) -> ControlFlow<()> {
+        self.proceed_unless(&self.stopped)
+    }
+
+    /// The same for scores and comparisons, which end where they are cancelled.
+    fn proceed_scoring(&self) -> ControlFlow<()> {
+        self.proceed_unless(&self.cancelled)
+    }
+
+    fn proceed_unless(&self, ended: &AtomicBool) -> ControlFlow<()> {
         let mut paused = lock(&self.paused);
-        while *paused && !self.stopped.load(Ordering::Relaxed) {
+        while *paused && !ended.load(Ordering::Relaxed) {
             paused = self.resumed.wait(paused).unwrap_or_else(PoisonError::into_inner);
         }
-        if self.stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-
-    /// The same for what a run does, which is left as well where it is to go on from an earlier mask.
-    fn go_on_unless_rewound(&self) -> ControlFlow<()> {
-        match self.go_on() {
-            ControlFlow::Continue(()) if self.is_to_rewind() => ControlFlow::Break(()),
-            answer => answer,
-        }
-    }
-
-    /// Whether it is to go on from an earlier mask, rather than to end.
-    fn is_to_rewind(&self) -> bool {
-        lock(&self.rewind_to).is_some() && !self.stopped.load(Ordering::Relaxed)
+        if ended.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
     fn tell(&self, step: &str, share: f64, left: Option<Duration>) {
@@ -328,15 +345,15 @@ impl Shared {
 
     fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {
         let state = progress.state;
-        let bits = state.frames.last().map_or(String::new(), |frame| {
-            format!(", at {} {:.3} bits per pixel", settings.objective.side(), frame.bits_per_pixel)
+        let bits = state.checkpoints.last().map_or(String::new(), |checkpoint| {
+            format!(", at {} {:.3} bits per pixel", settings.objective.side(), checkpoint.bits_per_pixel)
         });
         let step = format!("Step {} of {}{bits}", state.step, settings.steps);
         let left = time_left(state, settings, progress.seconds);
         self.tell(&step, state.step as f64 / settings.steps.max(1) as f64, left);
         self.change(|run| {
-            run.take_up(state);
-            run.doing = progress.doing.map(|(doing, share)| (doing.to_string(), share));
+            run.sync(state);
+            run.doing = progress.phase.map(|(doing, share)| (doing.to_string(), share));
             run.seconds = progress.seconds;
             run.left = left;
         });

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use lenslet_studio::design::{
-    Free, Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, Objective, Preset, merged,
+    Free, IdealError, IdealEvent, IdealOptimizer, IdealProgress, IdealSettings, Objective, Preset, merged,
 };
 use lenslet_studio::formats::write_array;
 use lenslet_studio::forward::Design;
@@ -52,7 +52,17 @@ fn settings() -> IdealSettings {
 fn up_the_posterior() -> IdealSettings {
     let IdealSettings { steps, patch, refit_every, first_fit, refit, last_fit, .. } = settings();
     let usual = IdealSettings::new(Preset::Default, Objective::Posterior, 3);
-    IdealSettings { steps, patches: 8, patch, refit_every, first_fit, refit, last_fit, tried: 6, ..usual }
+    IdealSettings {
+        steps,
+        patches: 8,
+        patch,
+        refit_every,
+        first_fit,
+        refit,
+        last_fit,
+        relocation_candidates: 6,
+        ..usual
+    }
 }
 
 /// A short run of the published procedure.
@@ -67,8 +77,8 @@ fn forward_model(set: &ObjectSet) -> ForwardModel<'_> {
     ForwardModel::new(set, (12, 12), 10.0, Noise::Shot).unwrap()
 }
 
-fn run<'a>(imaging: &'a ForwardModel<'a>, start: &LensletArray, settings: IdealSettings) -> Ideal<'a> {
-    let mut ideal = Ideal::new(imaging, start, Limits::default(), settings).unwrap();
+fn run<'a>(imaging: &'a ForwardModel<'a>, start: &LensletArray, settings: IdealSettings) -> IdealOptimizer<'a> {
+    let mut ideal = IdealOptimizer::new(imaging, start, Limits::default(), settings).unwrap();
     while !ideal.is_finished() {
         ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
     }
@@ -88,15 +98,18 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
     };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let state = ideal.state();
-    let (first, last) = (state.frames.first().unwrap(), state.frames.last().unwrap());
+    let (first, last) = (state.checkpoints.first().unwrap(), state.checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1] + 0.05, "{first:?} {last:?}");
     assert!((last.array.lenslets[0].weight - 1.0).abs() < 1e-12);
-    // Every fifth frame and the last are bounded from below as well, and the gain is no climb of a loose bound.
-    for (index, frame) in state.frames.iter().enumerate() {
-        let due = index % 5 == 0 || index + 1 == state.frames.len();
-        assert_eq!(frame.lower.is_some(), due, "frame {index}");
-        assert!(frame.lower.is_none_or(|lower| lower.interval_95[0] < frame.interval_95[1]), "{frame:?}");
+    // Every fifth checkpoint and the last are bounded from below as well, and the gain is no climb of a loose bound.
+    for (index, checkpoint) in state.checkpoints.iter().enumerate() {
+        let due = index % 5 == 0 || index + 1 == state.checkpoints.len();
+        assert_eq!(checkpoint.lower.is_some(), due, "checkpoint {index}");
+        assert!(
+            checkpoint.lower.is_none_or(|lower| lower.interval_95[0] < checkpoint.interval_95[1]),
+            "{checkpoint:?}"
+        );
     }
     let (first, last) = (first.lower.unwrap(), last.lower.unwrap());
     assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
@@ -122,7 +135,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
         ..settings()
     };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
-    let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
+    let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     // What a Gaussian of the same covariance tells, in closed form.
     let known = imaging.analytic_moments(Split::All, (12, 12), (8, 8)).unwrap();
@@ -135,8 +148,8 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     };
     assert!(last.bits_per_pixel > first.bits_per_pixel + 0.1, "{first:?} {last:?}");
     // Independent pixels would tell this much; neighbours share light.
-    for frame in [first, last] {
-        assert!(frame.interval_95[0] < truth(&frame.array) + 0.02, "{frame:?}");
+    for checkpoint in [first, last] {
+        assert!(checkpoint.interval_95[0] < truth(&checkpoint.array) + 0.02, "{checkpoint:?}");
     }
 }
 
@@ -146,10 +159,11 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let imaging = forward_model(&set);
     let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.1, weight: 1e-3, relative_weight: 0.0 };
     // Slopes by fewer scenes are so noisy that the last digits of sums decide where such a run ends.
-    let tried = IdealSettings::new(Preset::Default, Objective::Posterior, 3).tried;
-    let settings = IdealSettings { steps: 200, patches: 256, refit_every: 20, rates, tried, ..up_the_posterior() };
+    let relocation_candidates = IdealSettings::new(Preset::Default, Objective::Posterior, 3).relocation_candidates;
+    let settings =
+        IdealSettings { steps: 200, patches: 256, refit_every: 20, rates, relocation_candidates, ..up_the_posterior() };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
-    let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
+    let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.05, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
     let psf = render_psf(&last.array, 1).unwrap();
@@ -158,7 +172,10 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let sites = ((8 + rows - 1) * (8 + cols - 1)) as f64;
     assert!(last.interval_95[1] < sites / 64.0 * binary_entropy(0.03), "{last:?}");
     // Neither are there bounds beside a bound, nor a density model.
-    assert!(ideal.state().frames.iter().all(|frame| frame.lower.is_none()) && ideal.density_model().is_none());
+    assert!(
+        ideal.state().checkpoints.iter().all(|checkpoint| checkpoint.lower.is_none())
+            && ideal.density_model().is_none()
+    );
 }
 
 #[test]
@@ -169,8 +186,8 @@ fn the_published_procedure_sharpens_a_lenslet_too() {
     let settings =
         IdealSettings { steps: 40, patches: 64, refit_every: 20, first_fit: 60, refit: 60, rates, ..up_a_pixelcnn() };
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
-    let (first, last) = (ideal.state().frames.first().unwrap(), ideal.state().frames.last().unwrap());
-    let width = |frame: &lenslet_studio::design::Frame| frame.array.lenslets[0].spot.mean_sigma();
+    let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
+    let width = |checkpoint: &lenslet_studio::design::Checkpoint| checkpoint.array.lenslets[0].spot.mean_sigma();
     assert!(width(last) < width(first) - 0.3, "{last:?}");
     assert!(last.lower.is_some_and(|lower| lower.interval_95[0] < last.interval_95[1]), "{last:?}");
 }
@@ -192,7 +209,7 @@ fn equal_runs_are_equal_on_any_number_of_threads() {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let state = pool.install(|| run(&imaging, &two(), settings.clone()).state().clone());
-            let bits: Vec<f64> = state.frames.iter().map(|frame| frame.bits_per_pixel).collect();
+            let bits: Vec<f64> = state.checkpoints.iter().map(|checkpoint| checkpoint.bits_per_pixel).collect();
             (state.array, bits)
         };
         let alone = on(1);
@@ -208,8 +225,8 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let whole = run(&imaging, &two(), settings());
     assert_ne!(whole.state().array, two());
 
-    let new = || Ideal::new(&imaging, &two(), Limits::default(), settings()).unwrap();
-    let to_its_end = |ideal: &mut Ideal<'_>| {
+    let new = || IdealOptimizer::new(&imaging, &two(), Limits::default(), settings()).unwrap();
+    let to_its_end = |ideal: &mut IdealOptimizer<'_>| {
         while !ideal.is_finished() {
             ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         }
@@ -230,10 +247,10 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     };
     assert!(matches!(stopped, IdealError::Information(InformationError::Cancelled)));
     assert_eq!(first.state().step, 4 + 2, "a run stops within a step");
-    let kept = Ideal::state_in(&last).unwrap().step;
+    let kept = IdealOptimizer::state_in(&last).unwrap().step;
     assert_eq!(kept, if settings().warm { 4 } else { 4 + 1 }, "where models begin anew every step is kept");
-    let bits = |ideal: &Ideal<'_>| -> Vec<u64> {
-        ideal.state().frames.iter().map(|frame| frame.bits_per_pixel.to_bits()).collect()
+    let bits = |ideal: &IdealOptimizer<'_>| -> Vec<u64> {
+        ideal.state().checkpoints.iter().map(|checkpoint| checkpoint.bits_per_pixel.to_bits()).collect()
     };
     let mut resumed = new().resumed(&last).unwrap();
     to_its_end(&mut resumed);
@@ -247,19 +264,20 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     assert!(matches!(resumed.state().events.last(), Some(IdealEvent::Extended { .. })));
     to_its_end(&mut resumed);
     assert_eq!(resumed.state().step, 16);
-    let other = Ideal::new(&imaging, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();
+    let other =
+        IdealOptimizer::new(&imaging, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();
     assert!(other.resumed(&bytes).err().unwrap().to_string().contains("another mask, scene or setting"));
     assert!(new().resumed(&bytes[..40]).is_err());
 }
 
-/// The value of a frame, computed again from objects that neither model nor mask was fitted to.
+/// The value of a checkpoint, computed again from objects that neither model nor mask was fitted to.
 #[test]
 fn information_is_told_of_held_out_objects_only() {
     let set = beads(0.05);
     let imaging = forward_model(&set);
     let ideal = run(&imaging, &two(), IdealSettings { steps: 4, ..settings() });
-    let frame = ideal.state().frames.last().unwrap();
-    let psf = render_psf(&frame.array, 1).unwrap();
+    let checkpoint = ideal.state().checkpoints.last().unwrap();
+    let psf = render_psf(&checkpoint.array, 1).unwrap();
     let convolver = imaging.convolver(psf.view()).unwrap();
     let value = |split| {
         let objects = set.objects(split, 128, SeedStream::HeldOutObjects.derive(3)).unwrap();
@@ -272,8 +290,8 @@ fn information_is_told_of_held_out_objects_only() {
             score(ideal.density_model().unwrap(), &entropy, &PatchBatch { noisy, clean: Some(clean) }).unwrap();
         bits.iter().sum::<f64>() / bits.len() as f64
     };
-    assert_eq!(frame.bits_per_pixel, value(Split::Test));
-    assert_ne!(frame.bits_per_pixel, value(Split::Train));
+    assert_eq!(checkpoint.bits_per_pixel, value(Split::Test));
+    assert_ne!(checkpoint.bits_per_pixel, value(Split::Train));
 }
 
 #[test]
@@ -292,7 +310,7 @@ fn only_what_is_free_moves_and_the_wished_number_is_left() {
     }
     assert!(array.lenslets.iter().zip(&start.lenslets).filter(|(after, before)| after.x != before.x).count() == 4);
 
-    let ideal = run(&imaging, &start, IdealSettings { lenslets: Some(2), free: Free::default(), ..settings });
+    let ideal = run(&imaging, &start, IdealSettings { cardinality: Some(2), free: Free::default(), ..settings });
     let left = merged(&ideal.state().array);
     assert_eq!(left.lenslets.len(), 2, "{left:?}");
     assert!(ideal.state().array.lenslets[1].weight > 0.0, "a locked lenslet is not taken out");
@@ -315,19 +333,19 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
     let set = beads(0.05);
     let imaging = forward_model(&set);
     let told = |start: &LensletArray, settings: IdealSettings| {
-        Ideal::new(&imaging, start, Limits::default(), settings).err().unwrap().to_string()
+        IdealOptimizer::new(&imaging, start, Limits::default(), settings).err().unwrap().to_string()
     };
     assert!(told(&mask(Vec::new()), settings()).contains("no lenslet"));
     assert!(told(&two(), IdealSettings { patches: 0, ..settings() }).contains("patches is 0"));
     let silent = ForwardModel::new(&set, (12, 12), 10.0, Noise::None).unwrap();
-    let error = Ideal::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
+    let error = IdealOptimizer::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
     assert!(error.contains("noise"), "{error}");
-    let error = Ideal::new(&silent, &two(), Limits::default(), up_the_posterior()).err().unwrap().to_string();
+    let error = IdealOptimizer::new(&silent, &two(), Limits::default(), up_the_posterior()).err().unwrap().to_string();
     assert!(error.contains("without noise"), "{error}");
     let spread = ObjectSet::open(&"beads:1".parse().unwrap(), &ObjectOptions { field: (27, 27), mean_photons: 100.0 });
     let (known, spread) = (up_the_posterior(), spread.unwrap());
     let full = self::forward_model(&spread);
-    let of_unknown = Ideal::new(&full, &two(), Limits::default(), known).err().unwrap().to_string();
+    let of_unknown = IdealOptimizer::new(&full, &two(), Limits::default(), known).err().unwrap().to_string();
     assert!(of_unknown.contains("objective is posterior"), "{of_unknown}");
 }
 
@@ -364,7 +382,10 @@ fn test_pictures_are_unseen_by_a_run() {
     };
     let told = |design: &Design| {
         let record = result(design);
-        (record.result.clone(), record.frames.iter().map(|frame| frame.bits_per_pixel).collect::<Vec<_>>())
+        (
+            record.result.clone(),
+            record.checkpoints.iter().map(|checkpoint| checkpoint.bits_per_pixel).collect::<Vec<_>>(),
+        )
     };
     let before = told(&as_they_are);
     assert_eq!(told(&design("other tests.npy", &tested)), before);

@@ -1,6 +1,7 @@
-//! The published model of the measurements, a `PixelCNN`.
+//! `PixelCNN` density model of the measurements, as published.
 
-use super::{Guide, GuideFit, HeldOut, OnFit, SAMPLE, Slopes, Valued};
+use super::held_out::{HeldOut, HeldOutPatches};
+use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, OnFit, SAMPLE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
@@ -13,30 +14,29 @@ use crate::objects::Split;
 use crate::optics::{LensletArray, render_psf};
 use crate::seeds::SeedStream;
 
-/// Fresh patches of a fit, of which a tenth validate.
+/// Patches of one fit; a tenth of them validates it.
 const TRAINING: usize = 4096;
-/// Steps of a fit from one validation to the next, and validations without improvement after which it ends; as published
-/// for fits inside a run.
+/// Steps of a fit between two validations, and validations without improvement after which it stops; as published.
 const EPOCH: usize = 100;
 const PATIENCE: usize = 10;
-/// No Gaussian is narrower, photons; as published.
+/// Least width of a Gaussian component, photons; as published.
 const MIN_WIDTH: f32 = 1.0;
 
 /// The network and the fit of Kabuli et al. 2026.
-pub(in crate::design) struct PixelCnnGuide<'a> {
-    /// With the noise that bounds from above.
+pub(in crate::design) struct PixelCnnModel<'a> {
+    /// Forward model with the noise of the upper bound.
     imaging: ForwardModel<'a>,
     patch: (usize, usize),
     seed: u64,
-    /// Exact for values, whereas slopes take the published approximation.
+    /// Exact noise entropy for values; gradients use the published approximation.
     entropy: NoiseEntropy,
     held_out: HeldOut,
     network: PixelCnn,
-    /// Measurements through the mask that it follows.
+    /// Measurements through the mask of the model.
     stream: MeasurementStream<'a>,
 }
 
-impl<'a> PixelCnnGuide<'a> {
+impl<'a> PixelCnnModel<'a> {
     /// An unfitted network.
     ///
     /// # Errors
@@ -44,7 +44,8 @@ impl<'a> PixelCnnGuide<'a> {
     pub fn new(
         imaging: &ForwardModel<'a>,
         start: &LensletArray,
-        (patch, seed): ((usize, usize), u64),
+        patch: (usize, usize),
+        seed: u64,
     ) -> Result<Self, IdealError> {
         let imaging = imaging.bounding();
         let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
@@ -57,14 +58,14 @@ impl<'a> PixelCnnGuide<'a> {
     }
 }
 
-impl Guide for PixelCnnGuide<'_> {
-    fn follow(&mut self, array: &LensletArray, _warm: bool) -> Result<(), IdealError> {
+impl ObjectiveModel for PixelCnnModel<'_> {
+    fn retarget(&mut self, array: &LensletArray, _warm: bool) -> Result<(), IdealError> {
         self.stream = stream(&self.imaging, array, self.patch)?;
         Ok(())
     }
 
-    fn fit(&mut self, fit: &GuideFit, watch: OnFit<'_>) -> Result<(), IdealError> {
-        let &GuideFit { steps, seed, warm } = fit;
+    fn fit(&mut self, fit: &ModelFit, on_fit: OnFit<'_>) -> Result<(), IdealError> {
+        let &ModelFit { steps, seed, warm } = fit;
         let drawn = self.stream.draw(TRAINING, seed)?;
         let steps_per_epoch = EPOCH.min(steps);
         let epochs = steps.div_ceil(steps_per_epoch);
@@ -73,13 +74,13 @@ impl Guide for PixelCnnGuide<'_> {
         let patches = TrainingPatches { noisy: drawn.noisy.view(), clean: None };
         let start = warm.then_some(&self.network);
         let share = |step: usize| step as f64 / (epochs * steps_per_epoch) as f64;
-        let on_progress = &mut |progress: &FitProgress| watch(share(progress.step));
+        let on_progress = &mut |progress: &FitProgress| on_fit(share(progress.step));
         (self.network, _) = fit.fit(PixelCnnShape::default(), MIN_WIDTH, patches, start, on_progress)?;
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, _last: bool, _go_on: &dyn Fn() -> bool) -> Result<Valued, IdealError> {
-        let (clean, noisy) = self.held_out.measured(&self.imaging, array)?;
+    fn value(&self, array: &LensletArray, _last: bool, _proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
+        let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.imaging, array)?;
         let noisy = dequantised(noisy.view(), SeedStream::Dequantisation.derive(self.seed), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
         let of_noise = self.entropy.patch_bits(clean.view())?;
@@ -87,8 +88,8 @@ impl Guide for PixelCnnGuide<'_> {
         self.held_out.value(&information)
     }
 
-    fn slopes(&self, array: &LensletArray, draw: &GradientDraw, go_on: &dyn Fn() -> bool) -> Slopes {
-        let held = FrozenPixelCnn { network: &self.network, noise: self.imaging.noise, go_on };
+    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
+        let held = FrozenPixelCnn { network: &self.network, noise: self.imaging.noise, go_on: proceed };
         Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 
@@ -101,7 +102,7 @@ impl Guide for PixelCnnGuide<'_> {
         Ok(())
     }
 
-    fn can_overrate(&self) -> bool {
+    fn is_upper_bound(&self) -> bool {
         true
     }
 }

@@ -1,4 +1,4 @@
-//! Runs of `design` in their folders, one or several that are ranked.
+//! Runs of `optimize` in their folders: one, or several that are ranked.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
 use super::output::{self, ProgressLine};
-use crate::design::{Ideal, IdealError, IdealEvent, IdealProgress, IdealSettings, time_left};
+use crate::design::{IdealError, IdealOptimizer, IdealProgress, IdealSettings, time_left};
 use crate::evaluation::{EstimateProgress, EvaluationError, format_duration};
 use crate::formats::check_writable;
 use crate::forward::Design;
@@ -18,27 +18,25 @@ use crate::objects::Progress;
 use crate::plural::counted;
 use crate::studies::{StudyDesign, StudySettings};
 use crate::workbench::{
-    DESIGN_FILES, GoOn, IdealRecord, KeptOrder, KeptRun, RankedStart, Start, curve_of, design_outputs, run_ideal,
+    DESIGN_FILES, IdealRecord, RankedStart, RunQueue, RunStore, Start, curve_of, design_outputs, run_ideal,
     score_in_patches, score_settings, score_whole, write_design,
 };
 
-/// A run in its folder, from where it was stopped there, or from the mask that it had at a step before.
-pub(super) fn climb(
+/// Runs the optimizer in its folder; a run that is there is resumed.
+pub(super) fn optimize(
     design: &Design,
     settings: &IdealSettings,
-    (kept, folder): (&KeptRun, &Path),
-    rewind: Option<usize>,
+    kept: &RunStore,
+    folder: &Path,
 ) -> anyhow::Result<IdealRecord> {
     let from = kept.load(0)?;
-    let rewind_to = rewind.map(|step| frame_at(step, from.as_deref(), settings)).transpose();
-    let rewind_to = rewind_to.with_context(|| folder.display().to_string())?.flatten();
     let progress_line = ProgressLine::new();
     let mut going_on = from.is_some();
     let folder = folder.display();
     let mut watch = |progress: &IdealProgress<'_>| {
         if std::mem::take(&mut going_on) {
             let step = progress.state.step;
-            progress_line.report(format_args!("{folder}: going on with the run that is there, at step {step}"));
+            progress_line.report(format_args!("{folder}: resuming the run that is there, at step {step}"));
         }
         progress_line.show(progress.state.step, settings.steps, &message(progress, settings));
         ControlFlow::Continue(())
@@ -47,11 +45,10 @@ pub(super) fn climb(
         progress.understood.iter().for_each(|understood| progress_line.report(understood));
         ControlFlow::Continue(())
     };
-    let keep = &mut |ideal: &Ideal<'_>| kept.store(0, &ideal.to_bytes()?);
-    let record =
-        run_ideal(design, settings, from.as_deref().map(|state| GoOn { state, rewind_to }), &reading, keep, &mut watch)
-            .map_err(|error| about_state(design, kept, error))
-            .with_context(|| format!("{folder}: the run ended"))?;
+    let keep = &mut |ideal: &IdealOptimizer<'_>| kept.store(0, &ideal.to_bytes()?);
+    let record = run_ideal(design, settings, from.as_deref(), &reading, keep, &mut watch)
+        .map_err(|error| about_state(design, kept, error))
+        .with_context(|| format!("{folder}: the run ended"))?;
     progress_line.finish();
     if let (Some((rows, cols)), Some(taken)) = (settings.patch, record.settings.patch)
         && taken != (rows, cols)
@@ -61,71 +58,43 @@ pub(super) fn climb(
             "{folder}: a patch of {rows} x {cols} px is larger than the measurement; the run has patches of {most_rows} x {most_cols} px"
         ));
     }
-    if let Some(end) = record.frames.last().filter(|end| end.step > settings.steps) {
+    if let Some(end) = record.checkpoints.last().filter(|end| end.step > settings.steps) {
         let taken = counted(end.step, "step");
         output::report(format_args!("{folder}: the run that is there has taken {taken} already, and stays as it is"));
     }
     Ok(record)
 }
 
-/// Which frame of a run is that of a step, or the last one before it; none where the run has gone back to it already.
-fn frame_at(step: usize, state: Option<&[u8]>, settings: &IdealSettings) -> anyhow::Result<Option<usize>> {
-    let Some(state) = state else { bail!("--rewind {step}: expected a run that has begun, found none; leave it out") };
-    let state = Ideal::state_in(state)?;
-    let Some(frame) = state.frames.iter().rposition(|frame| frame.step <= step) else {
-        bail!("--rewind {step}: expected a run with a mask, found one in its first fit; leave it out")
-    };
-    let to = state.frames[frame].step;
-    // One that had come to its end just there went on from there, too.
-    let last = state.events.iter().rev().find_map(|event| match event {
-        IdealEvent::Rewound { to, .. } => Some(*to),
-        IdealEvent::Extended { step } => Some(*step),
-        _ => None,
-    });
-    let has_steps = settings.steps > state.step;
-    if last == Some(to) && !(state.finished && has_steps) {
-        return Ok(None);
-    }
-    if !has_steps {
-        let taken = state.step;
-        bail!(
-            "--rewind {step}: expected steps that are left, found that all {taken} are taken; give more than that by --steps"
-        );
-    }
-    Ok(Some(frame))
-}
-
-/// The error of a run, with the file of the state that it was to go on from where that is what it is about.
-fn about_state(design: &Design, kept: &KeptRun, error: EvaluationError) -> anyhow::Error {
+/// The error of a run, with the path of its state where the state is wrong.
+fn about_state(design: &Design, kept: &RunStore, error: EvaluationError) -> anyhow::Error {
     match error {
         EvaluationError::Ideal(
             error @ (IdealError::OtherRun { .. } | IdealError::Information(InformationError::Network(_))),
-        ) => anyhow!("{}: {error}; choose another --out, or remove this file to begin anew", kept.run_file().display()),
+        ) => {
+            anyhow!("{}: {error}; choose another --out, or remove this file to start again", kept.run_file().display())
+        }
         other => about_objects(design, other),
     }
 }
 
-/// Refuses what was asked for and would change nothing in a run from so many lenslets; `named` are settings by their names.
-pub(super) fn check_effects<'a>(
-    settings: &IdealSettings,
-    lenslets: usize,
-    mut named: impl Iterator<Item = &'a str>,
-) -> anyhow::Result<()> {
+/// Refuses flags without effect in a run from so many lenslets.
+pub(super) fn check_effects(settings: &IdealSettings, lenslets: usize) -> anyhow::Result<()> {
     if settings.anisotropic && !settings.free.widths {
         bail!("--anisotropic is for widths that may change; add widths to --free, or leave it out");
     }
-    if let Some(left) = settings.lenslets.filter(|&left| left > lenslets) {
-        bail!("--lenslets {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer");
+    if let Some(left) = settings.cardinality.filter(|&left| left > lenslets) {
+        bail!(
+            "--cardinality {left}: expected at most the {lenslets} of the start, since a run adds none; choose fewer"
+        );
     }
-    let without_effect = named.find_map(|name| Some((name, settings.why_unused(name)?)));
-    without_effect.map_or(Ok(()), |(name, why)| bail!("--set {name} {why}; leave it out"))
+    Ok(())
 }
 
 /// Names of the curve and the record of a run.
 const CURVE: &str = "curve.csv";
 pub(super) const RECORD: &str = "run.json";
 
-/// All files that the results of so many starts are written to.
+/// Paths of all result files of so many starts.
 pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
     let own = (1..=starts).filter(|_| starts > 1).map(|number| start_folder(out, number));
     let files = |folder: PathBuf| {
@@ -135,8 +104,8 @@ pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
     own.chain([out.to_path_buf()]).flat_map(files).collect()
 }
 
-/// Refuses a folder that holds results of another kind of run, or whose files cannot be written, before anything long is computed.
-pub(super) fn check_place(kept: &KeptRun, out: &Path, starts: usize) -> anyhow::Result<()> {
+/// Checks that the folder has no results of another kind of run, and that its files can be written.
+pub(super) fn check_place(kept: &RunStore, out: &Path, starts: usize) -> anyhow::Result<()> {
     if starts == 1 && (kept.has_order() || start_folder(out, 1).exists()) {
         bail!(
             "{}: expected a folder for one run, found the runs of several starts; choose another --out, or give their --starts",
@@ -163,50 +132,49 @@ fn start_folder(out: &Path, number: usize) -> PathBuf {
 pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = write_design(&record.design(), folder, None)?;
     let curve = folder.join(CURVE);
-    curve_of(record.settings.objective, &record.frames).write(&curve)?;
+    curve_of(record.settings.objective, &record.checkpoints).write(&curve)?;
     let path = folder.join(RECORD);
     record.save(&path)?;
     files.extend([curve, path]);
     Ok(files)
 }
 
-/// Time for each estimate of a comparison, where none was asked for.
+/// Default time budget of each estimate of a comparison.
 const USUAL_SCORE: Duration = Duration::from_secs(15);
-/// Test patches of each: those of whole measurements take long.
+/// Test patches of each estimate; those of whole measurements take long.
 const USUAL_PATCHES: usize = 300;
 
-/// The comparison with these layouts where nobody says how long it is to take.
+/// The comparison with these layouts in the default time.
 pub(super) fn usual_score(record: &IdealRecord, against: &[usize]) -> Result<StudySettings, EvaluationError> {
     Ok(StudySettings { patches_test: USUAL_PATCHES, ..score_settings(record, against, USUAL_SCORE)? })
 }
 
-/// Those of the heuristic layouts that a result is compared with where nobody says: on a grid of another size they make other
-/// measurements.
+/// Default baselines of a result: none on a grid of another size, where the measurements differ.
 pub(super) fn usual_layouts<'a>(record: &IdealRecord, all: &'a [usize]) -> &'a [usize] {
     let grid = StudyDesign::heuristic(1).encoder.grid();
     if record.start.encoder.grid() == grid { all } else { &[] }
 }
 
-/// What several starts have come to.
+/// Results of several starts.
 pub(super) struct Ranking {
-    /// The run that led to the best result.
+    /// Record of the best result.
     pub record: IdealRecord,
     /// All results, the best first.
     pub ranked: Vec<RankedStart>,
-    /// Starts without a result.
+    /// Number of starts without a result.
     pub failed: usize,
 }
 
-/// The run from a start in its folder, and what its result is worth; that may be `known`, or be known for patches alone.
+/// The run from a start in its folder, and its score, where that is not `known` yet.
 fn ranked_start(
     start: &Start,
     settings: &IdealSettings,
     (folder, budget): (&Path, Option<Duration>),
     known: &[RankedStart],
 ) -> anyhow::Result<(IdealRecord, RankedStart)> {
-    let kept = KeptRun::in_folder(folder)?;
+    let kept = RunStore::in_folder(folder)?;
     let _lock = kept.lock()?;
-    let record = climb(&start.design, settings, (&kept, folder), None)?;
+    let record = optimize(&start.design, settings, &kept, folder)?;
     write(&record, folder)?;
     let (name, design) = (start.name.clone(), Arc::new(record.design()));
     let known = known.iter().find(|result| result.name == name && result.design == design);
@@ -227,28 +195,29 @@ fn ranked_start(
     };
     let scored = score_whole(&design, &result.estimate, budget, &mut watch);
     progress_line.finish();
-    if let Err(error) = result.take_sensor(scored) {
-        output::report(format_args!("{}: no number for the whole sensor: {error}", folder.display()));
+    if let Err(error) = result.set_sensor(scored) {
+        output::report(format_args!("{}: no score for the whole sensor: {error}", folder.display()));
     }
     Ok((record, result))
 }
 
-/// A result in words, for people.
-pub(super) fn in_words(result: &RankedStart) -> String {
+/// Text of a result.
+pub(super) fn format_result(result: &RankedStart) -> String {
     let sensor = result.sensor.as_ref().map_or(String::new(), |sensor| format!("; whole sensor: {}", sensor.summary()));
     format!("{}{sensor}", result.estimate.summary())
 }
 
-/// Runs from several starts in folders of `out`, each result judged by an estimate of this time, or of so many steps that it can be
-/// repeated; `order` keeps what they have come to.
+/// Runs from several starts in folders of `out`. Each result is scored in this time, or by a fixed number of steps; `order` stores the
+/// results.
 pub(super) fn rank(
     starts: &[Start],
     settings: &IdealSettings,
-    (out, order): (&Path, &KeptRun),
+    out: &Path,
+    order: &RunStore,
     budget: Option<Duration>,
 ) -> anyhow::Result<Ranking> {
     let budget_seconds = budget.map(|budget| budget.as_secs_f64());
-    // Results that were ranked before a power cut need not be estimated again.
+    // Scores of an interrupted command are reused.
     let last = order.last().map(|(order, _)| order);
     if last.as_ref().is_some_and(|last| !is_same(last, starts, settings)) {
         bail!(
@@ -264,11 +233,11 @@ pub(super) fn rank(
         output::report(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
         match ranked_start(start, settings, (&folder, budget), &known) {
             Ok((record, result)) => {
-                output::report(format_args!("{}: {}", folder.display(), in_words(&result)));
+                output::report(format_args!("{}: {}", folder.display(), format_result(&result)));
                 records.push((result.name.clone(), record));
                 ranked.push(result);
             }
-            // What the others find is worth having.
+            // Results of other starts stay useful.
             Err(error) if starts.len() - failed > 1 => {
                 failed += 1;
                 output::report(format_args!("{error:#}"));
@@ -276,24 +245,24 @@ pub(super) fn rank(
             Err(error) => return Err(error),
         }
         RankedStart::rank(&mut ranked);
-        let begun = KeptOrder::new(starts.to_vec(), settings.clone());
+        let begun = RunQueue::new(starts.to_vec(), settings.clone());
         let ranked = with_known(&ranked, &known, &starts[at + 1..]);
-        order.note(&KeptOrder { at, ranked, budget_seconds, ..begun })?;
+        order.note(&RunQueue { at, ranked, budget_seconds, ..begun })?;
     }
     let best = ranked.first().map(|best| &best.name);
     let record = records.into_iter().find(|(name, _)| Some(name) == best).map(|(_, record)| record);
-    let record = record.context("--starts: no run has come to its end")?;
+    let record = record.context("--starts: no run has finished")?;
     Ok(Ranking { record, ranked, failed })
 }
 
-/// Whether runs from these starts belong to an order: there may be more or fewer of them, and other steps.
-fn is_same(order: &KeptOrder, starts: &[Start], settings: &IdealSettings) -> bool {
+/// Whether a queue has these starts and settings; the number of starts and steps may differ.
+fn is_same(order: &RunQueue, starts: &[Start], settings: &IdealSettings) -> bool {
     let but_steps = |settings: &IdealSettings| IdealSettings { steps: 0, ..settings.clone() };
     but_steps(&order.settings) == but_steps(settings)
         && order.starts.iter().zip(starts).all(|(one, other)| one == other)
 }
 
-/// Results, and those that are `known` of the starts `ahead`, which a power cut is not to lose.
+/// The results with those that are `known` of the starts `ahead`.
 fn with_known(ranked: &[RankedStart], known: &[RankedStart], ahead: &[Start]) -> Vec<RankedStart> {
     let is_ahead = |result: &&RankedStart| ahead.iter().any(|start| start.name == result.name);
     let mut results: Vec<RankedStart> = ranked.iter().chain(known.iter().filter(is_ahead)).cloned().collect();
@@ -303,13 +272,13 @@ fn with_known(ranked: &[RankedStart], known: &[RankedStart], ahead: &[Start]) ->
 
 fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
     let state = progress.state;
-    let value = state.frames.last().map_or(String::new(), |frame| {
-        format!("{:.4} bits per pixel, {}", frame.bits_per_pixel, counted(frame.distinct_lenslets, "lenslet"))
+    let value = state.checkpoints.last().map_or(String::new(), |checkpoint| {
+        format!("{:.4} bits per pixel, {}", checkpoint.bits_per_pixel, counted(checkpoint.distinct_lenslets, "lenslet"))
     });
     let left = time_left(state, settings, progress.seconds)
         .map_or(String::new(), |left| format!(", about {} to go", format_duration(left)));
-    match progress.doing {
-        Some(_) if state.frames.is_empty() => "First fit".into(),
+    match progress.phase {
+        Some(_) if state.checkpoints.is_empty() => "First fit".into(),
         _ => format!("{value}{left}"),
     }
 }

@@ -1,4 +1,4 @@
-//! `design`: a mask that climbs the information of its measurements.
+//! `optimize`: optimizes a mask by the information of its measurements.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -9,20 +9,24 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder, encoder_argument};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
-use super::design_runs::{
-    Ranking, check_effects, check_place, climb, in_words, outputs, rank, usual_layouts, usual_score, write,
+use super::optimize_runs::{
+    Ranking, check_effects, check_place, format_result, optimize, outputs, rank, usual_layouts, usual_score, write,
 };
 use super::study::{PublishedChoice, failed, run_with_bar};
 use super::{Failure, output};
-use crate::design::{Frame, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, gain_in_words};
+use crate::design::{
+    Checkpoint, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, SettingsFile, gain_summary,
+};
 use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::plural::counted;
 use crate::studies::{PublishedSet, Study, StudyRecord, StudySettings};
-use crate::workbench::{IdealRecord, KeptRun, RankedStart, Start, patches_of, score_settings, verdict, worths};
+use crate::workbench::{
+    IdealRecord, RankedStart, RunStore, Start, comparison_summary, patches_of, result_lines, score_settings,
+};
 
-/// Arguments of `design`.
+/// Arguments of `optimize`.
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Design file to start from, or - for standard input; flags replace its entries.
@@ -40,48 +44,43 @@ pub struct Arguments {
     #[arg(long)]
     seed: Option<u64>,
 
-    /// default: warm refits every few steps of what the mask climbs; paper: steps, batches, rates and patches as published,
-    /// with fits from the beginning (hours).
-    #[arg(long, default_value_t)]
-    preset: Preset,
+    /// Preset of the settings. default: warm refits every few steps; paper: steps, batches, rates and patches as published, with cold
+    /// fits (hours) [default: default].
+    #[arg(long)]
+    preset: Option<Preset>,
 
-    /// The published image set that the objects stand for: the paper preset then moves by the rates for it, otherwise by those
-    /// for beads.
+    /// Published image set whose rates the paper preset uses [default: the rates for beads].
     #[arg(long, value_enum, value_name = "NAME")]
     published_as: Option<PublishedChoice>,
 
-    /// What the mask climbs. posterior: what can be told of beads, by a decoder; density: a density model of the
-    /// measurements, for any objects; pixelcnn: the published density model, for the paper preset [default: pixelcnn for the
-    /// paper preset, otherwise posterior for beads and density for other objects].
+    /// Objective. posterior: lower bound by a decoder, for beads; density: upper bound by a causal density model, for any objects;
+    /// pixelcnn: upper bound by the published density model, for the paper preset [default: pixelcnn for the paper preset, otherwise
+    /// posterior for beads and density for other objects].
     #[arg(long)]
     objective: Option<Objective>,
 
-    /// Folder of the run. One that holds a part of the same run is continued.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    /// Folder of the run. A run of the same settings that is there is resumed, and extended to --steps.
+    #[arg(long, value_name = "DIR", required_unless_present = "print_config")]
+    out: Option<PathBuf>,
 
     /// Steps of the mask.
     #[arg(long)]
     steps: Option<usize>,
 
-    /// Let the run in DIR go on from the mask that it had at this step, or last before it. Steps count on; one that has come to its
-    /// end needs more --steps. The same command again goes on with it.
-    #[arg(long, value_name = "STEP")]
-    rewind: Option<usize>,
-
     /// Patch of the objective in pixels: 16, 32, 16x24 (rows x cols), or sensor for whole measurements.
     #[arg(long)]
     patch: Option<PatchChoice>,
 
-    /// Other settings of the preset, by their names in the record of a run, separated by commas: objects, patches and moves of
-    /// a step, refit_every (steps of a round), first_fit, refit and last_fit (steps of fits), warm (true or false), settle
-    /// (share of the steps in which rates fall), rates.position, rates.variance, rates.weight, rates.relative_weight, tried (masks
-    /// with a lenslet elsewhere that are tried at a time, up the posterior).
-    #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
-    #[allow(clippy::doc_markdown, reason = "the command line prints it as it stands")]
-    set: Vec<SettingChoice>,
+    /// JSON file of settings, such as {"refit_every": 10, "rates": {"position": 0.02}}, or that JSON itself. The preset gives the
+    /// settings that it leaves out; other flags take precedence. Of several files the later ones do.
+    #[arg(long, value_name = "FILE")]
+    config: Vec<String>,
 
-    /// What may change: positions, widths and weights, separated by commas.
+    /// Print the settings of the run as JSON, which --config reads, and end.
+    #[arg(long)]
+    print_config: bool,
+
+    /// Parameters that the optimizer may change: positions, widths and weights, separated by commas.
     #[arg(long, value_name = "PARAMETERS")]
     free: Option<FreeChoice>,
 
@@ -93,28 +92,28 @@ pub struct Arguments {
     #[arg(long, value_name = "PX")]
     min_separation: Option<f64>,
 
-    /// Lenslets that are to be left in the end.
-    #[arg(long, value_name = "COUNT")]
-    lenslets: Option<usize>,
+    /// Number of lenslets at the end.
+    #[arg(long, alias = "lenslets", value_name = "COUNT")]
+    cardinality: Option<usize>,
 
     /// Lets spots become elliptic.
     #[arg(long)]
     anisotropic: bool,
 
-    /// Make so many runs, from random starts with the seed and those after it, in DIR/start-1 and so on; the one whose
-    /// result is worth most by an estimate of its own leaves it in DIR.
+    /// Number of runs, from random starts with the seed and those after it, in DIR/start-1 and so on. DIR gets the result with the
+    /// best score.
     #[arg(long, value_name = "COUNT", default_value_t = 1)]
     starts: usize,
 
-    /// Compare the result with the start and the heuristic layouts when the run is done, in patches of 32 x 32 px and for
-    /// the whole sensor, with this time for each, such as 60s: a study in DIR/score; none leaves it out [default: the comparison
-    /// that is there, or 15s].
+    /// Time budget of each estimate, such as 60s, in the comparison of the result with its start and the heuristic layouts. It is a
+    /// study in DIR/score, in patches of 32 x 32 px and for the whole sensor; none leaves it out [default: that of the comparison that
+    /// is there, or 15s].
     #[arg(long, value_name = "TIME|none")]
     score: Option<ScoreChoice>,
 
-    /// Heuristic layouts to compare with, by their number of lenslets [default: 1 to 9].
-    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = super::study::layout)]
-    against: Vec<usize>,
+    /// Heuristic layouts of the comparison, by their number of lenslets [default: 1 to 9].
+    #[arg(long, alias = "against", value_name = "COUNTS", value_delimiter = ',', value_parser = super::study::layout)]
+    baselines: Vec<usize>,
 
     /// Print the result as JSON.
     #[arg(long)]
@@ -130,24 +129,6 @@ impl FromStr for ScoreChoice {
 
     fn from_str(text: &str) -> Result<Self, String> {
         if text == "none" { Ok(Self(None)) } else { text.parse().map(|budget| Self(Some(budget))) }
-    }
-}
-
-/// A setting of the schedule and its value.
-#[derive(Clone, Debug)]
-struct SettingChoice {
-    name: String,
-    value: String,
-}
-
-impl FromStr for SettingChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let Some((name, value)) = text.split_once('=') else {
-            return Err(format!("{text:?}: expected NAME=VALUE, such as refit_every=10"));
-        };
-        Ok(Self { name: name.trim().to_owned(), value: value.trim().to_owned() })
     }
 }
 
@@ -172,64 +153,66 @@ impl FromStr for FreeChoice {
     }
 }
 
-/// Lenslets of a random start, where none was chosen.
+/// Lenslets of the default random start.
 const USUAL_LENSLETS: usize = 25;
-/// Most runs of an order.
+/// Largest number of runs.
 const MOST_STARTS: usize = 1000;
 
-/// What is told at the end.
+/// Result as JSON.
 #[derive(Debug, Serialize)]
 struct Outcome<'a> {
     folder: String,
     files: Vec<String>,
-    start: &'a Frame,
-    end: &'a Frame,
+    start: &'a Checkpoint,
+    end: &'a Checkpoint,
     record: &'a IdealRecord,
     /// Results of several starts, the best first.
     ranked: &'a [RankedStart],
-    /// The result beside others, by one estimator for all.
+    /// Comparison of the result, by one estimator.
     score: Option<&'a StudyRecord>,
-    /// What the comparison says, sentence by sentence.
+    /// Summary of the comparison, sentence by sentence.
     verdict: Vec<String>,
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         let design = self.start()?;
         let settings = self.settings(&design)?;
+        if self.print_config {
+            return output::print_json(&settings);
+        }
         check_count("--starts", self.starts, 1..=MOST_STARTS)?;
-        if matches!(self.score, Some(ScoreChoice(None))) && !self.against.is_empty() {
-            let sentence =
-                "--against names what a result is compared with, which --score none leaves out; give one of them";
+        if matches!(self.score, Some(ScoreChoice(None))) && !self.baselines.is_empty() {
+            let sentence = "--baselines is for a comparison, which --score none leaves out; give one of them";
             return Err(anyhow::anyhow!(sentence).into());
         }
-        check_folder(&self.out)?;
+        check_folder(self.out())?;
         let named = [self.design.clone(), self.start.as_ref().and_then(EncoderChoice::file)];
         let inputs = files_of(named, &design.objects);
-        check_inputs_stay(&inputs, &outputs(&self.out, self.starts), ("--out", None))?;
-        // What a run leaves is read from other folders as well.
+        check_inputs_stay(&inputs, &outputs(self.out(), self.starts), ("--out", None))?;
+        // Records are read from other folders as well.
         let design = Design { objects: design.objects.absolute(), ..design };
-        let kept = KeptRun::in_folder(&self.out)?;
+        let kept = RunStore::in_folder(self.out())?;
         let _lock = kept.lock()?;
-        check_place(&kept, &self.out, self.starts)?;
+        check_place(&kept, self.out(), self.starts)?;
         if self.starts == 1 {
-            let record = climb(&design, &settings, (&kept, &self.out), self.rewind)?;
+            let record = optimize(&design, &settings, &kept, self.out())?;
             return self.finish(&record, &[]);
         }
         let Ranking { record, ranked, failed } = self.rank(&design, &settings, &kept)?;
         let unscored = ranked.iter().filter(|result| !result.is_scored).count();
         match self.finish(&record, &ranked) {
-            // Whether anybody reads it or not.
+            // A closed pipe does not change the outcome.
             Ok(()) | Err(Failure::Closed) if failed > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
-                "{}: expected {} to come to their end, found that {failed} failed",
-                self.out.display(),
+                "{}: expected {} to finish, found that {failed} failed",
+                self.out().display(),
                 counted(self.starts, "run")
             ))),
             Ok(()) | Err(Failure::Closed) if unscored > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
-                "{}: expected a number for the whole sensor of every result, found that {unscored} of {} failed; the same \
+                "{}: expected a score for the whole sensor of every result, found that {unscored} of {} failed; the same \
                  command tries those again",
-                self.out.display(),
+                self.out().display(),
                 ranked.len()
             ))),
             finished => finished,
@@ -237,12 +220,7 @@ impl Arguments {
     }
 
     /// Runs from several random starts.
-    fn rank(&self, design: &Design, settings: &IdealSettings, order: &KeptRun) -> anyhow::Result<Ranking> {
-        if self.rewind.is_some() {
-            bail!(
-                "--rewind is for a single run; leave it out, or let the run in one of the folders of --starts go on by itself"
-            );
-        }
+    fn rank(&self, design: &Design, settings: &IdealSettings, order: &RunStore) -> anyhow::Result<Ranking> {
         let count = match &self.start {
             Some(EncoderChoice::Random(count)) => *count,
             None if self.design.is_none() => USUAL_LENSLETS,
@@ -252,10 +230,15 @@ impl Arguments {
             .map(|number| Start::random(design, count, design.seed.wrapping_add(number)))
             .collect();
         let budget = self.score.and_then(|ScoreChoice(budget)| Some(budget?.0));
-        rank(&starts, settings, (&self.out, order), budget)
+        rank(&starts, settings, self.out(), order, budget)
     }
 
-    /// The design that the run starts from.
+    /// Folder of the run.
+    fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new("."))
+    }
+
+    /// The design of the start.
     fn start(&self) -> anyhow::Result<Design> {
         let mut design = match &self.design {
             Some(path) => open_design(path)?,
@@ -279,54 +262,76 @@ impl Arguments {
         Ok(design)
     }
 
+    /// The settings files as one.
+    fn config(&self) -> anyhow::Result<SettingsFile> {
+        let mut all = SettingsFile::default();
+        for source in &self.config {
+            let (name, text) = if source.trim_start().starts_with('{') {
+                ("--config", source.clone())
+            } else {
+                let text = std::fs::read_to_string(source).with_context(|| format!("{source}: cannot be read"))?;
+                (source.as_str(), text)
+            };
+            all = all.then(SettingsFile::parse(&text).map_err(|error| anyhow::anyhow!("{name}: {error}"))?);
+        }
+        Ok(all)
+    }
+
     fn settings(&self, design: &Design) -> anyhow::Result<IdealSettings> {
-        let objective = self.objective.unwrap_or_else(|| Objective::usual(self.preset, &design.objects));
-        let mut preset = IdealSettings::new(self.preset, objective, design.seed);
+        let config = self.config()?;
+        let wrong = |error: String| anyhow::anyhow!("--config: {error}");
+        let preset = self.preset.or(config.preset().map_err(wrong)?).unwrap_or_default();
+        let objective = self.objective.or(config.objective().map_err(wrong)?);
+        let objective = objective.unwrap_or_else(|| Objective::usual(preset, &design.objects));
+        let mut settings = IdealSettings::new(preset, objective, design.seed);
         if let Some(choice) = self.published_as {
-            if self.preset != Preset::Paper {
+            if preset != Preset::Paper {
                 bail!("--published-as chooses the rates of --preset paper; leave it out");
             }
-            preset.rates = match choice.set() {
+            settings.rates = match choice.set() {
                 Some(PublishedSet::Mnist) => Rates::PAPER_MNIST,
                 Some(PublishedSet::Cifar10) => Rates::PAPER_CIFAR,
                 Some(PublishedSet::Fashion) | None => Rates::PAPER,
             };
         }
-        for SettingChoice { name, value } in &self.set {
-            preset = preset.set(name, value).map_err(anyhow::Error::msg)?;
-        }
+        let file = config.applied_to(&settings).map_err(wrong)?;
+        let locked: Vec<usize> = self.lock.iter().map(|number| number.get() - 1).collect();
         let settings = IdealSettings {
-            steps: self.steps.unwrap_or(preset.steps),
-            patch: self.patch.map_or(preset.patch, PatchChoice::shape),
-            free: self.free.map_or(preset.free, |choice| choice.0),
-            locked: self.lock.iter().map(|number| number.get() - 1).collect(),
-            min_separation_px: self.min_separation.unwrap_or(preset.min_separation_px),
-            lenslets: self.lenslets,
-            anisotropic: self.anisotropic,
-            ..preset
+            preset,
+            objective,
+            steps: self.steps.unwrap_or(file.steps),
+            patch: self.patch.map_or(file.patch, PatchChoice::shape),
+            free: self.free.map_or(file.free, |choice| choice.0),
+            locked: if locked.is_empty() { file.locked.clone() } else { locked },
+            min_separation_px: self.min_separation.unwrap_or(file.min_separation_px),
+            cardinality: self.cardinality.or(file.cardinality),
+            anisotropic: self.anisotropic || file.anisotropic,
+            // Objects, noise and fits of one run have the seed of its design.
+            seed: design.seed,
+            ..file
         };
         if let Encoder::Lenslets(array) = &design.encoder {
             settings.check(array)?;
-            check_effects(&settings, array.lenslets.len(), self.set.iter().map(|choice| choice.name.as_str()))?;
+            check_effects(&settings, array.lenslets.len())?;
         }
         Ok(settings)
     }
 
-    /// Writes design, PSF, curve and record, and tells what came of it.
+    /// Writes design, PSF, curve and record, and prints a summary.
     fn finish(&self, record: &IdealRecord, ranked: &[RankedStart]) -> Result<(), Failure> {
-        let files = write(record, &self.out)?;
-        let (Some(start), Some(end)) = (record.frames.first(), record.frames.last()) else {
-            return Err(anyhow::anyhow!("{}: the run has no frames", self.out.display()).into());
+        let files = write(record, self.out())?;
+        let (Some(start), Some(end)) = (record.checkpoints.first(), record.checkpoints.last()) else {
+            return Err(anyhow::anyhow!("{}: the run has no checkpoints", self.out().display()).into());
         };
         let (score, unscored) = match self.score(record) {
             Ok(score) => (score, None),
             Err(error) => (None, Some(error)),
         };
-        let told = |study: &StudyRecord| [worths(study), verdict(study)].concat();
-        let verdict = score.as_ref().map(told).unwrap_or_default();
+        let summary = |study: &StudyRecord| [result_lines(study), comparison_summary(study)].concat();
+        let verdict = score.as_ref().map(summary).unwrap_or_default();
         let printed = if self.json {
             let files = files.iter().map(|file| file.display().to_string()).collect();
-            let folder = self.out.display().to_string();
+            let folder = self.out().display().to_string();
             let score = score.as_ref();
             output::print_json(&Outcome { folder, files, start, end, record, ranked, score, verdict })
         } else {
@@ -335,33 +340,33 @@ impl Arguments {
                 ranked
                     .iter()
                     .enumerate()
-                    .map(|(place, result)| format!("{}. {}: {}", place + 1, result.name, in_words(result))),
+                    .map(|(place, result)| format!("{}. {}: {}", place + 1, result.name, format_result(result))),
             );
             lines.extend(verdict);
-            lines.push(format!("Written to {}", self.out.display()));
+            lines.push(format!("Written to {}", self.out().display()));
             output::print(&lines.join("\n"))
         };
         if let Some(study) = &score {
-            failed(study, &self.out.join(SCORE))?;
+            failed(study, &self.out().join(SCORE))?;
         }
         match unscored {
-            // The run is worth having without.
-            Some(error) => Err(Failure::Incomplete(error.context(format!("{}: no comparison", self.out.display())))),
+            // The run is useful without its comparison.
+            Some(error) => Err(Failure::Incomplete(error.context(format!("{}: no comparison", self.out().display())))),
             None => printed,
         }
     }
 
-    /// Compares the result with its start and with heuristic layouts.
+    /// Compares the result with its start and the baselines.
     fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<StudyRecord>> {
         let all: Vec<usize> = (1..=9).collect();
-        let against = if self.against.is_empty() { &all } else { &self.against };
+        let against = if self.baselines.is_empty() { &all } else { &self.baselines };
         let settings = match self.score {
             Some(ScoreChoice(None)) => return Ok(None),
             Some(ScoreChoice(Some(BudgetChoice(budget)))) => score_settings(record, against, budget)?,
-            None if !self.against.is_empty() => usual_score(record, against)?,
+            None if !self.baselines.is_empty() => usual_score(record, against)?,
             None => {
-                // One with others that is there goes on where it was stopped.
-                let there = KeptRun::in_folder(&self.out)?.compared(&record.result);
+                // A comparison that is there is continued.
+                let there = RunStore::in_folder(self.out())?.compared(&record.result);
                 match there.filter(|study| study.settings.designs.len() > 2) {
                     Some(there) if there.program_version != NUMBERS_VERSION => return Ok(Some(there)),
                     Some(there) => there.settings,
@@ -369,7 +374,7 @@ impl Arguments {
                 }
             }
         };
-        let mut study = open_score(settings, &self.out)?;
+        let mut study = open_score(settings, self.out())?;
         run_with_bar(&mut study)?;
         Ok(Some(study.record().clone()))
     }
@@ -378,7 +383,7 @@ impl Arguments {
 /// Folder of the comparison in that of the run.
 const SCORE: &str = "score";
 
-/// The comparison in the folder of the run; one of an earlier result, or with other settings, moves out of its way.
+/// The comparison in the folder of the run; one of another result or with other settings is renamed.
 fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
     let folder = run.join(SCORE);
     match Study::open(settings.clone(), &folder) {
@@ -387,7 +392,7 @@ fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
             let earlier = earlier.unwrap_or_else(|| folder.clone());
             std::fs::rename(&folder, &earlier).with_context(|| format!("{}: cannot be moved", folder.display()))?;
             output::report(format_args!(
-                "{}: what was there, of an earlier result, other settings or another version, is in {} now",
+                "{}: the comparison that was there, of another result, other settings or another version, is in {} now",
                 folder.display(),
                 earlier.display()
             ));
@@ -397,19 +402,19 @@ fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
     }
 }
 
-/// Distances that differ by less are the same to people, px.
+/// Tolerance of distances, px.
 const ROUNDING_PX: f64 = 0.01;
 
-/// The run for people, line by line.
-fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
-    let bits = |frame: &Frame| {
-        let [low, high] = frame.interval_95;
-        format!("{:.4} [{low:.4}, {high:.4}]", frame.bits_per_pixel)
+/// Summary of the run, line by line.
+fn lines_of(record: &IdealRecord, start: &Checkpoint, end: &Checkpoint) -> Vec<String> {
+    let bits = |checkpoint: &Checkpoint| {
+        let [low, high] = checkpoint.interval_95;
+        format!("{:.4} [{low:.4}, {high:.4}]", checkpoint.bits_per_pixel)
     };
     let patch = patches_of(record.settings.patch);
     let mut lines = vec![
         format!(
-            "{} before {}, {patch}, {} preset, {} objective",
+            "{}, {}, {patch}, {} preset, {} objective",
             record.start.encoder.describe(),
             record.start.objects,
             record.settings.preset,
@@ -426,13 +431,13 @@ fn lines_of(record: &IdealRecord, start: &Frame, end: &Frame) -> Vec<String> {
             end.seconds
         ),
     ];
-    lines.extend(gain_in_words(&record.frames, record.settings.objective).map(String::from));
-    lines.push("Numbers of a run steer it and can mislead; what judges the design is an estimate of its own".into());
+    lines.extend(gain_summary(&record.checkpoints, record.settings.objective).map(String::from));
+    lines.push("Numbers of a run can mislead; a separate estimate scores the design".into());
     let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
     if least < asked - ROUNDING_PX {
-        lines.push(format!("some lenslets are {least:.2} px apart, although {asked} px were asked for"));
+        lines.push(format!("some lenslets are {least:.2} px apart; expected at least {asked} px"));
     }
-    lines.extend(IdealEvent::detours(&record.events));
+    lines.extend(IdealEvent::event_summary(&record.events));
     lines.extend(record.notices.iter().map(|notice| format!("note: {notice}")));
     lines
 }
@@ -448,7 +453,7 @@ mod tests {
     use crate::studies::{StudyDesign, StudyKind, StudyObjects};
 
     #[test]
-    fn a_comparison_of_another_result_moves_out_of_the_way() {
+    fn comparison_of_another_result_is_renamed() {
         let run = tempfile::tempdir().unwrap();
         let settings = |lenslets| StudySettings {
             kind: StudyKind::Grid,
@@ -483,14 +488,14 @@ mod tests {
         assert_eq!(names(), ["score", "score-1", "score-2"]);
         let kept = std::fs::read_to_string(run.path().join("score-1/study.json")).unwrap();
         assert!(kept.contains("heuristic:2"), "the earliest is the first");
-        // Nor does one that is damaged stand in the way.
+        // A damaged comparison is renamed as well.
         std::fs::write(run.path().join("score/study.json"), "{").unwrap();
         score(4);
         assert_eq!(names(), ["score", "score-1", "score-2", "score-3"]);
     }
 
     #[test]
-    fn parameters_are_read_from_their_names() {
+    fn free_parameters_are_read_by_name() {
         let free: FreeChoice = "positions, weights".parse().unwrap();
         assert_eq!(free.0, Free { positions: true, widths: false, weights: true });
         assert!("all".parse::<FreeChoice>().is_err() && "".parse::<FreeChoice>().is_err());
