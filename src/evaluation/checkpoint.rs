@@ -7,9 +7,16 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::evaluation::estimation::is_about_unwritten_weights;
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{AisBound, Decoder, FitCheckpoint, InformationError, LowerBound, NUMBERS_VERSION, Trial};
+
+/// How the note begins that a trial has where its weights are in no file.
+pub(crate) const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
+
+/// Whether a note of an estimate says that weights which were to be kept are in no file.
+pub fn is_about_unwritten_weights(note: &str) -> bool {
+    note.starts_with(WEIGHTS_NOT_WRITTEN)
+}
 
 /// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
 /// on. Without a file everything is computed as it comes.

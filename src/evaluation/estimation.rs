@@ -9,7 +9,7 @@ use serde_json::json;
 use crate::evaluation::bead_bounds::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, scale_budget, with_pretrained_lower_bound,
 };
-use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
+use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity, WEIGHTS_NOT_WRITTEN};
 use crate::evaluation::patch_source::{PatchSource, psf_for_planes};
 use crate::evaluation::progress::{EstimateProgress, Watch, in_trial, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
@@ -290,14 +290,6 @@ fn network(
         seed,
     };
     Ok(network_trial(&network, &request.weights, smallest, watch)?)
-}
-
-/// How the note begins that a trial has where its weights are in no file.
-const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
-
-/// Whether a note of an estimate says that weights which were to be kept are in no file.
-pub fn is_about_unwritten_weights(note: &str) -> bool {
-    note.starts_with(WEIGHTS_NOT_WRITTEN)
 }
 
 /// The trial of a `PixelCNN` that is fitted, or of weights that are there; those of a fit are kept where it is smaller than the

@@ -22,7 +22,17 @@ pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
     ImageFile::find(path)?.read_cifar()
 }
 
-pub(super) fn read(found: &ImageFile) -> Result<PixelStack, FormatError> {
+impl ImageFile {
+    /// Reads the file as a CIFAR-10 binary batch, which its first bytes do not tell.
+    ///
+    /// # Errors
+    /// As [`read_cifar`].
+    pub fn read_cifar(&self) -> Result<PixelStack, FormatError> {
+        read(self)
+    }
+}
+
+fn read(found: &ImageFile) -> Result<PixelStack, FormatError> {
     let path = &found.path;
     found.check_options(false, false)?;
     let (mut file, length) = open(path)?;

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use super::{FormatError, PixelStack, cifar, stack};
+use super::FormatError;
 use crate::plural::counted;
 
 /// What may stand behind the question mark, for messages.
@@ -143,22 +143,6 @@ impl ImageFile {
         decoded.map(exact).ok_or_else(|| FormatError::NotFound { path: named.to_path_buf() })
     }
 
-    /// Reads the images of the file.
-    ///
-    /// # Errors
-    /// As [`super::read_stack`].
-    pub fn read(&self) -> Result<PixelStack, FormatError> {
-        stack::read(self)
-    }
-
-    /// Reads the file as a CIFAR-10 binary batch, which has no signature.
-    ///
-    /// # Errors
-    /// As [`super::read_cifar`].
-    pub fn read_cifar(&self) -> Result<PixelStack, FormatError> {
-        cifar::read(self)
-    }
-
     /// Refuses options that have no meaning for the file: `axis` unless it is an array, `key` unless it is an archive.
     pub(super) fn check_options(&self, is_array: bool, is_archive: bool) -> Result<(), FormatError> {
         let refuse = |option: &str, found: &str| {
@@ -169,18 +153,6 @@ impl ImageFile {
             Meaning { axis: Some(_), .. } if !is_array => refuse("axis", "a file that is no array"),
             Meaning { key: Some(_), .. } if !is_archive => refuse("key", "a file that is no archive of arrays"),
             _ => Ok(()),
-        }
-    }
-
-    /// The image that the path asks for alone, or all.
-    pub(super) fn chosen_frame(&self, stack: PixelStack) -> Result<PixelStack, FormatError> {
-        match self.meaning.frame {
-            None => Ok(stack),
-            Some(frame) if frame <= stack.pages => Ok(stack.only(frame - 1)),
-            Some(frame) => {
-                let expected = format!("image {frame}, as ?frame={frame} asks for");
-                Err(FormatError::malformed(&self.path, expected, counted(stack.pages, "image"), "choose another"))
-            }
         }
     }
 }

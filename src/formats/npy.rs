@@ -7,12 +7,10 @@ use std::path::{Path, PathBuf};
 use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
 
 use super::bytes::{open, read_values};
-use super::npy_header::{Element, Mismatch, NpyHeader, element_count, header_of_f32};
-use super::stack::RawArray;
+use super::npy_header::{ADVICE, Element, Mismatch, NpyHeader, element_count, header_of_f32};
+use super::raw_array::RawArray;
 use super::write::{CompleteFile, SafeFile};
 use super::{FormatError, Samples, Understood};
-
-pub(super) const ADVICE: &str = "write the array again with numpy.save";
 
 /// Reads an array file (NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C or
 /// Fortran order) as `f32`. NaN and infinities are passed on.

@@ -5,6 +5,8 @@
 
 use std::io::{self, Read};
 
+pub(super) const ADVICE: &str = "write the array again with numpy.save";
+
 /// Longest header text taken, bytes; NumPy pads its own to 64 or 128.
 const LONGEST_HEADER_BYTES: u64 = 64 * 1024;
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -115,7 +117,7 @@ fn unread_type(descr: &str) -> (String, &'static str) {
         Some(b'U' | b'S' | b'a') => ("text", NUMBERS),
         Some(b'M' | b'm') => ("dates or times", NUMBERS),
         Some(b'V') => ("bytes without a type", "save it as numpy.save(FILE, a.astype('float32'))"),
-        _ => ("an unknown number type", super::npy::ADVICE),
+        _ => ("an unknown number type", ADVICE),
     };
     (format!("{what} ({descr:?})"), advice)
 }
@@ -165,7 +167,7 @@ pub(super) struct Mismatch {
 }
 
 fn mismatch(expected: impl Into<String>, found: impl Into<String>) -> Mismatch {
-    Mismatch { expected: expected.into(), found: found.into(), advice: super::npy::ADVICE }
+    Mismatch { expected: expected.into(), found: found.into(), advice: ADVICE }
 }
 
 impl NpyHeader {

@@ -13,7 +13,7 @@ use super::FormatError;
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, open};
 use super::npy::{arrange, header, raw, values};
 use super::npy_header::NpyHeader;
-use super::stack::RawArray;
+use super::raw_array::RawArray;
 
 const ADVICE: &str = "write the archive again with numpy.savez";
 /// Most array names an error lists.

@@ -7,11 +7,11 @@ use image::codecs::png::PngEncoder;
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
 };
-use ndarray::{Array2, ArrayView2, ArrayView3};
+use ndarray::{ArrayView2, ArrayView3};
 
 use super::bytes::{open, read_bytes};
 use super::jpeg::has_its_end;
-use super::{CompleteFile, FormatError, ImageFile, PixelStack, Samples, complete_file, read_stack};
+use super::{CompleteFile, FormatError, ImageFile, PixelStack, Samples, complete_file};
 
 /// Longest side of an image, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
@@ -26,20 +26,7 @@ pub(super) fn most_unpacked_bytes(length: u64) -> u64 {
     length.saturating_mul(10_000).saturating_add(1 << 20)
 }
 
-/// Reads one image (PNG, JPEG, BMP, TIFF; the first page) or array as grey values of shape (rows, cols), in the
-/// counts of the file: 0 to 255, 0 to 65535 or float. Colour becomes Rec. 709 luma; alpha is ignored.
-///
-/// # Errors
-/// [`FormatError`] if the file is missing, damaged, of another kind, larger than 32,768 px a side or 1 GiB.
-pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
-    let stack = read_stack(path)?;
-    if stack.pages == 0 {
-        return Err(FormatError::malformed(path, "an image", "none", ADVICE));
-    }
-    Ok(stack.picture(0))
-}
-
-/// Reads a PNG, JPEG or BMP image, which must not be larger than its file can hold.
+/// Reads a PNG, JPEG or BMP picture, which must not be larger than its file can hold.
 pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let (source, path) = (file, &file.path);
     let damaged = |error: ImageError| match error {
@@ -192,8 +179,9 @@ fn complete_png(
 
 #[cfg(test)]
 mod tests {
+    use super::super::{read_grey, read_stack};
     use super::*;
-    use ndarray::{Array3, arr2};
+    use ndarray::{Array2, Array3, arr2};
 
     #[test]
     fn grey_pngs_read_back_as_levels() {

@@ -325,6 +325,20 @@ fn chosen(choice: Channel, channels: usize) -> Option<usize> {
     }
 }
 
+impl ImageFile {
+    /// The image that the path asks for alone, or all.
+    pub(super) fn chosen_frame(&self, stack: PixelStack) -> Result<PixelStack, FormatError> {
+        match self.meaning.frame {
+            None => Ok(stack),
+            Some(frame) if frame <= stack.pages => Ok(stack.only(frame - 1)),
+            Some(frame) => {
+                let expected = format!("image {frame}, as ?frame={frame} asks for");
+                Err(FormatError::malformed(&self.path, expected, counted(stack.pages, "image"), "choose another"))
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

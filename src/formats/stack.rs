@@ -2,24 +2,17 @@
 
 use std::path::Path;
 
+use ndarray::Array2;
+
 use super::bytes::magic;
 use super::kind::named_for_what_it_is;
-use super::{FormatError, ImageFile, Meaning, PixelStack, Samples, Understood, idx, npy, npz, picture, tiff_pages};
+use super::raw_array::RawArray;
+use super::{FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, picture, tiff_pages};
 
 /// The first two axes of a colour image are longer than this, so that a stack of a few narrow pages is not one.
 const COLOUR_PICTURE_PX: usize = 4;
 /// Files that are read, for messages.
 const KINDS: &str = "an NPY, NPZ, TIFF, PNG, JPEG, BMP or IDX file";
-
-/// An array of a file before its axes have a meaning.
-pub(super) struct RawArray {
-    /// Its axes.
-    pub(super) shape: Vec<usize>,
-    /// Its values, row-major.
-    pub(super) samples: Samples,
-    /// Name, number type and notes.
-    pub(super) understood: Understood,
-}
 
 /// Reads a file of images as grey pages, in the number type and the counts of the file, with what was understood.
 ///
@@ -34,7 +27,30 @@ pub fn read_stack(path: &Path) -> Result<PixelStack, FormatError> {
     ImageFile::find(path)?.read()
 }
 
-pub(super) fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
+impl ImageFile {
+    /// Reads the images of the file.
+    ///
+    /// # Errors
+    /// As [`read_stack`].
+    pub fn read(&self) -> Result<PixelStack, FormatError> {
+        read(self)
+    }
+}
+
+/// Reads an image or array as grey values of shape (rows, cols), in the counts of the file: 0 to 255, 0 to 65535 or float. Of several
+/// images it is the first. Colour becomes Rec. 709 luma; alpha is ignored.
+///
+/// # Errors
+/// [`FormatError`] if the file is missing, damaged, of another kind, larger than 32,768 px a side or 1 GiB.
+pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
+    let stack = read_stack(path)?;
+    if stack.pages == 0 {
+        return Err(FormatError::malformed(path, "an image", "none", "save the image again as PNG or TIFF"));
+    }
+    Ok(stack.picture(0))
+}
+
+fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let path = &file.path;
     let start = magic::<4>(path)?;
     let (is_npy, is_archive) = (start == *b"\x93NUM", matches!(start, [b'P', b'K', 3 | 5, 4 | 6]));
@@ -160,6 +176,7 @@ fn suggest_axes(stack: &mut PixelStack, axes: &Axes, shape: &[usize]) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Samples;
     use super::*;
     use crate::formats::{ImageSummary, write_array};
     use ndarray::{ArrayD, IxDyn};
