@@ -37,8 +37,8 @@ const ORDER: [(&str, &[&str]); 3] = [
     (
         "information",
         &[
-            "engine_choice",
             "error",
+            "engine_choice",
             "stopwatch",
             "progress",
             "fit_checkpoint",

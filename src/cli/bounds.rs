@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
-use super::{Failure, output};
+use super::failure::Failure;
+use super::output;
 use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, pretrained_lower_bound};
 use crate::forward::{Design, notices_of};
 use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};

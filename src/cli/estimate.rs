@@ -10,8 +10,9 @@ use super::choices::{
     measurements_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
+use super::failure::Failure;
+use super::output;
 use super::output::ProgressLine;
-use super::{Failure, output};
 use crate::evaluation::{
     Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
     estimate, is_about_unwritten_weights, is_checkpoint_file,

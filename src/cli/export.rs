@@ -7,8 +7,9 @@ use serde::Serialize;
 
 use super::choices::{check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs, check_no_other};
+use super::failure::Failure;
 use super::optimize_runs::RECORD;
-use super::{Failure, output};
+use super::output;
 use crate::workbench::{Colormap, design_outputs, export_design};
 
 /// Arguments of `export`.

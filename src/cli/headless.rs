@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::bounds::DesignBounds;
-use super::{Failure, output};
+use super::failure::Failure;
+use super::output;
 use crate::forward::Design;
 use crate::workbench::export_design;
 

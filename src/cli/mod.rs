@@ -8,6 +8,7 @@ mod choices;
 mod design_args;
 mod estimate;
 mod export;
+mod failure;
 mod headless;
 mod optimize;
 mod optimize_runs;
@@ -17,6 +18,7 @@ mod simulate;
 mod study;
 mod tamura;
 
+use failure::Failure;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -73,24 +75,6 @@ enum Command {
         /// The shell.
         shell: clap_complete::Shell,
     },
-}
-
-/// Reason why a command stopped; it decides the exit code.
-#[derive(Debug)]
-enum Failure {
-    /// The reader of the results has closed the pipe: code 0.
-    Closed,
-    /// Bad input, usage, or a file that cannot be read or written: code 2.
-    Input(anyhow::Error),
-    /// The result is incomplete: code 1.
-    Incomplete(anyhow::Error),
-}
-
-/// Errors of the library concern its input: files, settings, designs.
-impl<E: Into<anyhow::Error>> From<E> for Failure {
-    fn from(error: E) -> Self {
-        Self::Input(error.into())
-    }
 }
 
 /// Exit code of a bug: the code of a panic.

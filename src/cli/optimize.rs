@@ -9,11 +9,12 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder, encoder_argument};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
+use super::failure::Failure;
 use super::optimize_runs::{
     Ranking, check_effects, check_place, format_result, optimize, outputs, rank, usual_layouts, usual_score, write,
 };
+use super::output;
 use super::study::{PublishedChoice, failed, run_with_bar};
-use super::{Failure, output};
 use crate::design::{
     Checkpoint, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, SettingsFile, gain_summary,
 };

@@ -8,7 +8,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::Failure;
+use super::failure::Failure;
 use crate::evaluation::format_duration;
 
 /// Prints a result, followed by the end of a line.

@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use super::bounds::DesignBounds;
 use super::choices::about_objects;
+use super::failure::Failure;
+use super::output;
 use super::output::ProgressLine;
-use super::{Failure, output};
 use crate::design::IdealProgress;
 use crate::information::NamedBound;
 use crate::workbench::{IdealRecord, LiveNumbers, LiveRecord, Record, Repeated, patches_of};

@@ -7,10 +7,11 @@ use serde::Serialize;
 
 use super::choices::{about_objects, check_count, check_folder, names_of};
 use super::design_args::{DesignArgs, SceneArgs, check_no_other};
+use super::failure::Failure;
 use super::optimize_runs::RECORD;
+use super::output;
 use super::output::ProgressLine;
 use super::tamura::Summary;
-use super::{Failure, output};
 use crate::forward::{Simulator, notices_of};
 use crate::workbench::{DESIGN_FILE, DESIGN_FILES, MEASUREMENT_STACKS, MeasurementFormat, measure_into};
 

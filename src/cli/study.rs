@@ -9,8 +9,9 @@ use super::choices::{
     BudgetChoice, EstimatorChoice, InitArgs, PatchChoice, check_folder, check_patches, objects_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs};
+use super::failure::Failure;
+use super::output;
 use super::output::ProgressLine;
-use super::{Failure, output};
 use crate::evaluation::format_duration;
 use crate::objects::ObjectSource;
 use crate::plural::counted;

@@ -6,7 +6,8 @@ use clap::Args;
 use ndarray::Axis;
 use serde::Serialize;
 
-use super::{Failure, output};
+use super::failure::Failure;
+use super::output;
 use crate::formats::{ImageSummary, read_stack};
 use crate::plural::counted;
 use crate::sparsity::{TamuraSummary, tamura_of_stack};

@@ -138,7 +138,7 @@ pub struct IdealState {
     /// The current mask.
     pub array: LensletArray,
     /// The masks at the beginnings of all rounds so far.
-    #[serde(alias = "checkpoints")]
+    #[serde(alias = "frames")]
     pub checkpoints: Vec<Checkpoint>,
     /// All events so far.
     pub events: Vec<IdealEvent>,
@@ -150,7 +150,7 @@ pub struct IdealState {
     /// Steps that are left in a round whose model stays as it is.
     #[serde(default, alias = "due")]
     pub(super) steps_left_in_round: usize,
-    #[serde(alias = "adam")]
+    #[serde(alias = "momentum")]
     pub(super) adam: Adam,
     /// Indices of the lenslets that were removed; they stay dark.
     pub(super) pruned: Vec<usize>,
@@ -158,7 +158,7 @@ pub struct IdealState {
     #[serde(default, alias = "followed")]
     pub(super) model_up_to_date: bool,
     /// Factor of the rates, at most 1.
-    #[serde(alias = "step_scale")]
+    #[serde(alias = "caution")]
     pub(super) step_scale: f64,
     pub(super) seconds: f64,
 }

@@ -5,7 +5,6 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use super::FormatError;
-use crate::plural::counted;
 
 /// What may stand behind the question mark, for messages.
 const CHOICES: &str =

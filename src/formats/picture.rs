@@ -181,7 +181,7 @@ fn complete_png(
 mod tests {
     use super::super::{read_grey, read_stack};
     use super::*;
-    use ndarray::{Array2, Array3, arr2};
+    use ndarray::{Array3, arr2};
 
     #[test]
     fn grey_pngs_read_back_as_levels() {

@@ -176,7 +176,7 @@ fn suggest_axes(stack: &mut PixelStack, axes: &Axes, shape: &[usize]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Samples;
+
     use super::*;
     use crate::formats::{ImageSummary, write_array};
     use ndarray::{ArrayD, IxDyn};

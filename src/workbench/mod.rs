@@ -22,14 +22,15 @@ pub use export::commands::{bounds_command, estimate_command, images_command, rep
 pub use export::design_files::{
     Curve, DESIGN_FILE, DESIGN_FILES, ExportError, design_outputs, export_design, write_design,
 };
-pub use export::record::{Record, RecordError};
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use jobs::job::{Job, Outcome};
-pub use jobs::worker::{Live, Revisioned, Worker};
+pub use jobs::record::{Record, RecordError};
+pub use jobs::worker::Worker;
 pub use live::bounds::{BoundSource, SensorBounds};
-pub use live::estimator::{LiveEstimate, ReplayRecipe};
+pub use live::estimate::{LiveEstimate, ReplayRecipe};
 pub use live::inspection::{InspectionKey, InspectionRequest, SampleInspection};
 pub use live::position_gradients::PositionGradient;
+pub use live::published::{Live, Revisioned};
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
 pub use runs::{
     DesignRun, IdealRecord, RankedStart, RunBounds, RunQueue, RunStatus, RunStore, Start, comparison_summary, curve_of,

@@ -20,8 +20,9 @@ use crate::workbench::document::history::{History, Version};
 use crate::workbench::estimates::files::{EstimateOrder, FinishedEstimate};
 use crate::workbench::estimates::queue::Estimates;
 use crate::workbench::jobs::job::{Job, Outcome};
-use crate::workbench::jobs::worker::{Live, Wanted, Worker};
+use crate::workbench::jobs::worker::Worker;
 use crate::workbench::live::inspection::InspectionRequest;
+use crate::workbench::live::published::{Live, Wanted};
 use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
 

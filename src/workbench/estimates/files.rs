@@ -13,7 +13,7 @@ use crate::evaluation::request::EstimateRequest;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
-use crate::workbench::jobs::worker::Live;
+use crate::workbench::live::published::Live;
 
 /// An estimate that was asked for.
 #[derive(Clone, Debug, Serialize, Deserialize)]

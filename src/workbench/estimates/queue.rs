@@ -16,8 +16,9 @@ use crate::formats::{FormatError, create_folder};
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
-use crate::workbench::jobs::worker::{Revisioned, Wanted};
-use crate::workbench::live::estimator::{LiveEstimate, LiveEstimator};
+use crate::workbench::live::estimate::LiveEstimate;
+use crate::workbench::live::estimator::LiveEstimator;
+use crate::workbench::live::published::{Revisioned, Wanted};
 
 /// Orders that may wait.
 const MOST_ORDERS: usize = 50;

@@ -3,5 +3,4 @@
 pub mod colormap;
 pub mod commands;
 pub mod design_files;
-pub mod record;
 pub mod stacks;

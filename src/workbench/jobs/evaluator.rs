@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::worker::{Live, Revisioned, Shared, Wanted};
+use super::worker::Shared;
 use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneOptics};
 use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
@@ -15,6 +15,7 @@ use crate::sensor::{Convolution, Noise};
 use crate::workbench::background::activity::{ActivityKind, Entry};
 use crate::workbench::background::threads::lock;
 use crate::workbench::jobs::job::{Job, Outcome, measured_snapshot};
+use crate::workbench::live::published::{Live, Revisioned, Wanted};
 
 /// Tells how far the reading of objects is.
 fn tell(entry: &Entry, progress: Progress) {

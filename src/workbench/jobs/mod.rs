@@ -2,4 +2,5 @@
 
 pub mod evaluator;
 pub mod job;
+pub mod record;
 pub mod worker;

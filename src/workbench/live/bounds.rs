@@ -12,7 +12,7 @@ use crate::information::{
     PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, paired_gain,
 };
 use crate::seeds::SeedStream;
-use crate::workbench::live::estimator::LiveEstimate;
+use crate::workbench::live::estimate::LiveEstimate;
 
 /// Half width of the interval of the decoder's bound that is enough, bits per pixel.
 const LOWER_HALF_WIDTH: f64 = 0.002;

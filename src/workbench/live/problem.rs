@@ -1,5 +1,6 @@
 //! A design as its live estimate sees it: patches, model, scores.
 
+use crate::workbench::live::schedule::SCHEDULE;
 use std::sync::{Arc, OnceLock};
 
 use ndarray::{Array3, Axis, s};
@@ -19,7 +20,7 @@ use crate::objects::Split;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise};
 use crate::workbench::live::bounds::BeadBoundState;
-use crate::workbench::live::estimator::{LiveEstimate, ReplayRecipe};
+use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe};
 
 /// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
 /// their cube root: who takes many need not take long ones, and is nearer to where it will settle all the way.
@@ -27,9 +28,6 @@ const WARM_RATE: (f64, f64) = (0.35, 1400.0);
 /// The weights of such a fit are averaged over more of its steps: seconds after an edit, while rates are still high, the estimate
 /// is then nearer to where it will settle.
 const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
-/// Held-out patches of the scores before the last one at the most, and of that.
-pub(crate) const SCORED: usize = 192;
-pub(crate) const SCORED_LAST: usize = 384;
 /// Bits per pixel by which a loose bound is above another.
 const LOOSE: f64 = 0.02;
 /// Patches whose own maps are kept.
@@ -131,7 +129,7 @@ impl<'a> LiveProblem<'a> {
 
     /// Numbers and seeds of the two parts of so many held-out patches.
     fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
-        let first = count.min(SCORED);
+        let first = count.min(SCHEDULE.score_patches);
         (
             (first, SeedStream::TestPatches.derive(self.design.seed)),
             (count - first, SeedStream::MoreTestPatches.derive(self.design.seed)),

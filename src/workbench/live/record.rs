@@ -8,13 +8,17 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::evaluation::scene::{EvaluationError, Scene};
-use crate::formats::{FormatError, content_key, create_folder, json_of, write_json};
+use crate::formats::{DocumentKind, FormatError, content_key, create_folder, json_of, write_json};
 use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::Progress;
 use crate::optics::Encoder;
-use crate::workbench::export::record::LIVE_ESTIMATE;
-use crate::workbench::live::estimator::{LiveEstimate, ReplayRecipe, repeated};
+use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe};
+use crate::workbench::live::estimator::repeated;
+
+/// The kind of the file.
+pub(crate) const LIVE_ESTIMATE: DocumentKind =
+    DocumentKind::new("lenslet-studio/live-estimate", "a record of a live estimate");
 
 /// A live estimate, the design that it is of, and how it came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -195,7 +199,7 @@ mod tests {
     use crate::objects::ObjectSource;
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
-    use crate::workbench::export::record::{Record, RecordError};
+    use crate::workbench::jobs::record::{Record, RecordError};
     use crate::workbench::live::bounds::BoundSource;
     use crate::workbench::live::estimator::LiveEstimator;
     use crate::workbench::live::inspection::{InspectionKey, InspectionRequest};

@@ -1,7 +1,7 @@
 //! Optimizer runs of a design: their states in files, their scores, and the thread that runs them for the window.
 
 mod design_run;
-mod record;
+pub(crate) mod record;
 mod run_thread;
 mod score;
 mod store;

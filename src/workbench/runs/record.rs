@@ -9,15 +9,17 @@ use crate::design::{
     Checkpoint, IdealEvent, IdealOptimizer, IdealSettings, Objective, Observer, least_separation_px, merged_result,
 };
 use crate::evaluation::EvaluationError;
-use crate::formats::{FormatError, write_json};
+use crate::formats::{DocumentKind, FormatError, write_json};
 use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::Progress;
 use crate::optics::Encoder;
 use crate::studies::Machine;
 use crate::workbench::Curve;
-use crate::workbench::export::record::RUN;
 use crate::workbench::runs::store::run_ideal;
+
+/// The kind of the file.
+pub(crate) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "a record of a run");
 
 /// Record of a run, as its file holds it. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,7 +44,7 @@ pub struct IdealRecord {
     /// Whether the last fit is done.
     pub finished: bool,
     /// The masks at all refits, with their information on held-out objects.
-    #[serde(alias = "checkpoints")]
+    #[serde(alias = "frames")]
     pub checkpoints: Vec<Checkpoint>,
     /// Events besides gradient steps.
     pub events: Vec<IdealEvent>,

@@ -18,7 +18,7 @@ use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::workbench::estimates::queue::Estimates;
 use crate::workbench::export::design_files::Curve;
-use crate::workbench::jobs::worker::Live;
+use crate::workbench::live::published::Live;
 
 pub use numbers::{Bits, SnapshotNumbers};
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::forward::Design;
 use crate::information::{Bracket, Estimator, NamedBound, Protocol};
 use crate::workbench::estimates::queue::Estimates;
-use crate::workbench::jobs::worker::Live;
+use crate::workbench::live::published::Live;
 
 /// Bits per pixel with their 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,13 +7,8 @@ use serde_json::Value;
 use thiserror::Error;
 
 use crate::formats::{DocumentKind, FormatError, read_json};
-use crate::workbench::live::record::LiveRecord;
-use crate::workbench::runs::IdealRecord;
-
-/// The kinds of the files.
-pub(crate) const LIVE_ESTIMATE: DocumentKind =
-    DocumentKind::new("lenslet-studio/live-estimate", "a record of a live estimate");
-pub(crate) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "a record of a run");
+use crate::workbench::live::record::{LIVE_ESTIMATE, LiveRecord};
+use crate::workbench::runs::record::{IdealRecord, RUN};
 
 /// Why a record was not read.
 #[derive(Debug, Error)]

@@ -1,0 +1,54 @@
+//! What the window sees of the open design: the latest result of every step, with the revision that it is of.
+
+use std::sync::Arc;
+
+use crate::evaluation::scene::{LiveInformation, Measurements, Optics, Scene};
+use crate::forward::Design;
+use crate::workbench::live::inspection::SampleInspection;
+
+/// A result and the revision of the design it was computed from.
+#[derive(Debug)]
+pub struct Revisioned<T> {
+    /// The revision.
+    pub revision: u64,
+    /// The result, shared.
+    pub value: Arc<T>,
+}
+
+impl<T> Clone for Revisioned<T> {
+    fn clone(&self) -> Self {
+        Self { revision: self.revision, value: Arc::clone(&self.value) }
+    }
+}
+
+/// The latest result of every step; steps arrive one by one.
+#[derive(Clone, Default)]
+pub struct Live {
+    /// PSF and transfer function.
+    pub optics: Option<Revisioned<Optics>>,
+    /// The objects.
+    pub scene: Option<Revisioned<Scene>>,
+    /// The measurements.
+    pub measurements: Option<Revisioned<Measurements>>,
+    /// The information.
+    pub information: Option<Revisioned<LiveInformation>>,
+    /// What was computed of the one measurement that is looked at.
+    pub closer: Option<Arc<SampleInspection>>,
+    /// Why the newest design has no numbers.
+    pub failure: Option<(u64, String)>,
+    /// What takes long at the moment ("Reading objects: 1200 of 10000").
+    pub busy: Option<String>,
+    /// Seconds that the last complete evaluation took.
+    pub seconds: f64,
+}
+
+/// A design whose numbers are wanted.
+#[derive(Clone)]
+pub(crate) struct Wanted {
+    /// Its revision.
+    pub revision: u64,
+    /// The design.
+    pub design: Arc<Design>,
+    /// What it was before the last edit.
+    pub before: Option<Arc<Design>>,
+}
