@@ -37,8 +37,8 @@ const ORDER: [(&str, &[&str]); 3] = [
     (
         "information",
         &[
-            "error",
             "engine_choice",
+            "error",
             "stopwatch",
             "progress",
             "fit_checkpoint",
@@ -94,7 +94,7 @@ struct Mention {
     line: usize,
 }
 
-/// The source of the crate: files and modules, by their path below the crate, such as "optics::psf".
+/// The source of the crate: files and modules, by their path below the crate, such as `optics::psf`.
 #[derive(Default)]
 struct House {
     files: Vec<PathBuf>,
@@ -214,7 +214,9 @@ impl<'ast> Visit<'ast> for Reader<'_> {
                 let inner = joined(&self.module, &module.ident.to_string());
                 self.house.modules.insert(inner.clone(), Module { file: self.file, ..Module::default() });
                 let outer = std::mem::replace(&mut self.module, inner);
-                items.iter().for_each(|item| self.visit_item(item));
+                for item in items {
+                    self.visit_item(item);
+                }
                 self.module = outer;
             }
             Item::Use(item) => {
@@ -278,7 +280,9 @@ impl House {
             let parsed = syn::parse_file(source).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
             let is_folder = path.ends_with("mod.rs") || path.ends_with("lib.rs");
             let mut reader = Reader { house: &mut house, file, module: module_of(path), is_folder };
-            parsed.items.iter().for_each(|item| reader.visit_item(item));
+            for item in &parsed.items {
+                reader.visit_item(item);
+            }
             house.check_crates(path, source);
         }
         house

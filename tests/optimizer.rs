@@ -6,8 +6,7 @@ use lenslet_studio::design::{
     Free, IdealError, IdealEvent, IdealOptimizer, IdealProgress, IdealSettings, Objective, Preset, merged,
 };
 use lenslet_studio::formats::write_array;
-use lenslet_studio::forward::Design;
-use lenslet_studio::forward::ForwardModel;
+use lenslet_studio::forward::{Design, ForwardModel};
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{Encoder, Lenslet, LensletArray, Limits, Spot, render_psf};

@@ -72,7 +72,7 @@ pub struct Arguments {
     #[arg(long)]
     patch: Option<PatchChoice>,
 
-    /// JSON file of settings, such as {"refit_every": 10, "rates": {"position": 0.02}}, or that JSON itself. The preset gives the
+    /// JSON file of settings, such as `{"refit_every": 10, "rates": {"position": 0.02}}`, or that JSON itself. The preset gives the
     /// settings that it leaves out; other flags take precedence. Of several files the later ones do.
     #[arg(long, value_name = "FILE")]
     config: Vec<String>,

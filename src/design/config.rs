@@ -89,16 +89,12 @@ fn put(fields: &mut Map<String, Value>, name: &str, value: &Value, path: &str) -
     let Some(place) = fields.get(name) else {
         return Err(format!("unknown setting {:?}: expected one of {}", format!("{path}{name}"), known()));
     };
-    match (place.is_object(), value) {
-        (true, Value::Object(parts)) => {
-            let Some(inner) = fields.get_mut(name).and_then(Value::as_object_mut) else { return Ok(()) };
-            parts.iter().try_for_each(|(part, value)| put(inner, part, value, &format!("{name}.")))
-        }
-        _ => {
-            fields.insert(name.to_owned(), value.clone());
-            Ok(())
-        }
+    if let (true, Value::Object(parts)) = (place.is_object(), value) {
+        let Some(inner) = fields.get_mut(name).and_then(Value::as_object_mut) else { return Ok(()) };
+        return parts.iter().try_for_each(|(part, value)| put(inner, part, value, &format!("{name}.")));
     }
+    fields.insert(name.to_owned(), value.clone());
+    Ok(())
 }
 
 fn canonical(name: String) -> String {

@@ -8,9 +8,7 @@ use crate::evaluation::patch_source::psf_for_planes;
 use crate::evaluation::progress::{Watch, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::evaluation::scene::EvaluationError;
-use crate::forward::Design;
-use crate::forward::ForwardModel;
-use crate::forward::forward_model;
+use crate::forward::{Design, ForwardModel, forward_model};
 use crate::information::{
     AisBound, AisSettings, BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
     InformationError, NamedBound, PretrainedLowerBound, Protocol, ais_lower_bound, ais_upper_bound,

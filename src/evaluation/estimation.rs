@@ -15,9 +15,7 @@ use crate::evaluation::progress::{EstimateProgress, Watch, in_trial, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
 use crate::evaluation::scene::{EvaluationError, ceiling_of};
 use crate::formats::json_of;
-use crate::forward::Design;
-use crate::forward::{ForwardModel, mean_measurement};
-use crate::forward::{forward_model, notices_of, open_set_with};
+use crate::forward::{Design, ForwardModel, forward_model, mean_measurement, notices_of, open_set_with};
 use crate::information::{
     CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitCheckpoint, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
@@ -56,6 +54,20 @@ const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts ar
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
 pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) -> Result<Estimate, EvaluationError> {
     estimate_on_patches(design, request, watch).map(|(estimate, _)| estimate)
+}
+
+/// Refuses too few training patches for the Gaussian of a bracket, before the density model is fitted.
+fn check_patches_of_bracket(
+    request: &EstimateRequest,
+    set: &ObjectSet,
+    patch: (usize, usize),
+) -> Result<(), InformationError> {
+    let is_fitted = matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch);
+    if !is_fitted || request.patches_train >= 2 {
+        return Ok(());
+    }
+    let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
+    Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 })
 }
 
 /// The same, with what the density model of the smallest trial tells of each test patch: under the default protocol these are the
@@ -106,11 +118,7 @@ pub(crate) fn estimate_on_patches(
         _ => 1.0,
     };
     let repetitions = request.repetitions();
-    if matches!(request.model, DensityModel::Bracket { .. }) && !set.is_stationary(patch) && request.patches_train < 2 {
-        // The Gaussian of the bracket is fitted; better told before the density model is.
-        let (model, needed, found) = ("the Gaussian of a bracket", 2, request.patches_train);
-        return Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 }.into());
-    }
+    check_patches_of_bracket(request, &set, patch)?;
     let mut kept = EstimateCheckpoint::open(request.keep.as_deref(), || identity(design, &set.fingerprint(), request))?;
     let mut trials = Vec::with_capacity(repetitions);
     let mut seconds = 0.0;

@@ -7,8 +7,7 @@ use ndarray::{Array3, ArrayView3, Axis};
 
 use crate::evaluation::progress::{Watch, tell};
 use crate::evaluation::scene::EvaluationError;
-use crate::forward::Design;
-use crate::forward::ForwardModel;
+use crate::forward::{Design, ForwardModel};
 use crate::information::{InformationError, Protocol, SharedImages, Trial};
 use crate::objects::{ObjectSet, Split};
 use crate::seeds::SeedStream;

@@ -10,9 +10,7 @@ use thiserror::Error;
 
 use crate::design::{IdealError, merged};
 use crate::formats::FormatError;
-use crate::forward::ForwardError;
-use crate::forward::{Design, DesignError};
-use crate::forward::{bead_response, mean_measurement};
+use crate::forward::{Design, DesignError, ForwardError, bead_response, mean_measurement};
 use crate::information::{
     AnalyticGaussian, BeadEntropyBound, EntropyBound, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };

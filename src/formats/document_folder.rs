@@ -63,6 +63,11 @@ impl DocumentFolder {
 mod tests {
     use super::*;
 
+    #[derive(serde::Deserialize)]
+    struct Numbered {
+        value: usize,
+    }
+
     #[test]
     fn the_newest_are_listed_oldest_first_and_others_are_counted() {
         let folder = tempfile::tempdir().unwrap();
@@ -75,10 +80,6 @@ mod tests {
         }
         std::fs::write(folder.path().join(&names[3]), b"{").unwrap();
         std::fs::write(folder.path().join("other.deleted"), b"{}").unwrap();
-        #[derive(serde::Deserialize)]
-        struct Numbered {
-            value: usize,
-        }
         let found = all.read(|found: &Numbered| found.value != 4).unwrap();
         let values: Vec<usize> = found.documents.iter().map(|(_, found)| found.value).collect();
         assert_eq!((values, found.unreadable, found.unlisted), (vec![2, 5], 2, 2));

@@ -77,6 +77,7 @@ impl Design {
     pub const MAX_PHOTONS: f64 = 1e7;
 
     /// The design whose measurements bound the information of this one from above by a density; see [`Noise::bounding`].
+    #[must_use]
     pub fn bounding(&self) -> Self {
         Self { noise: self.noise.bounding(), ..self.clone() }
     }

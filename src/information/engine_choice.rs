@@ -4,8 +4,15 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-use super::error::InformationError;
+/// A name that no engine has.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:wgpu or burn:cuda")]
+pub struct UnknownEngine {
+    /// The name.
+    pub found: String,
+}
 
 /// Compute backend of a `PixelCNN`. Its names are stable: the command line and files use them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,13 +71,13 @@ impl fmt::Display for EngineChoice {
 }
 
 impl FromStr for EngineChoice {
-    type Err = InformationError;
+    type Err = UnknownEngine;
 
-    fn from_str(text: &str) -> Result<Self, InformationError> {
+    fn from_str(text: &str) -> Result<Self, UnknownEngine> {
         Self::ALL
             .into_iter()
             .find(|choice| choice.name() == text)
-            .ok_or_else(|| InformationError::UnknownEngine { found: text.to_owned() })
+            .ok_or_else(|| UnknownEngine { found: text.to_owned() })
     }
 }
 
@@ -81,9 +88,9 @@ impl From<EngineChoice> for String {
 }
 
 impl TryFrom<String> for EngineChoice {
-    type Error = InformationError;
+    type Error = UnknownEngine;
 
-    fn try_from(text: String) -> Result<Self, InformationError> {
+    fn try_from(text: String) -> Result<Self, UnknownEngine> {
         // Files of older versions can name burn's own processor kernels.
         if text == "burn:flex" { Ok(Self::Burn(BurnDevice::Ndarray)) } else { text.parse() }
     }

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use super::engine_choice::EngineChoice;
+use super::engine_choice::{EngineChoice, UnknownEngine};
 use crate::formats::FormatError;
 use crate::nn::NetworkError;
 use crate::plural::counted;
@@ -220,11 +220,8 @@ pub enum InformationError {
         reason: String,
     },
     /// An engine name is unknown.
-    #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:wgpu or burn:cuda")]
-    UnknownEngine {
-        /// The text given.
-        found: String,
-    },
+    #[error(transparent)]
+    UnknownEngine(#[from] UnknownEngine),
     /// The engine was not built in.
     #[error(
         "the engine {engine} is not part of this program; choose cpu, or build with `cargo build --release --features \

@@ -59,7 +59,7 @@ pub use density::pixelcnn::model::{Mixtures, PixelCnn};
 pub use density::pixelcnn::protocols::{FitReport, PixelCnnFit, TrainingPatches};
 pub use density::pixelcnn::scale::DataScale;
 pub use density::pixelcnn::shape::PixelCnnShape;
-pub use engine_choice::{BurnDevice, EngineChoice};
+pub use engine_choice::{BurnDevice, EngineChoice, UnknownEngine};
 pub use entropy::likelihood::log_likelihood;
 pub use entropy::noise_entropy::{NoiseEntropy, Protocol, gaussian_entropy};
 pub use entropy::poisson::poisson_entropy;

@@ -6,8 +6,7 @@ use std::path::Path;
 
 use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::FormatError;
-use crate::forward::Design;
-use crate::forward::open_set;
+use crate::forward::{Design, open_set};
 use crate::information::{
     Bracket, Estimate, Estimator, NamedBound, PairedDifference, Protocol, Provenance, TestPatches, Trial, TrialSettings,
 };

@@ -18,11 +18,11 @@ pub use document::samples::{SAMPLES, Sample};
 pub use estimates::files::{EstimateOrder, FinishedEstimate};
 pub use estimates::queue::{Estimates, RunningEstimate};
 pub use export::colormap::Colormap;
-pub use export::commands::{bounds_command, estimate_command, images_command, reproduce_command, run_command};
 pub use export::design_files::{
     Curve, DESIGN_FILE, DESIGN_FILES, ExportError, design_outputs, export_design, write_design,
 };
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
+pub use jobs::commands::{bounds_command, estimate_command, images_command, reproduce_command, run_command};
 pub use jobs::job::{Job, Outcome};
 pub use jobs::record::{Record, RecordError};
 pub use jobs::worker::Worker;

@@ -5,8 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::fit_checkpoint::unread;
+use crate::information::fit_checkpoint::{FitCheckpoint, unread};
 
 /// Samples of a bound that are done.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -17,8 +17,7 @@ use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::problem::Problem;
 use crate::information::decoder::samples::{Purpose, Reveal, Sample};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::fit_checkpoint::InMemory;
+use crate::information::fit_checkpoint::{FitCheckpoint, InMemory};
 use crate::sensor::Noise;
 
 const NOISES: [Noise; 3] = [Noise::Shot, Noise::Read { sigma: 4.0 }, Noise::ShotRead { sigma: 2.0 }];

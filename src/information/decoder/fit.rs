@@ -13,8 +13,7 @@ use super::layers::Decoder;
 use super::problem::Problem;
 use super::samples::Reveal;
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::fit_checkpoint::{FitArrays, RestoredFit, fit_to_bytes, restore_fit};
+use crate::information::fit_checkpoint::{FitArrays, FitCheckpoint, RestoredFit, fit_to_bytes, restore_fit};
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Averaging, Optimizer, Rule, learning_rate_factor};
 

@@ -30,7 +30,7 @@ const REPORT: usize = 16;
 /// Standard errors to either side of a 95 % interval.
 const NORMAL_95: f64 = 1.96;
 
-/// InformationGain over the prior, bits per pixel of the patch, one per test sample.
+/// Information gain over the prior, bits per pixel of the patch, one per test sample.
 #[derive(Clone, Debug, Default)]
 pub(super) struct InformationGain(pub Vec<f64>);
 

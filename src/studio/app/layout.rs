@@ -7,17 +7,10 @@ use egui_tiles::{
 };
 
 use crate::studio::app::dispatch;
-use crate::studio::panels::compare;
-use crate::studio::panels::estimates;
-use crate::studio::panels::history;
-use crate::studio::panels::information;
-use crate::studio::panels::information_map;
-use crate::studio::panels::lenslets;
-use crate::studio::panels::mask;
-use crate::studio::panels::mtf;
-use crate::studio::panels::optimize;
-use crate::studio::panels::samples;
 use crate::studio::panels::scene::{self, SceneView};
+use crate::studio::panels::{
+    compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, samples,
+};
 use crate::studio::state::app_state::State;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::request::Request;

@@ -4,8 +4,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use crate::optics::DIFFUSER_APERTURES;
-use crate::studio::panels::parts::action_entry;
-use crate::studio::panels::parts::image_menu;
+use crate::studio::panels::parts::{action_entry, image_menu};
 use crate::studio::state::action::{Action, Preset};
 use crate::studio::state::app_state::{State, Transition};
 

@@ -3,8 +3,7 @@
 use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use crate::information::{Bracket, NamedBound, PairedDifference, between, rounded, with_interval};
-use crate::studio::panels::parts::action_entry;
-use crate::studio::panels::parts::tamura_gauge;
+use crate::studio::panels::parts::{action_entry, tamura_gauge};
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::studio::state::bound_summary::{BoundSummary, bound_label};

@@ -7,8 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, View};
-use crate::studio::panels::parts::information_overlay;
-use crate::studio::panels::parts::linked_cursor;
+use crate::studio::panels::parts::{information_overlay, linked_cursor};
 use crate::studio::state::app_state::State;
 use crate::studio::state::views::Side;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};

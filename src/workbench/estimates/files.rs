@@ -13,7 +13,7 @@ use crate::evaluation::request::EstimateRequest;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
-use crate::workbench::live::published::Live;
+use crate::workbench::live::published::{Live, is_estimate_of};
 
 /// An estimate that was asked for.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -86,13 +86,6 @@ impl FinishedEstimate {
             && self.is_of_this_version()
             && is_estimate_of((&self.estimate, &self.order.design), design, live)
     }
-}
-
-/// Whether an estimate of `known` is one of `design`, too, and of its objects as they were read last.
-pub(crate) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), design: &Arc<Design>, live: &Live) -> bool {
-    let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
-    let is_same = Arc::ptr_eq(known, design) || known == design;
-    is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)
 }
 
 /// A folder with a file for each, with the order in hand and with those that wait.

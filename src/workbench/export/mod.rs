@@ -1,6 +1,5 @@
 //! Files for other programs: designs, stacks of measurements, records, and command lines.
 
 pub mod colormap;
-pub mod commands;
 pub mod design_files;
 pub mod stacks;

@@ -6,8 +6,7 @@ use ndarray::{ArrayViewD, Axis};
 
 use crate::evaluation::scene::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
-use crate::forward::Design;
-use crate::forward::Simulator;
+use crate::forward::{Design, Simulator};
 use crate::sparsity::tamura_of_stack;
 use crate::workbench::export::design_files::{DESIGN_FILE, ExportError, put_in_place};
 

@@ -147,7 +147,7 @@ impl<'a> BeadBoundState<'a> {
         match lower {
             Some(BoundSource::Decoder { samples }) => self.decode(samples, stop),
             Some(BoundSource::Ais { levels, samples }) => {
-                self.below(&self.replay_fit(levels, samples, SeedStream::AisLower), stop)
+                self.below(&self.replay_fit(levels, samples, SeedStream::AisLower), stop);
             }
             None => {}
         }

@@ -8,8 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::evaluation::scene::{EvaluationError, Scene};
-use crate::forward::Design;
-use crate::forward::forward_model;
+use crate::forward::{Design, forward_model};
 use crate::information::{CausalFit, CausalModel, CausalStart, FitLength, InformationError, PatchBatch, PatchStream};
 use crate::workbench::live::bounds::{BeadBoundState, SensorBounds};
 use crate::workbench::live::position_gradients::Pulls;
@@ -51,6 +50,7 @@ impl LiveEstimator {
     ///
     /// # Errors
     /// [`InformationError::Cancelled`] when stopped; [`EvaluationError`] where design, objects or noise allow no estimate.
+    #[allow(clippy::too_many_lines, reason = "one fit from its start to its last bounds, in the order of time")]
     pub fn refine(
         &mut self,
         (design, before): (&Design, Option<&Arc<Design>>),

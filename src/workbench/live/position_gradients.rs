@@ -155,8 +155,7 @@ mod tests {
 
     use super::*;
     use crate::evaluation::scene::Scene;
-    use crate::forward::Design;
-    use crate::forward::forward_model;
+    use crate::forward::{Design, forward_model};
     use crate::optics::{Encoder, Lenslet};
     use crate::workbench::live::problem::LiveProblem;
 

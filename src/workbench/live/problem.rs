@@ -7,8 +7,7 @@ use ndarray::{Array3, Axis, s};
 
 use crate::evaluation::estimation::moments;
 use crate::evaluation::scene::{EvaluationError, LIVE_PATCH, Scene, ceiling_of};
-use crate::forward::Design;
-use crate::forward::ForwardModel;
+use crate::forward::{Design, ForwardModel};
 use crate::information::MeasurementStream;
 use crate::information::{
     BeadChannel, CausalFit, CausalModel, CausalRequest, CausalStart, Estimator, FitLength, InformationError, Init,

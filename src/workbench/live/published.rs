@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::evaluation::scene::{LiveInformation, Measurements, Optics, Scene};
 use crate::forward::Design;
+use crate::information::Estimate;
 use crate::workbench::live::inspection::SampleInspection;
 
 /// A result and the revision of the design it was computed from.
@@ -51,4 +52,11 @@ pub(crate) struct Wanted {
     pub design: Arc<Design>,
     /// What it was before the last edit.
     pub before: Option<Arc<Design>>,
+}
+
+/// Whether an estimate of `known` is one of `design`, too, and of its objects as they were read last.
+pub(crate) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), design: &Arc<Design>, live: &Live) -> bool {
+    let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
+    let is_same = Arc::ptr_eq(known, design) || known == design;
+    is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)
 }

@@ -13,7 +13,7 @@ use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, Nam
 use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
 use crate::studies::StudyRecord;
 use crate::workbench::Live;
-use crate::workbench::estimates::files::is_estimate_of;
+use crate::workbench::live::published::is_estimate_of;
 use crate::workbench::runs::record::IdealRecord;
 use crate::workbench::runs::score::scoring_estimator;
 

@@ -2,6 +2,7 @@
 
 mod design_run;
 pub(crate) mod record;
+mod run;
 mod run_thread;
 mod score;
 mod store;
@@ -10,6 +11,7 @@ mod worker;
 pub use design_run::{DesignRun, RankedStart, RunBounds, RunStatus, Start};
 pub(super) use record::segment_lengths;
 pub use record::{IdealRecord, curve_of, patches_of};
+pub use run::run_ideal;
 pub(super) use run_thread::RunThread;
 pub use score::{comparison_summary, result_lines, score_in_patches, score_settings, score_whole};
-pub use store::{RunQueue, RunStore, run_ideal};
+pub use store::{RunQueue, RunStore};

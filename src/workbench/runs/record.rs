@@ -16,7 +16,7 @@ use crate::objects::Progress;
 use crate::optics::Encoder;
 use crate::studies::Machine;
 use crate::workbench::Curve;
-use crate::workbench::runs::store::run_ideal;
+use crate::workbench::runs::run::run_ideal;
 
 /// The kind of the file.
 pub(crate) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "a record of a run");

@@ -10,7 +10,8 @@ use crate::optics::{Encoder, LensletArray};
 use crate::workbench::background::activity::{Activities, ActivityKind};
 use crate::workbench::background::threads::{Threads, Wake, lock};
 use crate::workbench::runs::design_run::{DesignRun, RankedStart, RunStatus, Start};
-use crate::workbench::runs::store::{RunQueue, RunStore, start_of};
+use crate::workbench::runs::run::start_of;
+use crate::workbench::runs::store::{RunQueue, RunStore};
 use crate::workbench::runs::worker::Shared;
 
 /// Why nothing is compared.
@@ -254,7 +255,7 @@ mod tests {
     use crate::optics::random_layout;
     use crate::workbench::estimate_command;
     use crate::workbench::runs::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
-    use crate::workbench::runs::store::run_ideal;
+    use crate::workbench::runs::run::run_ideal;
 
     #[test]
     fn scores_are_reproducible_by_a_command() {

@@ -1,82 +1,19 @@
-//! Optimizer runs from a design, and the store of their states.
+//! The store of runs: their states, the queue, and the comparison of a result.
 
 use std::fs::File;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::design::{IdealOptimizer, IdealSettings, Objective, Observer};
+use crate::design::{IdealOptimizer, IdealSettings};
 use crate::evaluation::EvaluationError;
-use crate::evaluation::scene::ceiling_of;
 use crate::formats::{
     DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
 };
-use crate::forward::Design;
-use crate::forward::ForwardModel;
-use crate::forward::{forward_model, open_set_with};
-use crate::objects::Progress;
-use crate::optics::{Encoder, LensletArray, render_psf};
+use crate::optics::{Encoder, LensletArray};
 use crate::studies::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::runs::design_run::{RankedStart, Start};
-use crate::workbench::runs::record::IdealRecord;
 use crate::workbench::runs::score::matches_mask;
-
-/// Callback with the optimizer between two rounds, for saving its state.
-pub(super) type Keep<'a> = &'a mut dyn FnMut(&IdealOptimizer<'_>) -> Result<(), EvaluationError>;
-
-/// Runs the optimizer on the mask of a design, from the start or from a saved state of the same run (`state`). `reading` receives the
-/// progress of reading the objects, `keep` the optimizer after every round.
-///
-/// A run that was planned for fewer steps than the settings ask for finishes these first, and is then extended.
-///
-/// # Errors
-/// Where design, objects, noise and settings do not allow a run, for a state of another run, and after `Break` of a callback.
-pub fn run_ideal(
-    design: &Design,
-    settings: &IdealSettings,
-    state: Option<&[u8]>,
-    reading: &dyn Fn(Progress) -> ControlFlow<()>,
-    keep: Keep<'_>,
-    observer: Observer<'_>,
-) -> Result<IdealRecord, EvaluationError> {
-    // The result is scored on the test part of the objects, which a run does not use.
-    let set = open_set_with(design, reading)?.of_training();
-    let imaging = forward_model(design, &set)?;
-    let mut ideal = IdealOptimizer::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
-    if let Some(state) = state {
-        ideal = ideal.resumed(state)?;
-        ideal.check_length(settings.steps)?;
-        ideal.extend_to(settings.steps);
-    }
-    while !ideal.is_finished() {
-        ideal.advance(observer)?;
-        keep(&ideal)?;
-        ideal.extend_to(settings.steps);
-    }
-    let notices = set.notices().iter().cloned().chain(above_ceiling(design, &imaging, &ideal)).collect();
-    Ok(IdealRecord { notices, ..IdealRecord::new(design, &ideal) })
-}
-
-/// A notice where the upper bound of the last mask lies above the object-entropy bound.
-fn above_ceiling(design: &Design, imaging: &ForwardModel<'_>, ideal: &IdealOptimizer<'_>) -> Option<String> {
-    let settings = ideal.settings();
-    let last = ideal.state().checkpoints.last().filter(|_| settings.objective != Objective::Posterior)?;
-    let psf = render_psf(&last.array, imaging.set.planes()).ok()?;
-    let ceiling = ceiling_of(design, imaging.set, psf.view(), imaging.patch(settings.patch)).ok()??.bits_per_pixel;
-    (last.interval_95[0] > ceiling).then(|| {
-        let bits = last.bits_per_pixel;
-        format!(
-            "the upper bound of the run, {bits:.3} bits per pixel, lies above the object-entropy bound, {ceiling:.3}: estimate \
-             the design by a bracket"
-        )
-    })
-}
-
-/// The lenslets of a design.
-pub(super) fn start_of(design: &Design) -> Result<&LensletArray, EvaluationError> {
-    design.encoder.lenslets().ok_or_else(|| EvaluationError::NoLenslets { mask: design.encoder.describe() })
-}
 
 /// The kind of the file of an order.
 const RUN_ORDER: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/run-order", "an order of runs");

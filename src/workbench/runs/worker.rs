@@ -15,8 +15,9 @@ use crate::workbench::background::activity::{Activities, Entry};
 use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
 use crate::workbench::runs::design_run::{DesignRun, RankedStart, RunStatus, Start};
 use crate::workbench::runs::record::IdealRecord;
+use crate::workbench::runs::run::run_ideal;
 use crate::workbench::runs::score::{comparison_summary, matches_mask, score_in_patches, score_settings, score_whole};
-use crate::workbench::runs::store::{RunQueue, RunStore, run_ideal};
+use crate::workbench::runs::store::{RunQueue, RunStore};
 
 /// Time between two reports of the progress of a fit; every move of the mask is reported.
 const REPORT_EVERY: Duration = Duration::from_millis(100);

@@ -4,8 +4,7 @@ use ndarray::{Array2, ArrayView3};
 use rustfft::num_complex::Complex64;
 
 use super::block_toeplitz::{check_lags, log2_determinant};
-use crate::information::entropy::noise_entropy::check_noise;
-use crate::information::entropy::noise_entropy::gaussian_entropy;
+use crate::information::entropy::noise_entropy::{check_noise, gaussian_entropy};
 use crate::information::error::InformationError;
 use crate::information::statistics::fourier::{Fourier2, Workspace, good_length};
 use crate::sensor::Noise;
