@@ -100,7 +100,7 @@ fn open(renderer: impl TestRenderer + 'static) -> Window {
 }
 
 fn steps(window: &Window) -> usize {
-    window.state().as_ref().and_then(|studio| studio.bench().run()).map_or(0, |run| run.step)
+    window.state().as_ref().and_then(|studio| studio.session().run()).map_or(0, |run| run.step)
 }
 
 fn click(window: &mut Window, name: &str) {

@@ -49,21 +49,21 @@ fn edits_and_saves_until_it_is_killed() {
     let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return };
     let number = |name: &str| std::env::var(name).unwrap().parse::<u64>().unwrap();
     let (first, saves) = (number(FIRST), number(SAVES));
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.set_live(false);
-    bench.keep_unsaved_in(&folder.join("unsaved")).unwrap();
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.set_live(false);
+    session.keep_unsaved_in(&folder.join("unsaved")).unwrap();
     let mut journal = File::options().append(true).create(true).open(folder.join(JOURNAL)).unwrap();
     let mut saving = VecDeque::new();
     for edit in first.. {
         // One write each: a kill leaves whole lines.
         journal.write_all(format!("edit {edit}\n").as_bytes()).unwrap();
-        bench.apply(&command(edit)).unwrap();
-        assert_eq!(bench.note_unsaved(), None);
+        session.apply(&command(edit)).unwrap();
+        assert_eq!(session.note_unsaved(), None);
         if saves > 0 && edit % saves == saves - 1 {
-            bench.save_to(folder.join(SAVED_FILE));
+            session.save_to(folder.join(SAVED_FILE));
             saving.push_back(edit);
         }
-        for outcome in bench.take_outcomes() {
+        for outcome in session.take_outcomes() {
             assert!(matches!(outcome.unwrap(), Outcome::Saved { .. }));
             journal.write_all(format!("saved {}\n", saving.pop_front().unwrap()).as_bytes()).unwrap();
         }
@@ -118,9 +118,9 @@ fn unsaved(folder: &Path) -> Vec<PathBuf> {
 /// What the window offers when it is opened next.
 fn offered(folder: &Path) -> Vec<Recovered> {
     let left = unsaved(folder).len();
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.set_live(false);
-    let found = bench.keep_unsaved_in(&folder.join("unsaved")).unwrap();
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.set_live(false);
+    let found = session.keep_unsaved_in(&folder.join("unsaved")).unwrap();
     assert_eq!(found.len(), left, "every file that was left behind is whole");
     found
 }

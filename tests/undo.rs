@@ -61,79 +61,79 @@ proptest! {
     #[test]
     fn as_many_undos_bring_back_the_start_and_redos_the_end(deeds in deeds()) {
         let start = Design::default();
-        let mut bench = Session::new(start.clone(), None, || {}).unwrap();
-        bench.set_live(false);
+        let mut session = Session::new(start.clone(), None, || {}).unwrap();
+        session.set_live(false);
         let mut was_down = false;
         for deed in &deeds {
-            bench.note_pointer(deed.down, deed.down && !was_down);
+            session.note_pointer(deed.down, deed.down && !was_down);
             was_down = deed.down;
-            let command = command(deed, bench.design());
-            let before = bench.design().clone();
-            if bench.apply(&command).is_err() {
-                prop_assert_eq!(bench.design(), &before, "a refused command changes nothing");
+            let command = command(deed, session.design());
+            let before = session.design().clone();
+            if session.apply(&command).is_err() {
+                prop_assert_eq!(session.design(), &before, "a refused command changes nothing");
             }
         }
-        let end = bench.design().clone();
+        let end = session.design().clone();
         let mut steps = 0;
-        while bench.undoes().is_some() {
-            bench.undo();
+        while session.undoes().is_some() {
+            session.undo();
             steps += 1;
         }
-        prop_assert_eq!(&**bench.design(), &start);
-        prop_assert!(!bench.is_dirty() && steps <= deeds.len());
+        prop_assert_eq!(&**session.design(), &start);
+        prop_assert!(!session.is_dirty() && steps <= deeds.len());
         for _ in 0..steps {
-            prop_assert!(bench.redoes().is_some());
-            bench.redo();
+            prop_assert!(session.redoes().is_some());
+            session.redo();
         }
-        prop_assert_eq!(bench.design(), &end);
-        prop_assert!(bench.redoes().is_none());
+        prop_assert_eq!(session.design(), &end);
+        prop_assert!(session.redoes().is_none());
     }
 }
 
 #[test]
 fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.set_live(false);
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.set_live(false);
     let beads = |density| ObjectSource::Beads { density };
     let start = beads(0.02);
-    assert_eq!(bench.design().objects, start);
-    bench.note_pointer(true, true);
+    assert_eq!(session.design().objects, start);
+    session.note_pointer(true, true);
     for step in 1..=5 {
-        bench.apply(&Command::SetObjects(beads(0.02 + 0.001 * f64::from(step)))).unwrap();
+        session.apply(&Command::SetObjects(beads(0.02 + 0.001 * f64::from(step)))).unwrap();
     }
-    bench.note_pointer(false, false);
-    let dragged = bench.design().objects.clone();
+    session.note_pointer(false, false);
+    let dragged = session.design().objects.clone();
     let chosen = [beads(0.03), beads(0.04), ObjectSource::BeadsMax { density: 0.04 }];
     for source in &chosen {
         // A tap that is over within a frame.
-        bench.note_pointer(false, true);
-        bench.apply(&Command::SetObjects(source.clone())).unwrap();
+        session.note_pointer(false, true);
+        session.apply(&Command::SetObjects(source.clone())).unwrap();
     }
     // By keys alone, sooner than two changes of one number would be two steps.
-    bench.apply(&Command::SetObjects(ObjectSource::Volume { planes: 5, density: 0.04 })).unwrap();
+    session.apply(&Command::SetObjects(ObjectSource::Volume { planes: 5, density: 0.04 })).unwrap();
     for source in chosen.iter().rev().chain([&dragged, &start]) {
-        bench.undo();
-        assert_eq!(bench.design().objects, *source);
+        session.undo();
+        assert_eq!(session.design().objects, *source);
     }
-    assert_eq!(bench.undoes(), None);
+    assert_eq!(session.undoes(), None);
 }
 
 #[test]
 fn lenslets_that_are_added_in_quick_succession_are_steps_of_their_own() {
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.set_live(false);
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.set_live(false);
     for _ in 0..2 {
-        bench.apply(&Command::AddLenslet(Lenslet::round(16.0, 16.0, 0.8, 0.5))).unwrap();
+        session.apply(&Command::AddLenslet(Lenslet::round(16.0, 16.0, 0.8, 0.5))).unwrap();
     }
-    bench.undo();
-    assert_eq!(bench.design().encoder.lenslets().unwrap().lenslets.len(), 10);
+    session.undo();
+    assert_eq!(session.design().encoder.lenslets().unwrap().lenslets.len(), 10);
 }
 
 /// What the worker answers to all that it was asked.
-fn answers(bench: &mut Session) -> Vec<Result<Outcome, String>> {
+fn answers(session: &mut Session) -> Vec<Result<Outcome, String>> {
     let mut answers = Vec::new();
-    while bench.has_open_jobs() {
-        answers.extend(bench.take_outcomes());
+    while session.has_open_jobs() {
+        answers.extend(session.take_outcomes());
         std::thread::sleep(Duration::from_millis(2));
     }
     answers
@@ -143,15 +143,15 @@ fn answers(bench: &mut Session) -> Vec<Result<Outcome, String>> {
 fn a_save_that_ends_late_does_not_give_its_file_to_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("first.json");
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.apply(&Command::SetSeed(7)).unwrap();
-    bench.save_to(file.clone());
-    bench.start_from(Design { seed: 8, ..Design::default() });
-    assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::Saved { .. })]));
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.apply(&Command::SetSeed(7)).unwrap();
+    session.save_to(file.clone());
+    session.start_from(Design { seed: 8, ..Design::default() });
+    assert!(matches!(answers(&mut session)[..], [Ok(Outcome::Saved { .. })]));
     assert_eq!(Design::open(&file).unwrap().seed, 7);
-    assert_eq!(bench.path(), None, "the next save would overwrite the first design");
-    bench.apply(&Command::SetSeed(9)).unwrap();
-    assert!(bench.is_dirty());
+    assert_eq!(session.path(), None, "the next save would overwrite the first design");
+    session.apply(&Command::SetSeed(9)).unwrap();
+    assert!(session.is_dirty());
 }
 
 #[test]
@@ -159,15 +159,15 @@ fn a_file_that_is_read_late_does_not_take_the_place_of_edits() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("other.json");
     Design { seed: 7, ..Design::default() }.save(&file).unwrap();
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.open_file(file.clone());
-    bench.apply(&Command::SetSeed(9)).unwrap();
-    let told = answers(&mut bench);
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.open_file(file.clone());
+    session.apply(&Command::SetSeed(9)).unwrap();
+    let told = answers(&mut session);
     assert!(matches!(&told[..], [Err(reason)] if reason.contains("changed meanwhile")), "{told:?}");
-    assert_eq!((bench.design().seed, bench.path()), (9, None));
-    bench.open_file(file.clone());
-    assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::Opened { .. })]));
-    assert_eq!((bench.design().seed, bench.path()), (7, Some(file.as_path())));
+    assert_eq!((session.design().seed, session.path()), (9, None));
+    session.open_file(file.clone());
+    assert!(matches!(answers(&mut session)[..], [Ok(Outcome::Opened { .. })]));
+    assert_eq!((session.design().seed, session.path()), (7, Some(file.as_path())));
 }
 
 #[test]
@@ -175,18 +175,18 @@ fn what_is_read_late_is_not_used_for_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let objects = folder.path().join("objects.npy");
     lenslet_studio::formats::write_array(&objects, ndarray::Array3::<f32>::ones((3, 96, 96)).view()).unwrap();
-    let mut bench = Session::new(Design::default(), None, || {}).unwrap();
-    bench.open_objects(ObjectSource::Stack(objects.clone()));
+    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    session.open_objects(ObjectSource::Stack(objects.clone()));
     let psf = folder.path().join("psf.npy");
     lenslet_studio::formats::write_array(&psf, ndarray::Array2::<f32>::ones((64, 64)).view()).unwrap();
-    bench.import_psf(psf, Some(32));
-    bench.start_from(Design { seed: 8, ..Design::default() });
-    let told = answers(&mut bench);
+    session.import_psf(psf, Some(32));
+    session.start_from(Design { seed: 8, ..Design::default() });
+    let told = answers(&mut session);
     assert_eq!(told.len(), 2);
     assert!(told.iter().all(|told| told.as_ref().is_err_and(|reason| reason.contains("opened meanwhile"))), "{told:?}");
-    assert_eq!(**bench.design(), Design { seed: 8, ..Design::default() });
-    assert!(!bench.is_dirty());
-    bench.open_objects(ObjectSource::Stack(objects.clone()));
-    assert!(matches!(answers(&mut bench)[..], [Ok(Outcome::ObjectsOpened { .. })]));
-    assert_eq!(bench.design().objects, ObjectSource::Stack(objects));
+    assert_eq!(**session.design(), Design { seed: 8, ..Design::default() });
+    assert!(!session.is_dirty());
+    session.open_objects(ObjectSource::Stack(objects.clone()));
+    assert!(matches!(answers(&mut session)[..], [Ok(Outcome::ObjectsOpened { .. })]));
+    assert_eq!(session.design().objects, ObjectSource::Stack(objects));
 }

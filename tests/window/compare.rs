@@ -12,7 +12,7 @@ use super::{Window, answer, click, lenslets, menu, open, settle, studio, turn};
 fn approximations_are_not_called_bounds() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
-    let is_bound = |window: &Window| studio(window).bench().live().information.unwrap().value.gaussian_is_bound;
+    let is_bound = |window: &Window| studio(window).session().live().information.unwrap().value.gaussian_is_bound;
     settle(&mut window);
     assert!(is_bound(&window), "beads are the same everywhere");
     // Of the size of the field they are whole.
@@ -25,7 +25,7 @@ fn approximations_are_not_called_bounds() {
     menu(&mut window, &["View", "Panel", "Show Compare"]);
     click(&mut window, "Take snapshot");
     settle(&mut window);
-    let gaussian = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
+    let gaussian = studio(&window).session().live().information.unwrap().value.gaussian.bits_per_pixel;
     let text = format!("\u{2248} {gaussian:.3}");
     assert_eq!(window.query_all_by_label_contains(&text).count(), 2, "in the table and as the headline");
     let file = folder.path().join("designs.csv");
@@ -47,7 +47,7 @@ fn snapshots_are_compared_exported_and_opened() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
     settle(&mut window);
     // Both have their numbers: the bound of nine lenslets and of four, and what the objects hold.
-    let bound = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
+    let bound = studio(&window).session().live().information.unwrap().value.ceiling_bits().unwrap();
     assert_eq!(window.query_all_by_label(&format!("\u{2264} {bound:.3}")).count(), 2, "here and as the headline");
     window.get_by_label("\u{2264} 0.442");
     // The first two are A and B; the image flips between them and shows what differs.
@@ -71,7 +71,7 @@ fn snapshots_are_compared_exported_and_opened() {
     // Opening is one step, which can be undone.
     menu(&mut window, &["More of snapshot 1", "Open"]);
     assert_eq!(lenslets(&window).len(), 9);
-    assert_eq!(studio(&window).bench().undoes(), Some("Open Design 1"));
+    assert_eq!(studio(&window).session().undoes(), Some("Open Design 1"));
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     settle(&mut window);
     assert_eq!(lenslets(&window).len(), 4);

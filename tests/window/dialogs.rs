@@ -76,7 +76,7 @@ fn typed_path_survives_missing_or_cancelled_dialog() {
     assert_eq!((path_field(&window), asked(&programs)), (chosen.display().to_string(), 2));
     click(&mut window, "Open");
     settle(&mut window);
-    assert_eq!(studio(&window).bench().design().seed, 77);
+    assert_eq!(studio(&window).session().design().seed, 77);
 
     // The system has asked about the name, which is not yet that of the file.
     let other = programs.join("other.json");

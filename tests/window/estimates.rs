@@ -22,48 +22,51 @@ pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool)
 #[test]
 fn live_estimate_follows_edits_and_can_be_switched_off() {
     let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, true);
-    wait_for(&mut window, "the first live estimate", |window| studio(window).bench().estimates().live.is_some());
-    let first = studio(&window).bench().estimates().live.unwrap();
+    wait_for(&mut window, "the first live estimate", |window| studio(window).session().estimates().live.is_some());
+    let first = studio(&window).session().estimates().live.unwrap();
     assert!(first.value.start.is_none() && first.value.remaining.is_some());
     assert!(window.query_by_label_contains("refining").is_some());
     assert!(first.value.bits_per_pixel > 0.1 && first.value.interval_95[0] < first.value.bits_per_pixel);
-    let before = studio(&window).bench().revision();
+    let before = studio(&window).session().revision();
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
-    let after = studio(&window).bench().revision();
+    let after = studio(&window).session().revision();
     assert!(after > before);
     wait_for(&mut window, "the estimate of the edited design", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.revision == after)
+        studio(window).session().estimates().live.is_some_and(|live| live.revision == after)
     });
-    assert!(studio(&window).bench().estimates().live.unwrap().value.start.is_some(), "it starts from the model before");
+    assert!(
+        studio(&window).session().estimates().live.unwrap().value.start.is_some(),
+        "it starts from the model before"
+    );
     click(&mut window, "Map");
     click(&mut window, "Information map of a patch");
     click(&mut window, "Next patch");
     assert!(window.query_by_label("2 of 8").is_some());
     wait_for(&mut window, "where the gradient pulls", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.value.pulls.is_some())
+        studio(window).session().estimates().live.is_some_and(|live| live.value.pulls.is_some())
     });
-    let live = studio(&window).bench().estimates().live.unwrap();
+    let live = studio(&window).session().estimates().live.unwrap();
     assert_eq!((live.revision, live.value.pulls.as_ref().unwrap().len()), (after, 2));
     // Both bounds come without being asked for.
     wait_for(&mut window, "the lower bound", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.value.lower.is_some())
+        studio(window).session().estimates().live.is_some_and(|live| live.value.lower.is_some())
     });
-    let lower = studio(&window).bench().estimates().live.unwrap().value.lower.clone().unwrap();
-    let ceiling = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
+    let lower = studio(&window).session().estimates().live.unwrap().value.lower.clone().unwrap();
+    let ceiling = studio(&window).session().live().information.unwrap().value.ceiling_bits().unwrap();
     assert!(lower.bits_per_pixel > 0.7 * ceiling && lower.bits_per_pixel < ceiling, "{lower:?} {ceiling}");
     window.get_by_label("Lower bound");
     // Two lenslets carry less information than nine; there is no earlier edit.
     assert!(first.value.edit.is_none());
     wait_for(&mut window, "what the edit has changed", |window| {
-        studio(window).bench().estimates().live.is_some_and(|live| live.value.edit.is_some())
+        studio(window).session().estimates().live.is_some_and(|live| live.value.edit.is_some())
     });
-    let edit = studio(&window).bench().estimates().live.unwrap().value.edit.unwrap();
+    let edit = studio(&window).session().estimates().live.unwrap().value.edit.unwrap();
     assert!(edit.is_clear() && edit.bits_per_pixel < -0.03, "{edit:?}");
     let told = format!("{:+.4} [", edit.bits_per_pixel);
     assert!(window.query_by_label("Last edit").is_some() && window.query_by_label_contains(&told).is_some(), "{told}");
     click(&mut window, "Arrows");
     menu(&mut window, &["View", "Live estimate"]);
-    assert!(!studio(&window).bench().is_live());
+    assert!(!studio(&window).session().is_live());
 }
 
 #[test]
@@ -74,8 +77,8 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
     click(&mut window, "Cancel estimate");
-    wait_for(&mut window, "the end of it", |window| studio(window).bench().estimates().running.is_none());
-    assert!(studio(&window).bench().estimates().finished.is_empty());
+    wait_for(&mut window, "the end of it", |window| studio(window).session().estimates().running.is_none());
+    assert!(studio(&window).session().estimates().finished.is_empty());
     assert!(window.query_by_label("Start estimate").is_some());
     click(&mut window, "Length of the fit");
     click(&mut window, "min");
@@ -86,8 +89,8 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
     window.key_press(Key::Enter);
     window.run_steps(2);
     click(&mut window, "Start estimate");
-    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
-    let finished = studio(&window).bench().estimates().finished;
+    wait_for(&mut window, "the estimate", |window| !studio(window).session().estimates().finished.is_empty());
+    let finished = studio(&window).session().estimates().finished;
     let bracket = finished[0].value.estimate.bracket.clone().expect("a bracket");
     assert!(bracket.lower.unwrap() < bracket.upper);
     assert!(["ceiling", "posterior sampling"].contains(&bracket.upper_from.as_str()), "{}", bracket.upper_from);
@@ -101,7 +104,7 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
     drop(window);
 
     // The other day it is there with all that belongs to it, until it is deleted.
-    let found = |window: &Window| studio(window).bench().estimates().finished;
+    let found = |window: &Window| studio(window).session().estimates().finished;
     let mut window = at_home(folder.path());
     click(&mut window, "Discard");
     click(&mut window, "Estimates");
@@ -137,7 +140,7 @@ fn running_estimate_resumes_in_next_window() {
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
     assert!(pending.exists());
-    assert!(studio(&window).bench().keeps_estimates());
+    assert!(studio(&window).session().keeps_estimates());
     // Another one waits for it.
     type_number(&mut window, "Steps of the fit", "50");
     click(&mut window, "Start estimate");
@@ -151,9 +154,9 @@ fn running_estimate_resumes_in_next_window() {
     assert_eq!(crashes(&pending), 0, "the window was closed");
 
     let mut window = at_home(folder.path());
-    wait_for(&mut window, "both estimates", |window| studio(window).bench().estimates().finished.len() == 2);
+    wait_for(&mut window, "both estimates", |window| studio(window).session().estimates().finished.len() == 2);
     let models: Vec<DensityModel> =
-        studio(&window).bench().estimates().finished.iter().map(|found| found.value.order.request.model).collect();
+        studio(&window).session().estimates().finished.iter().map(|found| found.value.order.request.model).collect();
     let full = |steps| DensityModel::new(Estimator::Causal, None, EngineChoice::default()).of_steps(steps);
     assert_eq!(models, [full(60), full(50)]);
     wait_for(&mut window, "the end", |_| !pending.exists() && !waiting.exists());
@@ -173,10 +176,10 @@ fn running_estimate_resumes_in_next_window() {
     assert_eq!(crashes(&pending), 3);
     let mut window = at_home(folder.path());
     wait_for(&mut window, "the word", |window| {
-        let all = studio(window).bench().activities();
+        let all = studio(window).session().activities();
         all.iter().any(|activity| format!("{:?}", activity.state).contains("ended in the midst of it 4 times"))
     });
-    assert!(!pending.exists() && studio(&window).bench().estimates().running.is_none());
+    assert!(!pending.exists() && studio(&window).session().estimates().running.is_none());
     drop(window);
 
     // One whose objects are on a disk that is not there waits for it.
@@ -186,7 +189,7 @@ fn running_estimate_resumes_in_next_window() {
     std::fs::write(&pending, order.replacen("\"beads:0.02\"", &source, 1)).unwrap();
     let mut window = at_home(folder.path());
     wait_for(&mut window, "the word", |window| {
-        let all = studio(window).bench().activities();
+        let all = studio(window).session().activities();
         all.iter().any(|activity| format!("{:?}", activity.state).contains("goes on in the next window"))
     });
     assert!(pending.exists());
@@ -196,7 +199,7 @@ fn running_estimate_resumes_in_next_window() {
     lenslet_studio::formats::write_array(&objects, stripes.view()).unwrap();
     let mut window = at_home(folder.path());
     wait_for(&mut window, "the estimate", |window| {
-        let found = &studio(window).bench().estimates().finished;
+        let found = &studio(window).session().estimates().finished;
         found.iter().any(|found| found.value.order.design.objects.is_read())
     });
     wait_for(&mut window, "the end", |_| !pending.exists());
@@ -242,8 +245,8 @@ fn upper_bound_of_whole_sensor_is_listed() {
     }
     type_number(&mut window, "Steps of the fit", "20");
     click(&mut window, "Start estimate");
-    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
-    let estimate = studio(&window).bench().estimates().finished[0].value.estimate.clone();
+    wait_for(&mut window, "the estimate", |window| !studio(window).session().estimates().finished.is_empty());
+    let estimate = studio(&window).session().estimates().finished[0].value.estimate.clone();
     assert!(estimate.bracket.is_none() && estimate.patch == [49, 49]);
     let [low, high] = estimate.interval_95;
     window.get_by_label(&format!("{:.3} [{low:.3}, {high:.3}] causal estimate", estimate.bits_per_pixel));
@@ -283,15 +286,15 @@ fn camera_images_are_estimated() {
     click(&mut window, "Gaussian");
     assert!(window.query_by_label("Length of the fit to images").is_none(), "it is not fitted");
     click(&mut window, "Estimate images");
-    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
-    let finished = &studio(&window).bench().estimates().finished[0].value;
+    wait_for(&mut window, "the estimate", |window| !studio(window).session().estimates().finished.is_empty());
+    let finished = &studio(&window).session().estimates().finished[0].value;
     let notes = finished.estimate.notes.join("; ");
     assert!(
         notes.contains("photons are (grey level - 0) / 2") && notes.contains("in place of clean images"),
         "{notes}"
     );
     assert!(
-        !finished.is_of(studio(&window).bench().design(), &lenslet_studio::workbench::Live::default()),
+        !finished.is_of(studio(&window).session().design(), &lenslet_studio::workbench::Live::default()),
         "it is not a number of the design"
     );
     window.get_by_label_contains("the scenes of");

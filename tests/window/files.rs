@@ -36,8 +36,8 @@ fn file_preview_offers_other_readings() {
     click(&mut window, "Open");
     settle(&mut window);
     let named = format!("{}?axis=last", path.display());
-    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Stack(named.into()));
-    assert_eq!(studio(&window).bench().live().scene.unwrap().value.set.base_images(), Some(20));
+    assert_eq!(studio(&window).session().design().objects, ObjectSource::Stack(named.into()));
+    assert_eq!(studio(&window).session().live().scene.unwrap().value.set.base_images(), Some(20));
     assert!(is_shown(&window, "File: 20 images of 40 x 36 px"), "beside the objects, too");
 }
 
@@ -64,7 +64,7 @@ fn psf_path_takes_resampling_option() {
     wait_for(&mut window, "the preview", |window| is_shown(window, "1 image of 64 x 64 px"));
     click(&mut window, "Import");
     settle(&mut window);
-    assert_eq!(studio(&window).bench().live().optics.unwrap().value.image.dim(), (32, 32));
+    assert_eq!(studio(&window).session().live().optics.unwrap().value.image.dim(), (32, 32));
 }
 
 #[test]

@@ -112,7 +112,7 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     settle(&mut window);
     assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
     assert_eq!(lenslets(&window).len(), 3);
-    assert!(studio(&window).bench().is_dirty());
+    assert!(studio(&window).session().is_dirty());
     // It is autosaved again at once, and no longer once it is saved.
     until(&mut window, || kept(later.path()) == 1);
     menu(&mut window, &["File", "Save design as..."]);
@@ -146,7 +146,7 @@ fn undecided_recoveries_are_offered_again() {
     drop(window);
     let mut window = at_home(folder.path());
     click(&mut window, "Discard");
-    assert_eq!((kept(folder.path()), studio(&window).bench().design().seed), (0, 1));
+    assert_eq!((kept(folder.path()), studio(&window).session().design().seed), (0, 1));
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn changes_in_default_folder_are_offered_with_chosen_folder() {
     window.get_by_label("1 more after this one");
     click(&mut window, "Recover");
     settle(&mut window);
-    assert_eq!(studio(&window).bench().design().seed, 6, "the newest first");
+    assert_eq!(studio(&window).session().design().seed, 6, "the newest first");
     // It is autosaved in the chosen folder from now on.
     until(&mut window, || kept(folder.path()) == 0);
     let files = std::fs::read_dir(elsewhere.path()).unwrap().map(|file| file.unwrap().path());
@@ -298,7 +298,7 @@ fn palette_works_by_keyboard_alone() {
     }
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     type_and_enter(&mut window, "start a run");
-    assert!(studio(&window).bench().run().is_some());
+    assert!(studio(&window).session().run().is_some());
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     type_and_enter(&mut window, "stop the run");
     // The arrows choose, Escape leaves everything as it is.
@@ -310,7 +310,7 @@ fn palette_works_by_keyboard_alone() {
     window.run_steps(2);
     window.key_press(Key::Enter);
     settle(&mut window);
-    assert!(studio(&window).bench().design().encoder.describe().contains("28 px"));
+    assert!(studio(&window).session().design().encoder.describe().contains("28 px"));
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     window.run_steps(2);
     window.get_by_label("Find an action").type_text("no such thing");
@@ -395,7 +395,7 @@ fn first_window_offers_samples_and_tour() {
     click(&mut window, "Designed mask");
     settle(&mut window);
     assert_eq!(lenslets(&window).len(), 5);
-    assert!(!studio(&window).bench().is_dirty());
+    assert!(!studio(&window).session().is_dirty());
     drop(window);
     let mut window = first_at_home(folder.path());
     assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
@@ -433,7 +433,7 @@ fn settings_are_stored() {
     click(&mut window, "Dark");
     click(&mut window, "wgpu");
     click(&mut window, "Estimate while the design is edited");
-    assert!(studio(&window).bench().is_live());
+    assert!(studio(&window).session().is_live());
     window.get_by_label("Zoom");
     click(&mut window, "Close");
     drop(window);

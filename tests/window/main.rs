@@ -75,15 +75,15 @@ fn studio(window: &Window) -> &Studio {
 }
 
 fn lenslets(window: &Window) -> Vec<Lenslet> {
-    studio(window).bench().design().encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
+    studio(window).session().design().encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
 }
 
 /// Steps frames until the worker has answered everything, and once more to show it.
 fn settle(window: &mut Window) {
     for _ in 0..200_000 {
         window.step();
-        let bench = studio(window).bench();
-        if !bench.is_computing() && !bench.has_open_jobs() {
+        let session = studio(window).session();
+        if !session.is_computing() && !session.has_open_jobs() {
             window.run_steps(3);
             return;
         }
@@ -138,7 +138,7 @@ fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) 
 /// Stops the run, and the score that follows, and waits until the run has stopped.
 fn stop_run(window: &mut Window) {
     let deadline = std::time::Instant::now() + std::time::Duration::from_mins(5);
-    while studio(window).bench().run().is_some_and(|run| run.is_active()) && std::time::Instant::now() < deadline {
+    while studio(window).session().run().is_some_and(|run| run.is_active()) && std::time::Instant::now() < deadline {
         window.run_steps(2);
         let label = ["Stop run", "Stop scoring"].into_iter().find(|label| window.query_by_label(label).is_some());
         if let Some(label) = label {
@@ -185,31 +185,31 @@ fn objects_open_by_typed_path_and_broken_files_are_refused() {
     let mut window = open(Design::default());
     click(&mut window, "Open objects...");
     answer(&mut window, &broken, "Open");
-    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Beads { density: 0.02 });
-    assert!(!studio(&window).bench().is_dirty());
+    assert_eq!(studio(&window).session().design().objects, ObjectSource::Beads { density: 0.02 });
+    assert!(!studio(&window).session().is_dirty());
     assert!(window.query_all_by_label_contains("broken-idx3-ubyte").next().is_some(), "the failure names the file");
 
     click(&mut window, "Open objects...");
     answer(&mut window, &good, "Open");
-    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Idx(good.clone()));
-    let live = studio(&window).bench().live();
+    assert_eq!(studio(&window).session().design().objects, ObjectSource::Idx(good.clone()));
+    let live = studio(&window).session().live();
     assert!(live.failure.is_none());
     assert!(live.information.unwrap().value.ceiling.is_none(), "the entropy of pictures is not known");
 
     // The same file with other images is read again.
     let read = live.scene.unwrap();
-    let steps = studio(&window).bench().undoes().map(String::from);
+    let steps = studio(&window).session().undoes().map(String::from);
     for pixel in &mut bytes[16..] {
         *pixel = 250 - *pixel;
     }
     std::fs::write(&good, &bytes).unwrap();
     click(&mut window, "Open objects...");
     answer(&mut window, &good, "Open");
-    let live = studio(&window).bench().live();
+    let live = studio(&window).session().live();
     let again = live.scene.unwrap();
     assert!(again.revision > read.revision && again.value.set.fingerprint() != read.value.set.fingerprint());
-    assert_eq!(live.information.unwrap().revision, studio(&window).bench().revision());
-    assert_eq!(studio(&window).bench().undoes().map(String::from), steps, "the design is the same");
+    assert_eq!(live.information.unwrap().revision, studio(&window).session().revision());
+    assert_eq!(studio(&window).session().undoes().map(String::from), steps, "the design is the same");
 }
 
 #[test]
@@ -224,26 +224,26 @@ fn design_is_exported_saved_and_opened() {
         assert!(folder.path().join("out").join(name).is_file(), "{name}");
     }
     let exported = Design::open(&folder.path().join("out/design.json")).unwrap();
-    assert_eq!(exported, **studio(&window).bench().design());
+    assert_eq!(exported, **studio(&window).session().design());
 
     let file = folder.path().join("mine.json");
-    assert!(studio(&window).bench().is_dirty());
+    assert!(studio(&window).session().is_dirty());
     click(&mut window, "File");
     click(&mut window, "Save design as...");
     answer(&mut window, &file, "Save");
-    assert!(!studio(&window).bench().is_dirty());
-    assert_eq!(studio(&window).bench().path(), Some(file.as_path()));
+    assert!(!studio(&window).session().is_dirty());
+    assert_eq!(studio(&window).session().path(), Some(file.as_path()));
 
     click(&mut window, "Add lenslet");
     settle(&mut window);
-    assert!(studio(&window).bench().is_dirty());
+    assert!(studio(&window).session().is_dirty());
     // Opening asks about the changes first.
     click(&mut window, "File");
     click(&mut window, "Open design...");
     click(&mut window, "Discard");
     answer(&mut window, &file, "Open");
-    assert_eq!(**studio(&window).bench().design(), exported);
-    assert!(!studio(&window).bench().is_dirty());
+    assert_eq!(**studio(&window).session().design(), exported);
+    assert!(!studio(&window).session().is_dirty());
 }
 
 #[test]
@@ -292,23 +292,23 @@ fn save_asks_before_replacing_another_design() {
     answer(&mut window, &file, "Save");
     // Another name is another question, or none.
     answer(&mut window, &free, "Save");
-    assert_eq!(studio(&window).bench().path(), Some(free.as_path()));
+    assert_eq!(studio(&window).session().path(), Some(free.as_path()));
     // There is none about the design's own file.
     click(&mut window, "Add lenslet");
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &free, "Save");
-    assert!(!studio(&window).bench().is_dirty());
+    assert!(!studio(&window).session().is_dirty());
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &file, "Save");
     click(&mut window, "Replace");
     settle(&mut window);
-    assert_eq!(Design::open(&file).unwrap(), **studio(&window).bench().design());
+    assert_eq!(Design::open(&file).unwrap(), **studio(&window).session().design());
 }
 
 #[test]
 fn scene_panel_sets_noise_and_photons() {
     let mut window = open(Design::default());
-    let live = |window: &Window| studio(window).bench().live();
+    let live = |window: &Window| studio(window).session().live();
     click(&mut window, "Read noise");
     settle(&mut window);
     window.get_by_label("Read noise sigma");
@@ -357,7 +357,7 @@ fn dropped_files_are_opened() {
     design.save(&folder.path().join("seventy-seven.json")).unwrap();
     drop(&mut window, folder.path().join("seventy-seven.json"));
     settle(&mut window);
-    assert_eq!(**studio(&window).bench().design(), design);
+    assert_eq!(**studio(&window).session().design(), design);
 
     // An image may be a PSF or an object: the window asks.
     let picture = folder.path().join("spot.npy");
@@ -366,8 +366,8 @@ fn dropped_files_are_opened() {
     drop(&mut window, picture);
     click(&mut window, "As PSF");
     settle(&mut window);
-    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Image(_)));
-    assert_eq!(studio(&window).bench().live().optics.unwrap().value.image.dim(), (16, 16));
+    assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
+    assert_eq!(studio(&window).session().live().optics.unwrap().value.image.dim(), (16, 16));
 }
 
 #[test]
@@ -391,13 +391,13 @@ fn unused_dropped_files_are_named() {
     window.get_by_label("Use 8 images");
     click(&mut window, "As objects");
     settle(&mut window);
-    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Images(folder.path().to_path_buf()));
+    assert_eq!(studio(&window).session().design().objects, ObjectSource::Images(folder.path().to_path_buf()));
     // Some of a folder are not; what finds no use is named.
     drop(&mut window, &pictures[2..5]);
     window.get_by_label_contains("Only 2.npy can be used");
     click(&mut window, "2.npy as PSF");
     settle(&mut window);
-    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Image(_)));
+    assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
     menu(&mut window, &["View", "Messages"]);
     assert!(window.query_all_by_label("2.npy is used; not used: 3.npy, 4.npy").next().is_some());
     // One window has one design.
@@ -409,7 +409,7 @@ fn unused_dropped_files_are_named() {
     menu(&mut window, &["View", "Messages"]);
     drop(&mut window, &designs);
     settle(&mut window);
-    assert_eq!(studio(&window).bench().path(), Some(designs[0].as_path()));
+    assert_eq!(studio(&window).session().path(), Some(designs[0].as_path()));
     let named = "1.json is used; not used: 2.json, 3.json, 4.json, 5.json, 6.json and 2 more";
     assert!(window.query_all_by_label(named).next().is_some());
 }
@@ -434,17 +434,17 @@ fn closing_asks_about_unsaved_changes() {
     close(&mut window);
     window.get_by_label_contains("has unsaved changes.");
     click(&mut window, "Cancel");
-    assert!(studio(&window).bench().is_dirty(), "nothing is lost by asking");
+    assert!(studio(&window).session().is_dirty(), "nothing is lost by asking");
 
     close(&mut window);
     click(&mut window, "Save");
     // A cancelled path leaves the design dirty and the question open.
     click(&mut window, "Cancel");
-    assert!(studio(&window).bench().is_dirty());
+    assert!(studio(&window).session().is_dirty());
     click(&mut window, "Save");
     answer(&mut window, &file, "Save");
-    assert!(!studio(&window).bench().is_dirty());
-    assert_eq!(Design::open(&file).unwrap(), **studio(&window).bench().design());
+    assert!(!studio(&window).session().is_dirty());
+    assert_eq!(Design::open(&file).unwrap(), **studio(&window).session().design());
 }
 
 #[test]
@@ -452,12 +452,12 @@ fn cancelled_save_asks_again() {
     let mut window = open(Design::default());
     menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
     for _ in 0..4 {
-        studio(&window).bench().fit_lenslets();
+        studio(&window).session().fit_lenslets();
     }
     close(&mut window);
     click(&mut window, "Save");
     click(&mut window, "Cancel");
-    assert!(studio(&window).bench().has_open_jobs(), "the fits were too fast");
+    assert!(studio(&window).session().has_open_jobs(), "the fits were too fast");
     window.get_by_label("Save your changes?");
     click(&mut window, "Cancel");
     assert!(window.query_by_label("Save your changes?").is_none());

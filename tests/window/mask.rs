@@ -14,7 +14,7 @@ use super::{Window, click, drag, lenslets, menu, open, settle, studio, turn, typ
 #[test]
 fn numbers_follow_dragged_lenslet() {
     let mut window = open(Design::default());
-    let before = studio(&window).bench().live();
+    let before = studio(&window).session().live();
     let start = lenslets(&window);
     let from = window.get_by_label("Lenslet 1").rect().center();
     drag(&mut window, from, Vec2::new(40.0, -24.0), PointerButton::Primary);
@@ -23,12 +23,12 @@ fn numbers_follow_dragged_lenslet() {
     let moved = lenslets(&window);
     assert!(moved[0].x > start[0].x + 1.0 && moved[0].y < start[0].y - 0.5, "{:?} {:?}", start[0], moved[0]);
     assert_eq!(moved[1..], start[1..], "only the dragged lenslet moves");
-    let after = studio(&window).bench().live();
+    let after = studio(&window).session().live();
     assert_ne!(after.optics.unwrap().value.psf, before.optics.unwrap().value.psf);
     assert_ne!(after.measurements.unwrap().value.noisy, before.measurements.unwrap().value.noisy);
     let (after, before) = (after.information.unwrap().value, before.information.unwrap().value);
     assert_ne!(after.gaussian.bits_per_pixel, before.gaussian.bits_per_pixel);
-    assert!(studio(&window).bench().is_dirty());
+    assert!(studio(&window).session().is_dirty());
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn drag_of_four_points_moves_and_trembling_does_not() {
     }
     window.input_mut().events.push(press(false));
     settle(&mut window);
-    assert_eq!((lenslets(&window), studio(&window).bench().undoes()), (start.clone(), None));
+    assert_eq!((lenslets(&window), studio(&window).session().undoes()), (start.clone(), None));
     drag(&mut window, from, Vec2::new(4.0, 0.0), PointerButton::Primary);
     settle(&mut window);
     assert!(lenslets(&window)[2].x > start[2].x);
@@ -223,8 +223,8 @@ fn unchanged_numbers_keep_all_decimals() {
         }
     };
     let is_as_it_was = |window: &Window| {
-        let bench = studio(window).bench();
-        assert_eq!((&**bench.design(), bench.undoes(), bench.is_dirty()), (&design, None, false));
+        let session = studio(window).session();
+        assert_eq!((&**session.design(), session.undoes(), session.is_dirty()), (&design, None, false));
     };
     // In and out again, by the pointer and by keys.
     for field in ["Lenslet 1 x", "Lenslet 1 weight"] {
@@ -272,7 +272,7 @@ fn presets_replace_the_mask() {
     menu(&mut window, &["Presets", "25 random lenslets"]);
     assert_ne!(lenslets(&window), first, "again draws others");
     menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
-    assert!(matches!(studio(&window).bench().design().encoder, Encoder::Diffuser(_)));
+    assert!(matches!(studio(&window).session().design().encoder, Encoder::Diffuser(_)));
     assert!(window.query_by_label("Lenslet 1").is_none(), "a diffuser has no handles");
 }
 
@@ -306,8 +306,8 @@ fn locked_lenslets_stay_locked_and_unmoved() {
     click(&mut window, "16 px");
     window.get_by_label("One locked lenslet stays as it is");
     click(&mut window, "Start run");
-    wait_for(&mut window, "some steps", |window| studio(window).bench().run().is_some_and(|run| run.step >= 3));
-    let run = studio(&window).bench().run().unwrap();
+    wait_for(&mut window, "some steps", |window| studio(window).session().run().is_some_and(|run| run.step >= 3));
+    let run = studio(&window).session().run().unwrap();
     assert_eq!(run.settings.locked, [1]);
     assert_eq!((run.array.lenslets[1].x, run.array.lenslets[1].y), (kept.x, kept.y));
     assert_ne!(run.array.lenslets[0].x, run.start.encoder.lenslets().unwrap().lenslets[0].x);

@@ -126,7 +126,7 @@ fn rejection_message_names_old_number() {
 fn number_counts_when_committed_and_escape_cancels() {
     let mut window = open(Design::default());
     let before = lenslets(&window);
-    let undoes = |window: &Window| studio(window).bench().undoes().map(str::to_owned);
+    let undoes = |window: &Window| studio(window).session().undoes().map(str::to_owned);
     // On its way to 0.46 a weight is 0, which it may not be for all lenslets.
     for (index, _) in before.iter().enumerate() {
         type_half(&mut window, &format!("Lenslet {} weight", index + 1), "0");
@@ -152,7 +152,7 @@ fn number_counts_when_committed_and_escape_cancels() {
     // Another panel in its place removes the field.
     click(&mut window, "Estimates");
     let mut weights = vec![lenslets(&window)[0].weight];
-    while studio(&window).bench().undoes().is_some() {
+    while studio(&window).session().undoes().is_some() {
         window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
         window.run_steps(3);
         weights.push(lenslets(&window)[0].weight);

@@ -12,7 +12,7 @@ use super::*;
 /// thing of a window's that computations call. Tells whether that is still to come.
 fn break_once(window: &Window, threads: &'static str) -> Arc<AtomicBool> {
     // What is shown already may still be about to ask for its frame.
-    while studio(window).bench().live().seconds == 0.0 {
+    while studio(window).session().live().seconds == 0.0 {
         std::thread::yield_now();
     }
     let armed = Arc::new(AtomicBool::new(true));
@@ -26,7 +26,7 @@ fn break_once(window: &Window, threads: &'static str) -> Arc<AtomicBool> {
 
 /// What has become of the last job.
 fn state(window: &Window) -> Option<ActivityState> {
-    studio(window).bench().activities().last().map(|activity| activity.state.clone())
+    studio(window).session().activities().last().map(|activity| activity.state.clone())
 }
 
 #[test]
@@ -36,26 +36,26 @@ fn failed_edit_stays_and_next_one_is_computed() {
     click(&mut window, "Add lenslet");
     settle(&mut window);
     assert!(!armed.load(Ordering::SeqCst), "it has panicked");
-    let (revision, message) = studio(&window).bench().live().failure.unwrap();
+    let (revision, message) = studio(&window).session().live().failure.unwrap();
     assert_eq!(
         (revision, message.as_str()),
-        (studio(&window).bench().revision(), "an internal error stopped this computation: no light")
+        (studio(&window).session().revision(), "an internal error stopped this computation: no light")
     );
     assert!(window.query_all_by_label(&message).next().is_some(), "the window says it");
     assert_eq!(lenslets(&window).len(), 10);
 
     click(&mut window, "Add lenslet");
     settle(&mut window);
-    let live = studio(&window).bench().live();
+    let live = studio(&window).session().live();
     assert!(live.failure.is_none() && window.query_all_by_label(&message).next().is_none());
-    assert_eq!(live.information.unwrap().revision, studio(&window).bench().revision());
-    assert_eq!(live.measurements.unwrap().revision, studio(&window).bench().revision());
+    assert_eq!(live.information.unwrap().revision, studio(&window).session().revision());
+    assert_eq!(live.measurements.unwrap().revision, studio(&window).session().revision());
     for left in [10, 9] {
         window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
         settle(&mut window);
         assert_eq!(lenslets(&window).len(), left);
     }
-    assert!(studio(&window).bench().live().failure.is_none());
+    assert!(studio(&window).session().live().failure.is_none());
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn unreadable_objects_leave_design_unchanged() {
     bytes.extend((0..20 * 28 * 28).map(|pixel| (pixel * 7 % 251) as u8));
     std::fs::write(&file, bytes).unwrap();
     let mut window = open(Design::default());
-    let before = Arc::clone(studio(&window).bench().design());
+    let before = Arc::clone(studio(&window).session().design());
     let armed = break_once(&window, "lenslet-computation");
     click(&mut window, "Open objects...");
     answer(&mut window, &file, "Open");
@@ -74,19 +74,19 @@ fn unreadable_objects_leave_design_unchanged() {
     window.get_by_label("Dismiss");
     let message = "an internal error stopped this computation: no light";
     assert!(window.query_all_by_label(message).count() >= 2, "in the strip and in the status line");
-    assert_eq!(*studio(&window).bench().design(), before);
+    assert_eq!(*studio(&window).session().design(), before);
     assert_eq!(state(&window), Some(ActivityState::Failed(message.into())));
 
     click(&mut window, "Open objects...");
     answer(&mut window, &file, "Open");
-    assert_eq!(studio(&window).bench().design().objects, ObjectSource::Idx(file));
-    assert!(studio(&window).bench().live().failure.is_none());
+    assert_eq!(studio(&window).session().design().objects, ObjectSource::Idx(file));
+    assert!(studio(&window).session().live().failure.is_none());
 }
 
 #[test]
 fn panics_of_estimates_and_runs_are_reported() {
     let mut window = open(Design::default());
-    let before = Arc::clone(studio(&window).bench().design());
+    let before = Arc::clone(studio(&window).session().design());
     break_once(&window, "lenslet-estimate");
     click(&mut window, "Estimates");
     click(&mut window, "Start estimate");
@@ -99,21 +99,21 @@ fn panics_of_estimates_and_runs_are_reported() {
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
     click(&mut window, "Cancel estimate");
-    wait_for(&mut window, "the end of it", |window| studio(window).bench().estimates().running.is_none());
+    wait_for(&mut window, "the end of it", |window| studio(window).session().estimates().running.is_none());
 
     break_once(&window, "lenslet-run");
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
     let message = "an internal error stopped this run: no light";
     wait_for(&mut window, "the end of the run", |window| state(window) == Some(ActivityState::Failed(message.into())));
-    assert_eq!(studio(&window).bench().run().unwrap().status, RunStatus::Failed(message.into()));
+    assert_eq!(studio(&window).session().run().unwrap().status, RunStatus::Failed(message.into()));
     assert!(window.query_all_by_label(message).count() >= 2, "in the strip and in the status line");
-    assert_eq!(*studio(&window).bench().design(), before);
+    assert_eq!(*studio(&window).session().design(), before);
     click(&mut window, "Start run");
     if window.query_by_label("Start new run").is_some() {
         click(&mut window, "Start new run");
     }
     wait_for(&mut window, "a step of the next run", |window| {
-        studio(window).bench().run().is_some_and(|run| !run.checkpoints.is_empty())
+        studio(window).session().run().is_some_and(|run| !run.checkpoints.is_empty())
     });
 }

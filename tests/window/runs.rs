@@ -16,12 +16,12 @@ fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
     let mut window = open_sized(Design::default(), Vec2::new(1280.0, 1400.0));
     let started = |window: &mut Window, button: &str| {
         click(window, button);
-        wait_for(window, "the run", |window| studio(window).bench().run().is_some_and(|run| run.step > 0));
+        wait_for(window, "the run", |window| studio(window).session().run().is_some_and(|run| run.step > 0));
         stop_run(window);
         wait_for(window, "its end", |window| {
-            studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
+            studio(window).session().run().is_some_and(|run| run.status == RunStatus::Stopped)
         });
-        let run = studio(window).bench().run().unwrap();
+        let run = studio(window).session().run().unwrap();
         (run.settings.refit_every, run.settings.rates.position, run.settings.decay_fraction)
     };
     for name in ["Optimize", "Details", "16 px", "Schedule and rates"] {
@@ -61,14 +61,14 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     click(&mut window, "16 px");
     let before = lenslets(&window);
     click(&mut window, "Start run");
-    let checkpoints = |window: &Window| studio(window).bench().run().map_or(0, |run| run.checkpoints.len());
+    let checkpoints = |window: &Window| studio(window).session().run().map_or(0, |run| run.checkpoints.len());
     wait_for(&mut window, "the third refit", |window| checkpoints(window) >= 3);
     // The mask in the window is that of the run, and everything that depends on it follows; the design is as it was.
     assert_ne!(lenslets(&window), before);
-    assert!(studio(&window).bench().is_following() && studio(&window).bench().is_previewing());
+    assert!(studio(&window).session().is_following() && studio(&window).session().is_previewing());
     assert_eq!(open_lenslets(&window), before);
-    assert!(!studio(&window).bench().is_dirty());
-    let run = studio(&window).bench().run().unwrap();
+    assert!(!studio(&window).session().is_dirty());
+    let run = studio(&window).session().run().unwrap();
     assert!(run.checkpoints[0].bits_per_pixel > 0.1 && run.checkpoints[2].step == 40);
     assert_eq!(run.position_gradients.len(), before.len(), "arrows show where what it climbs pulls them");
     assert_eq!(run.settings.objective, Objective::Posterior, "the prior of beads is known");
@@ -76,18 +76,18 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
 
     click(&mut window, "Pause run");
     wait_for(&mut window, "the pause", |window| {
-        studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Paused)
+        studio(window).session().run().is_some_and(|run| run.status == RunStatus::Paused)
     });
-    let paused = studio(&window).bench().run().unwrap().step;
+    let paused = studio(&window).session().run().unwrap().step;
     std::thread::sleep(std::time::Duration::from_millis(400));
     window.run_steps(4);
-    assert!(studio(&window).bench().run().unwrap().step <= paused + 1);
+    assert!(studio(&window).session().run().unwrap().step <= paused + 1);
     click(&mut window, "Resume run");
-    wait_for(&mut window, "more steps", |window| studio(window).bench().run().unwrap().step > paused + 2);
+    wait_for(&mut window, "more steps", |window| studio(window).session().run().unwrap().step > paused + 2);
 
     stop_run(&mut window);
     wait_for(&mut window, "the end", |window| {
-        studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
+        studio(window).session().run().is_some_and(|run| run.status == RunStatus::Stopped)
     });
     let stopped = lenslets(&window);
     assert_ne!(stopped, before);
@@ -100,15 +100,15 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     menu(&mut window, &["Edit", "Undo look at the run"]);
     assert_eq!(lenslets(&window), before);
     click(&mut window, "Show newest");
-    assert!(!studio(&window).bench().is_dirty());
+    assert!(!studio(&window).session().is_dirty());
     click(&mut window, "Accept this mask");
     assert_eq!(open_lenslets(&window), stopped);
-    assert!(studio(&window).bench().is_dirty() && !studio(&window).bench().is_previewing());
-    assert!(!studio(&window).bench().has_unsaved_result());
+    assert!(studio(&window).session().is_dirty() && !studio(&window).session().is_previewing());
+    assert!(!studio(&window).session().has_unsaved_result());
     menu(&mut window, &["Edit", "Undo optimize the mask"]);
     assert_eq!(lenslets(&window), before);
-    assert!(!studio(&window).bench().is_dirty(), "what was saved is there again");
-    assert!(studio(&window).bench().has_unsaved_result(), "what was accepted is gone");
+    assert!(!studio(&window).session().is_dirty(), "what was saved is there again");
+    assert!(studio(&window).session().has_unsaved_result(), "what was accepted is gone");
     menu(&mut window, &["Edit", "Redo optimize the mask"]);
     assert_eq!(lenslets(&window), stopped);
 
@@ -119,23 +119,23 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     assert_eq!(lenslets(&window), stopped);
     // What it brings later can take the place of what was accepted.
     click(&mut window, "Resume");
-    wait_for(&mut window, "the next steps", |window| studio(window).bench().run().unwrap().step > paused + 5);
+    wait_for(&mut window, "the next steps", |window| studio(window).session().run().unwrap().step > paused + 5);
     stop_run(&mut window);
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
     click(&mut window, "Start run");
     click(&mut window, "Start new run");
-    wait_for(&mut window, "the first step", |window| studio(window).bench().run().unwrap().step > 0);
-    assert!(studio(&window).bench().run().unwrap().step <= paused);
+    wait_for(&mut window, "the first step", |window| studio(window).session().run().unwrap().step > 0);
+    assert!(studio(&window).session().run().unwrap().step <= paused);
     stop_run(&mut window);
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
 
     // A mask may also become a design of its own.
     click(&mut window, "Show newest");
     let newest = lenslets(&window);
     click(&mut window, "Open as new design");
     click(&mut window, "Discard");
-    let bench = studio(&window).bench();
-    assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_previewing()), (newest, None, false));
+    let session = studio(&window).session();
+    assert_eq!((open_lenslets(&window), session.undoes(), session.is_previewing()), (newest, None, false));
 }
 
 #[test]
@@ -144,9 +144,9 @@ fn masks_of_a_run_push_no_edits_out_of_the_history() {
     for name in ["Optimize", "Details", "16 px", "Start run"] {
         click(&mut window, name);
     }
-    wait_for(&mut window, "some masks", |window| studio(window).bench().run().is_some_and(|run| run.step >= 30));
+    wait_for(&mut window, "some masks", |window| studio(window).session().run().is_some_and(|run| run.step >= 30));
     stop_run(&mut window);
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
     click(&mut window, "End preview");
     settle(&mut window);
     menu(&mut window, &["View", "Panel", "Show History"]);
@@ -163,19 +163,19 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     click(&mut window, "density");
     click(&mut window, "16 px");
     click(&mut window, "Start run");
-    wait_for(&mut window, "the first steps", |window| studio(window).bench().run().is_some_and(|run| run.step >= 2));
-    let settings = studio(&window).bench().run().unwrap().settings.clone();
+    wait_for(&mut window, "the first steps", |window| studio(window).session().run().is_some_and(|run| run.step >= 2));
+    let settings = studio(&window).session().run().unwrap().settings.clone();
     assert_eq!((settings.objective, settings.patch), (Objective::Density, Some((16, 16))));
     assert_eq!(IdealSettings { patch: Some((32, 32)), ..settings }, density_for(&Design::default()));
     click(&mut window, "Add lenslet");
-    assert!(!studio(&window).bench().is_following() && !studio(&window).bench().is_previewing());
+    assert!(!studio(&window).session().is_following() && !studio(&window).session().is_previewing());
     let edited = lenslets(&window);
     assert_eq!(edited.len(), 10);
-    let step = studio(&window).bench().run().unwrap().step;
-    wait_for(&mut window, "the run to go on", |window| studio(window).bench().run().unwrap().step > step + 1);
+    let step = studio(&window).session().run().unwrap().step;
+    wait_for(&mut window, "the run to go on", |window| studio(window).session().run().unwrap().step > step + 1);
     assert_eq!(lenslets(&window), edited);
     stop_run(&mut window);
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
 
     // The design is no longer what the run started from: a mask of the run can be had as a design of its own.
     click(&mut window, "Show newest");
@@ -191,8 +191,8 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     assert_eq!(open_lenslets(&window), edited);
     click(&mut window, "Accept this mask");
     click(&mut window, "Discard");
-    let bench = studio(&window).bench();
-    assert_eq!((open_lenslets(&window), bench.undoes(), bench.is_dirty()), (newest, None, true));
+    let session = studio(&window).session();
+    assert_eq!((open_lenslets(&window), session.undoes(), session.is_dirty()), (newest, None, true));
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     click(&mut window, "Start from");
     click(&mut window, "Random lenslets");
     click(&mut window, "Start run");
-    let checkpoints = |window: &Window| studio(window).bench().run().map_or(0, |run| run.checkpoints.len());
+    let checkpoints = |window: &Window| studio(window).session().run().map_or(0, |run| run.checkpoints.len());
     wait_for(&mut window, "the second refit", |window| checkpoints(window) >= 2);
     assert_eq!((lenslets(&window).len(), open_lenslets(&window)), (25, before.clone()));
     // What the run knows of its mask stands among the numbers.
@@ -215,15 +215,15 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     // The scene is that of the design.
     click(&mut window, "Scene");
     click(&mut window, "Read noise");
-    assert!(!studio(&window).bench().is_previewing());
+    assert!(!studio(&window).session().is_previewing());
     assert_eq!(lenslets(&window), before);
-    assert_eq!(studio(&window).bench().undoes(), Some("Set noise to read:5"));
+    assert_eq!(studio(&window).session().undoes(), Some("Set noise to read:5"));
     window.get_by_label("Lock lenslet 2").accesskit_node().toggled().filter(|on| *on == Toggled::True).unwrap();
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     settle(&mut window);
     click(&mut window, "Optimize");
     stop_run(&mut window);
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
+    wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
     click(&mut window, "Show newest");
     let newest = lenslets(&window);
     drop(window);
@@ -238,7 +238,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     window.get_by_label("Discard the last run?");
     click(&mut window, "Cancel");
     click(&mut window, "Accept this mask");
-    assert!(studio(&window).bench().is_dirty() && studio(&window).bench().undoes().is_none());
+    assert!(studio(&window).session().is_dirty() && studio(&window).session().undoes().is_none());
     assert_eq!(open_lenslets(&window).len(), newest.len());
 }
 
@@ -251,12 +251,12 @@ fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
     type_number(&mut window, "Heuristic lenslets", "2");
     let begun = |window: &mut Window, button: &str| {
         click(window, button);
-        wait_for(window, "the run", |window| studio(window).bench().run().is_some_and(|run| run.step > 0));
+        wait_for(window, "the run", |window| studio(window).session().run().is_some_and(|run| run.step > 0));
         stop_run(window);
         wait_for(window, "its end", |window| {
-            studio(window).bench().run().is_some_and(|run| run.status == RunStatus::Stopped)
+            studio(window).session().run().is_some_and(|run| run.status == RunStatus::Stopped)
         });
-        studio(window).bench().run().unwrap()
+        studio(window).session().run().unwrap()
     };
     let run = begun(&mut window, "Start run");
     assert_eq!(run.start.encoder, Encoder::Lenslets(heuristic_layout(2)));
@@ -326,13 +326,13 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
 
     click(&mut window, "Compare with heuristic layouts");
     let cells = |window: &Window| {
-        let run = studio(window).bench().run().unwrap();
+        let run = studio(window).session().run().unwrap();
         run.comparison.as_ref().map_or(0, |study| study.cells.len())
     };
     wait_for(&mut window, "the first numbers", |window| cells(window) >= 1);
     stop_run(&mut window);
-    wait_for(&mut window, "the end", |window| !studio(window).bench().run().unwrap().is_active());
-    let run = studio(&window).bench().run().unwrap();
+    wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
+    let run = studio(&window).session().run().unwrap();
     assert_eq!((run.status, run.ranked.len()), (RunStatus::Finished, 2), "as it was");
     window.get_by_label("heuristic:9");
     window.get_by_label("32 x 32 px patches");
@@ -350,10 +350,10 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     let path = folder.path().join("accepted.json");
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &path, "Save");
-    wait_for(&mut window, "the file", |window| !studio(window).bench().is_dirty());
+    wait_for(&mut window, "the file", |window| !studio(window).session().is_dirty());
     drop(window);
     let mut window = at_home(folder.path());
-    assert!(!studio(&window).bench().has_unsaved_result(), "it is in a file");
+    assert!(!studio(&window).session().has_unsaved_result(), "it is in a file");
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
     window.get_by_label_contains("It has 2 results.");
@@ -364,7 +364,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
 
 /// Lenslets of the open design, whatever is shown.
 fn open_lenslets(window: &Window) -> Vec<Lenslet> {
-    let design = studio(window).bench().open_design();
+    let design = studio(window).session().open_design();
     design.encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
 }
 
@@ -384,10 +384,10 @@ fn what_a_run_climbs_suits_the_objects() {
     click(&mut window, "paper");
     assert!(!offered(&window));
     click(&mut window, "Start run");
-    wait_for(&mut window, "the run", |window| studio(window).bench().run().is_some());
-    assert_eq!(studio(&window).bench().run().unwrap().settings.objective, Objective::PixelCnn);
+    wait_for(&mut window, "the run", |window| studio(window).session().run().is_some());
+    assert_eq!(studio(&window).session().run().unwrap().settings.objective, Objective::PixelCnn);
     stop_run(&mut window);
-    wait_for(&mut window, "its end", |window| !studio(window).bench().run().unwrap().is_active());
+    wait_for(&mut window, "its end", |window| !studio(window).session().run().unwrap().is_active());
     click(&mut window, "Preset");
     click(&mut window, "default");
     assert!(offered(&window));

@@ -259,7 +259,7 @@ fn ctrl_wheel_zooms_the_mask() {
 fn display_range_is_set_kept_and_exported() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
-    let measured = studio(&window).bench().live().measurements.unwrap();
+    let measured = studio(&window).session().live().measurements.unwrap();
     let number = |window: &Window, field: &str| window.get_by_label(field).accesskit_node().numeric_value().unwrap();
     click(&mut window, "Measurement display range");
     let full = number(&window, "Measurement highest value");
@@ -298,7 +298,7 @@ fn display_range_is_set_kept_and_exported() {
     }
     assert!(ends[0] > 0 && ends[1] > 0, "both happen: {ends:?}");
     // Display never changes data.
-    assert_eq!(studio(&window).bench().live().measurements.unwrap().value.noisy, measured.value.noisy);
+    assert_eq!(studio(&window).session().live().measurements.unwrap().value.noisy, measured.value.noisy);
     click(&mut window, "Previous measurement");
     click(&mut window, "Measurement display range");
     assert_eq!(number(&window, "Measurement highest value"), 100.0);
@@ -338,7 +338,7 @@ fn spectrum_is_drawn_and_exported() {
     assert_eq!(rows.len(), 31, "65 px have rings 2 to 32");
     // The noise lies at the mean of this measurement; the spots of the lenslets stand out of it at low frequencies and
     // pass nothing near half the sampling rate.
-    let measured = studio(&window).bench().live().measurements.unwrap();
+    let measured = studio(&window).session().live().measurements.unwrap();
     let mean = measured.value.noisy.index_axis(ndarray::Axis(0), 0).mapv(f64::from).mean().unwrap();
     assert!((rows[0][2] / mean - 1.0).abs() < 1e-6, "{} {mean}", rows[0][2]);
     assert!(rows[0][1] > 3.0 * mean, "{:?}", rows[0]);
@@ -356,7 +356,7 @@ fn information_is_overlaid_on_measurement() {
     assert_eq!(told(&window), None);
     click(&mut window, "Information over the measurement");
     wait_for(&mut window, "the map", |window| told(window).is_some());
-    let closer = studio(&window).bench().live().closer.unwrap();
+    let closer = studio(&window).session().live().closer.unwrap();
     let map = closer.map.as_ref().unwrap();
     assert_eq!(map.dim(), (65, 65), "all of the measurement, not one patch of it");
     window.hover_at(rect_of(&window, "Measurement").center());
@@ -365,7 +365,7 @@ fn information_is_overlaid_on_measurement() {
     // The map is that of the measurement that is shown.
     click(&mut window, "Next measurement");
     wait_for(&mut window, "the map of the next one", |window| {
-        told(window).is_some() && studio(window).bench().live().closer.unwrap().key.sample == 1
+        told(window).is_some() && studio(window).session().live().closer.unwrap().key.sample == 1
     });
     click(&mut window, "Information over the measurement");
     assert_eq!(told(&window), None);

@@ -90,13 +90,13 @@ fn memory() -> Option<f64> {
 /// Memory of the window at rest, MB: no run, no estimate. While it works it may take what its work takes.
 fn memory_at_rest(window: &mut Window) -> Option<f64> {
     studio(window).set_live(false);
-    studio(window).bench().stop_run();
-    studio(window).bench().cancel_estimate();
+    studio(window).session().stop_run();
+    studio(window).session().cancel_estimate();
     let mut quiet = Instant::now();
     while quiet.elapsed() < REST {
         window.step();
-        let bench = studio(window).bench();
-        if bench.is_computing() || bench.run().is_some_and(|run| run.is_active()) {
+        let session = studio(window).session();
+        if session.is_computing() || session.run().is_some_and(|run| run.is_active()) {
             quiet = Instant::now();
         }
         std::thread::sleep(Duration::from_millis(10));
@@ -120,7 +120,7 @@ fn start_run(window: &mut Window) {
     if window.query_by_label("Start new run").is_some() {
         click(window, "Start new run");
     }
-    println!("a run goes on: {}", studio(window).bench().run().is_some_and(|run| run.is_active()));
+    println!("a run goes on: {}", studio(window).session().run().is_some_and(|run| run.is_active()));
 }
 
 /// A control that may be used.
@@ -242,12 +242,12 @@ fn random_input_does_not_break_the_window() {
         longest.sort_by(|one, other| other.cmp(one));
         longest.truncate(LONGEST);
         acts += 1;
-        let live = studio(&window).bench().live();
-        let failures = [live.failure, studio(&window).bench().estimates().live_failure];
+        let live = studio(&window).session().live();
+        let failures = [live.failure, studio(&window).session().estimates().live_failure];
         for (_, reason) in failures.into_iter().flatten() {
             assert!(!reason.contains("internal error"), "{reason}");
         }
-        if let Some(RunStatus::Failed(reason)) = studio(&window).bench().run().map(|run| run.status) {
+        if let Some(RunStatus::Failed(reason)) = studio(&window).session().run().map(|run| run.status) {
             assert!(!reason.contains("internal error"), "{reason}");
         }
         if long.is_some() && started.elapsed() > WARM_UP + used.len() as u32 * SAMPLED_EVERY {

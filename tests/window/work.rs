@@ -52,7 +52,7 @@ fn ask_for_steps(window: &mut Window, steps: &str) {
 }
 
 fn states(window: &Window) -> Vec<ActivityState> {
-    studio(window).bench().activities().iter().map(|activity| activity.state.clone()).collect()
+    studio(window).session().activities().iter().map(|activity| activity.state.clone()).collect()
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn copied_commands_reproduce_numbers_bit_for_bit() {
     let design =
         Design { encoder: Encoder::Lenslets(lenslet_studio::optics::random_layout(3, 5)), ..Design::default() };
     let mut window = open(design);
-    let live = studio(&window).bench().live();
+    let live = studio(&window).session().live();
     let (information, measurements) = (live.information.unwrap(), live.measurements.unwrap());
     let numbers: serde_json::Value = serde_json::from_str(&copied(&mut window, "Copy numbers as JSON")).unwrap();
     let shown = information.value.gaussian.bits_per_pixel;
@@ -76,8 +76,8 @@ fn copied_commands_reproduce_numbers_bit_for_bit() {
 
     ask_for_steps(&mut window, "12");
     click(&mut window, "Start estimate");
-    wait_for(&mut window, "the estimate", |window| !studio(window).bench().estimates().finished.is_empty());
-    let finished = studio(&window).bench().estimates().finished;
+    wait_for(&mut window, "the estimate", |window| !studio(window).session().estimates().finished.is_empty());
+    let finished = studio(&window).session().estimates().finished;
     let estimate = &finished[0].value.estimate;
     let line = copied(&mut window, "Copy command of estimate 1");
     assert!(line.contains("--estimator causal --patch 32x32 --steps 12"), "{line}");
@@ -102,9 +102,9 @@ fn stale_numbers_are_marked_and_not_exported() {
     assert!(can_export(&window) && !is_stale(&window));
     click(&mut window, "Import PSF...");
     answer(&mut window, &file, "Import");
-    let live = studio(&window).bench().live();
+    let live = studio(&window).session().live();
     let (revision, told) = live.failure.unwrap();
-    assert_eq!(revision, studio(&window).bench().revision(), "{told}");
+    assert_eq!(revision, studio(&window).session().revision(), "{told}");
     assert!(live.measurements.unwrap().revision < revision && window.query_all_by_label(&told).next().is_some());
     assert!(is_stale(&window));
     let numbers: serde_json::Value = serde_json::from_str(&copied(&mut window, "Copy numbers as JSON")).unwrap();
@@ -115,7 +115,7 @@ fn stale_numbers_are_marked_and_not_exported() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     settle(&mut window);
     assert!(!is_stale(&window) && window.query_all_by_label(&told).next().is_none());
-    assert!(studio(&window).bench().live().failure.is_none());
+    assert!(studio(&window).session().live().failure.is_none());
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn lenslets_are_fitted_to_imported_psf() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = open(Design::default());
     let before = lenslets(&window);
-    let psf = studio(&window).bench().design().psf(1).unwrap().index_axis_move(ndarray::Axis(0), 0);
+    let psf = studio(&window).session().design().psf(1).unwrap().index_axis_move(ndarray::Axis(0), 0);
     let file = folder.path().join("psf.npy");
     lenslet_studio::formats::write_array(&file, psf.mapv(|light| light as f32).view()).unwrap();
     click(&mut window, "Presets");
@@ -148,26 +148,26 @@ fn lenslets_are_fitted_to_imported_psf() {
 fn live_estimate_is_reproduced_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
-    studio(&window).bench().set_live(true);
+    studio(&window).session().set_live(true);
     let bounded =
-        |window: &Window| studio(window).bench().estimates().live.is_some_and(|live| live.value.lower.is_some());
+        |window: &Window| studio(window).session().estimates().live.is_some_and(|live| live.value.lower.is_some());
     wait_for(&mut window, "an estimate with a bound from below", bounded);
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
-    let revision = studio(&window).bench().revision();
+    let revision = studio(&window).session().revision();
     wait_for(&mut window, "that of two lenslets", |window| {
-        bounded(window) && studio(window).bench().estimates().live.unwrap().revision == revision
+        bounded(window) && studio(window).session().estimates().live.unwrap().revision == revision
     });
-    studio(&window).bench().set_live(false);
+    studio(&window).session().set_live(false);
     std::thread::sleep(std::time::Duration::from_secs(1));
     window.run_steps(4);
-    let shown = studio(&window).bench().estimates().live.unwrap().value;
+    let shown = studio(&window).session().estimates().live.unwrap().value;
     let line = copied(&mut window, "Copy command line");
     assert!(shown.start.is_some() && line.starts_with("lenslet-studio reproduce "), "{line}");
     settle(&mut window);
     let repeated = run_line(&format!("{line} --json"));
     assert_eq!(repeated["numbers"]["bits_per_pixel"].as_f64(), Some(shown.bits_per_pixel), "{repeated:#}");
     assert_eq!(repeated["numbers"]["lower"]["bits_per_pixel"].as_f64(), shown.lower.as_ref().map(|b| b.bits_per_pixel));
-    let bound = studio(&window).bench().live().information.unwrap().value.gaussian.bits_per_pixel;
+    let bound = studio(&window).session().live().information.unwrap().value.gaussian.bits_per_pixel;
     assert_eq!(repeated["bounds"]["information"]["gaussian_bound"].as_f64(), Some(bound));
     assert_eq!(repeated["same"], true);
     // The same record, at a chosen path.
@@ -229,7 +229,7 @@ fn closing_asks_while_jobs_run() {
     window.get_by_label("Close the window?");
     window.get_by_label("A run is active. It is saved and can be resumed in the next window.");
     click(&mut window, "Cancel");
-    let status = studio(&window).bench().run().map(|run| run.status);
+    let status = studio(&window).session().run().map(|run| run.status);
     assert_eq!(status, Some(RunStatus::Running));
     stop_run(&mut window);
     wait_for(&mut window, "its end", |window| !states(window).contains(&ActivityState::Running));
@@ -244,7 +244,7 @@ fn run_is_listed_among_jobs_and_reproducible() {
     type_number(&mut window, "Steps", "10");
     click(&mut window, "Start run");
     wait_for(&mut window, "the second refit", |window| {
-        studio(window).bench().run().is_some_and(|run| run.checkpoints.len() >= 2)
+        studio(window).session().run().is_some_and(|run| run.checkpoints.len() >= 2)
     });
     click(&mut window, "More of the run");
     let line = copied(&mut window, "Copy command of run");
@@ -335,7 +335,7 @@ fn snapshots_are_restored_in_next_session() {
     menu(&mut window, &["Presets", "Heuristic lenslets", "2 lenslets"]);
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
     settle(&mut window);
-    let bound = studio(&window).bench().live().information.unwrap().value.ceiling_bits().unwrap();
+    let bound = studio(&window).session().live().information.unwrap().value.ceiling_bits().unwrap();
     let written = |folder: &Path| std::fs::read_dir(folder.join("kept")).map_or(0, Iterator::count);
     wait_for(&mut window, "both files", |_| written(folder.path()) == 2);
     std::fs::write(folder.path().join("kept/broken.json"), "{").unwrap();

@@ -32,7 +32,7 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
         Ok(image) => {
             let name = capture.name;
             state.capture.pending = None;
-            state.path_dialog.ask(PathPurpose::ExportPicture { name, image }, state.bench.path());
+            state.path_dialog.ask(PathPurpose::ExportPicture { name, image }, state.session.path());
         }
         Err(TryRecvError::Empty) => {}
         Err(TryRecvError::Disconnected) => state.capture.pending = None,

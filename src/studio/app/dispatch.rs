@@ -17,30 +17,30 @@ pub fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
         Request::Change(command) => state.send(&command),
         Request::ChangeBy(edit, command) => state.send_edit(edit, &command),
         Request::ChangeInOneStep(command) => {
-            state.bench.begin_step();
+            state.session.begin_step();
             state.send(&command);
         }
-        Request::AskPath(purpose) => state.path_dialog.ask(purpose, state.bench.path()),
+        Request::AskPath(purpose) => state.path_dialog.ask(purpose, state.session.path()),
         Request::Copy { text, what } => state.copy(ctx, text, what),
-        Request::StopJob(activity) => state.bench.stop(&activity),
+        Request::StopJob(activity) => state.session.stop(&activity),
     }
 }
 
 /// Runs an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
-    let beside = state.bench.path().map(ToOwned::to_owned);
+    let beside = state.session.path().map(ToOwned::to_owned);
     let mut ask = |purpose| state.path_dialog.ask(purpose, beside.as_deref());
     match action {
         Action::New => state.request_transition(ctx, Transition::New),
         Action::Open => state.request_transition(ctx, Transition::Open),
         Action::Save => match &beside {
-            Some(path) => state.bench.save_to(path.clone()),
+            Some(path) => state.session.save_to(path.clone()),
             None => ask(PathPurpose::SaveAs),
         },
         Action::SaveAs => ask(PathPurpose::SaveAs),
         Action::OpenObjects => ask(PathPurpose::OpenObjects),
         Action::ImportPsf => ask(PathPurpose::ImportPsf),
-        Action::FitLenslets => state.bench.fit_lenslets(),
+        Action::FitLenslets => state.session.fit_lenslets(),
         Action::ExportDesign => ask(PathPurpose::ExportDesign),
         Action::ExportMeasurements => ask(PathPurpose::ExportMeasurements),
         Action::Undo => state.go(Session::undo),
@@ -52,16 +52,16 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
             state.request_transition(ctx, Transition::Run);
             state.layout_request = Some(LayoutRequest::Show(Pane::Optimize));
         }
-        Action::StopRun => state.bench.stop_run(),
+        Action::StopRun => state.session.stop_run(),
         Action::Accept => {
             // The shown mask is accepted, even if the run has advanced.
-            state.bench.follow_run(false);
-            if !state.bench.accept() {
+            state.session.follow_run(false);
+            if !state.session.accept() {
                 state.request_transition(ctx, Transition::Accept);
             }
         }
         Action::OpenMask => {
-            state.bench.follow_run(false);
+            state.session.follow_run(false);
             state.request_transition(ctx, Transition::Accept);
         }
         Action::EndPreview => state.go(Session::end_preview),
@@ -90,10 +90,10 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
                 (Some(record), Some(folder)) => {
                     let path = folder.join("records").join(record.file_name());
                     let command = reproduce_command(&path);
-                    state.bench.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
+                    state.session.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
                     Ok(command)
                 }
-                _ => bounds_command(state.bench.design()),
+                _ => bounds_command(state.session.design()),
             };
             state.copy_command(ctx, command);
         }
@@ -110,7 +110,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
 
 /// Puts a preset mask in place.
 fn put(preset: Preset, state: &mut State) {
-    let seed = state.bench.design().seed;
+    let seed = state.session.design().seed;
     let (name, encoder) = match preset {
         Preset::Heuristic(count) => (counted(count, "heuristic lenslet"), Encoder::Lenslets(heuristic_layout(count))),
         Preset::Random => {

@@ -147,7 +147,7 @@ impl Behavior<Pane> for PanelBehavior<'_> {
                 Pane::Object => samples::show_object(ui, self.0),
                 Pane::Measurement => samples::show_measurement(ui, self.0),
                 Pane::Scene => {
-                    let design = self.0.bench.design();
+                    let design = self.0.session.design();
                     let scene = SceneView { design, live: &self.0.live, failure: self.0.failure() };
                     let requests = scene::show(ui, &scene);
                     self.serve(ui, requests);

@@ -72,8 +72,8 @@ pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
 
 /// The Edit menu.
 pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
-    let undoes = state.bench.undoes().map(str::to_lowercase);
-    let redoes = state.bench.redoes().map(str::to_lowercase);
+    let undoes = state.session.undoes().map(str::to_lowercase);
+    let redoes = state.session.redoes().map(str::to_lowercase);
     for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
         let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
         action_entry::entry_called(ui, state, action, text.trim_end());

@@ -67,10 +67,10 @@ impl Studio {
         ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
         let (repaint, pace) = (ctx.clone(), RepaintThrottle::default());
         let paced = pace.clone();
-        let bench = Session::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
+        let session = Session::new(design, path, move || repaint.request_repaint_after(paced.wait()))?;
         let title = String::new();
         Ok(Self {
-            state: State::new(bench),
+            state: State::new(session),
             layout: default_layout(),
             dropped: Dropped::default(),
             title,
@@ -107,13 +107,13 @@ impl Studio {
         }
         ctx.set_theme(preferences.theme);
         ctx.set_zoom_factor(preferences.zoom);
-        self.state.bench.set_live(preferences.live);
+        self.state.session.set_live(preferences.live);
         self.state.preferences = preferences;
         self.layout = layout.clone().unwrap_or_else(default_layout);
-        self.state.bench.set_threads(self.state.preferences.threads);
+        self.state.session.set_threads(self.state.preferences.threads);
         match AppData::in_folder(folder, &self.state.preferences, layout.as_ref()) {
             Ok(app_data) => {
-                self.state.onboarding.welcome = !self.state.preferences.welcomed && self.state.bench.path().is_none();
+                self.state.onboarding.welcome = !self.state.preferences.welcomed && self.state.session.path().is_none();
                 self.app_data = Some(app_data);
                 self.state.folder = Some(folder.to_owned());
             }
@@ -124,11 +124,11 @@ impl Studio {
             return;
         }
         // A design of the command line is a recent file, too.
-        if let Some(path) = self.state.bench.path().map(Path::to_path_buf) {
+        if let Some(path) = self.state.session.path().map(Path::to_path_buf) {
             self.state.preferences.remember(&path);
         }
         self.left_behind = self.state.keep_unsaved();
-        if let Err(error) = self.state.bench.keep_estimates_in(&folder.join("estimates")) {
+        if let Err(error) = self.state.session.keep_estimates_in(&folder.join("estimates")) {
             self.state.messages.push(Severity::Failure, error.to_string());
         }
         self.keep_runs(folder);
@@ -161,12 +161,12 @@ impl Studio {
     }
 
     fn keep_runs(&mut self, folder: &Path) {
-        match self.state.bench.persist_runs_in(&folder.join("run")) {
-            Ok(()) => match self.state.bench.run() {
+        match self.state.session.persist_runs_in(&folder.join("run")) {
+            Ok(()) => match self.state.session.run() {
                 Some(run) if run.status == RunStatus::Stopped => {
                     self.notify("A run was interrupted; it can be resumed in Optimize.".into());
                 }
-                Some(_) if self.state.bench.has_unsaved_result() => {
+                Some(_) if self.state.session.has_unsaved_result() => {
                     self.notify("The result of the last run was not accepted; Optimize shows it.".into());
                 }
                 _ => {}
@@ -207,7 +207,7 @@ impl Studio {
             None => {}
         }
         let state = &mut self.state;
-        if let Some(failure) = state.bench.note_unsaved() {
+        if let Some(failure) = state.session.note_unsaved() {
             state.messages.push(Severity::Failure, failure);
         }
         let Some(app_data) = &mut self.app_data else { return };
@@ -216,7 +216,7 @@ impl Studio {
         // Shortcuts zoom beyond the stored range.
         state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());
         ctx.set_zoom_factor(state.preferences.zoom);
-        state.preferences.live = state.bench.is_live();
+        state.preferences.live = state.session.is_live();
         // A panel comes to rest when the pointer is released.
         let moved = ctx.input(|input| input.pointer.any_released() || input.viewport().close_requested());
         if let Some(failure) = app_data.keep(&state.preferences, moved.then_some(&self.layout)) {
@@ -226,12 +226,12 @@ impl Studio {
 
     /// Switches the live estimate on or off.
     pub fn set_live(&self, live: bool) {
-        self.state.bench.set_live(live);
+        self.state.session.set_live(live);
     }
 
     /// The session behind the window.
-    pub fn bench(&self) -> &Session {
-        &self.state.bench
+    pub fn session(&self) -> &Session {
+        &self.state.session
     }
 
     /// Whether no dialog has the keyboard.
@@ -249,25 +249,25 @@ impl Studio {
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
         let waits_for_save = confirm_discard::waits_for_save(state);
-        for outcome in state.bench.take_outcomes() {
+        for outcome in state.session.take_outcomes() {
             report_outcome(state, &outcome);
         }
-        for activity in state.bench.take_ended() {
+        for activity in state.session.take_ended() {
             report_end(state, &activity);
         }
         for refusal in take_rejections(ctx) {
             state.messages.push(Severity::Notice, refusal);
         }
         let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
-        state.bench.note_pointer(down, pressed);
+        state.session.note_pointer(down, pressed);
         run_results::take_up(state);
-        state.live = state.bench.live();
-        state.estimates = state.bench.estimates();
+        state.live = state.session.live();
+        state.estimates = state.session.estimates();
         // Masks of a run are no edits and would fill the history.
-        let current = |revision| revision == state.bench.revision() && !state.bench.is_previewing();
+        let current = |revision| revision == state.session.revision() && !state.session.is_previewing();
         if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
             let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
-            state.edit_history.note(information.revision, &information.value, state.bench.design(), &objects);
+            state.edit_history.note(information.revision, &information.value, state.session.design(), &objects);
         }
         if let Some(live) = &state.estimates.live {
             state.edit_history.note_live(live.revision, live.value.bits_per_pixel);
@@ -276,12 +276,12 @@ impl Studio {
         let count = state.lenslet_count();
         state.selection.retain(|&index| index < count);
         // Locks belong to the open design, even during a preview.
-        state.locks.check(state.bench.lenslets());
+        state.locks.check(state.session.lenslets());
         if !waits_for_save && confirm_discard::after_save(ctx, state) {
             self.close();
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
-            if self.state.bench.is_dirty() || self.state.unfinished_work().is_some() {
+            if self.state.session.is_dirty() || self.state.unfinished_work().is_some() {
                 ctx.send_viewport_cmd(ViewportCommand::CancelClose);
                 self.state.request_transition(ctx, Transition::Close);
             } else {
@@ -298,7 +298,7 @@ impl Studio {
         }
         self.dropped.take(ctx, &mut self.state);
         self.store_app_data(ctx);
-        let named = format!("{} {}", file_name(self.state.bench.path()), self.state.bench.design().objects);
+        let named = format!("{} {}", file_name(self.state.session.path()), self.state.session.design().objects);
         if named != self.named {
             if let Some(sentence) = missing_glyphs::missing_glyphs(ctx, &named) {
                 self.notify(sentence);
@@ -315,7 +315,7 @@ impl Studio {
     /// Notes that the window closes in an orderly way.
     fn close(&mut self) {
         self.closing = true;
-        self.state.bench.close();
+        self.state.session.close();
     }
 
     /// Draws the window.
@@ -339,7 +339,7 @@ impl Studio {
         let ctx = ui.ctx().clone();
         self.state.messages.log_window(&ctx);
         self.state.messages.toasts(&ctx);
-        let activities = self.state.bench.activities();
+        let activities = self.state.session.activities();
         for request in jobs::show(&ctx, &mut self.state.jobs_open, &activities) {
             dispatch::serve(request, &ctx, &mut self.state);
         }
@@ -377,9 +377,9 @@ impl Studio {
             ui.menu_button("View", |ui| self.view_menu(ui));
             ui.menu_button("Help", |ui| menus::help_menu(ui, &mut self.state));
             ui.separator();
-            let design = self.state.bench.design();
-            let name = file_name(self.state.bench.path());
-            let dirty = if self.state.bench.is_dirty() { " (unsaved changes)" } else { "" };
+            let design = self.state.session.design();
+            let name = file_name(self.state.session.path());
+            let dirty = if self.state.session.is_dirty() { " (unsaved changes)" } else { "" };
             let line = format!("{name}{dirty}:  {}, {}", design.encoder.describe(), design.objects);
             ui.add(egui::Label::new(egui::RichText::new(line).weak()).truncate());
         });
@@ -403,13 +403,13 @@ impl Studio {
         });
         action_entry::entry(ui, &mut self.state, Action::Maximise);
         ui.menu_button("Export image of panel", |ui| capture::menu(ui, &mut self.state));
-        let mut live = self.state.bench.is_live();
+        let mut live = self.state.session.is_live();
         if ui
             .checkbox(&mut live, "Live estimate")
             .on_hover_text("Fits a density model after every edit, with the processor time that the window leaves")
             .clicked()
         {
-            self.state.bench.set_live(live);
+            self.state.session.set_live(live);
             ui.close();
         }
         if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
@@ -481,6 +481,6 @@ fn report_end(state: &mut State, activity: &Activity) {
 }
 
 fn title(state: &State) -> String {
-    let mark = if state.bench.is_dirty() { "*" } else { "" };
-    format!("{}{mark} - Lenslet Studio", file_name(state.bench.path()))
+    let mark = if state.session.is_dirty() { "*" } else { "" };
+    format!("{}{mark} - Lenslet Studio", file_name(state.session.path()))
 }

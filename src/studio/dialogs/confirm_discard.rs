@@ -11,7 +11,7 @@ use crate::studio::widgets::modal;
 /// Whether *Save* was chosen and the file is not yet written.
 pub fn waits_for_save(state: &State) -> bool {
     let has_answered = state.pending_transition.as_ref().is_some_and(|leaving| leaving.saving);
-    has_answered && (state.path_dialog.is_open() || state.bench.is_saving())
+    has_answered && (state.path_dialog.is_open() || state.session.is_saving())
 }
 
 /// Performs the pending transition after a save; a cancelled or failed save leaves the question open. Returns whether the
@@ -19,7 +19,7 @@ pub fn waits_for_save(state: &State) -> bool {
 pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
     let Some(leaving) = state.pending_transition.as_mut().filter(|leaving| leaving.saving) else { return false };
     leaving.saving = false;
-    if state.bench.is_dirty() {
+    if state.session.is_dirty() {
         return false;
     }
     let what = leaving.what.clone();
@@ -33,7 +33,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
     let Some(leaving) = state.pending_transition.as_ref().filter(|leaving| !leaving.saving) else { return false };
     let what = leaving.what.clone();
     // A run leaves the design unchanged.
-    let dirty = what != Transition::Run && state.bench.is_dirty();
+    let dirty = what != Transition::Run && state.session.is_dirty();
     if !dirty && !matches!(what, Transition::Close | Transition::Run) {
         // An earlier save has finished.
         state.perform_transition(ctx, what);
@@ -45,12 +45,12 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         modal::body(ui, |ui| {
             if dirty {
                 ui.heading("Save your changes?");
-                ui.label(format!("{} has unsaved changes.", file_name(state.bench.path())));
+                ui.label(format!("{} has unsaved changes.", file_name(state.session.path())));
             } else if let (Transition::Run, Some(run)) = (&what, &state.run) {
                 ui.heading("Discard the last run?");
                 let end = if run.can_resume() {
                     format!("It was stopped at {} and can be resumed.", run.place())
-                } else if state.bench.has_unsaved_result() {
+                } else if state.session.has_unsaved_result() {
                     "Its result was not accepted.".into()
                 } else if run.ranked.len() > 1 {
                     format!("It has {}.", counted(run.ranked.len(), "result"))

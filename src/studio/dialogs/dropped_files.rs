@@ -53,7 +53,7 @@ impl Dropped {
             }
             Some((Chosen::Objects(path), unused)) => {
                 name_unused(state, &path, &unused);
-                state.bench.open_objects(ObjectSource::guess(&path));
+                state.session.open_objects(ObjectSource::guess(&path));
             }
             Some((Chosen::Images(images), _)) => {
                 self.text = path_text(&images.first);
@@ -93,14 +93,14 @@ impl Dropped {
                     // The chosen options hold for all images of the folder.
                     let meaning = self.text.strip_prefix(&path_text(first)).unwrap_or_default();
                     let source = folder.as_ref().map_or(self.text.clone(), |folder| path_text(folder) + meaning);
-                    state.bench.open_objects(ObjectSource::guess(Path::new(&source)));
+                    state.session.open_objects(ObjectSource::guess(Path::new(&source)));
                     answered = true;
                 }
                 let text =
                     if others.is_empty() { "As PSF".to_owned() } else { format!("{} as PSF", file_name(Some(first))) };
                 if ui.button(text).clicked() {
                     name_unused(state, first, others);
-                    state.bench.import_psf(self.text.clone().into(), None);
+                    state.session.import_psf(self.text.clone().into(), None);
                     answered = true;
                 }
                 answered |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape));

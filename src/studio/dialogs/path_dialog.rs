@@ -28,7 +28,7 @@ const NO_DIALOG: &str =
 /// Shows the open question and acts on its answer.
 pub fn show(ctx: &egui::Context, state: &mut State) {
     let Some(mut question) = state.path_dialog.open.take() else { return };
-    let own = state.bench.path();
+    let own = state.session.path();
     if let Some(system) = &question.system {
         match system.try_recv() {
             Ok(Answer::Chosen(path)) => {
@@ -129,35 +129,37 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
 fn answer(state: &mut State, question: PathQuestion) {
     let path = question.target();
     match &question.purpose {
-        PathPurpose::OpenDesign => state.bench.open_file(path),
-        PathPurpose::SaveAs => state.bench.save_to(path),
-        PathPurpose::OpenObjects => state.bench.open_objects(ObjectSource::guess(&path)),
+        PathPurpose::OpenDesign => state.session.open_file(path),
+        PathPurpose::SaveAs => state.session.save_to(path),
+        PathPurpose::OpenObjects => state.session.open_objects(ObjectSource::guess(&path)),
         PathPurpose::ChooseImages => {
             state.estimate_form.camera.choose(question.path.trim().to_owned(), question.preview);
         }
         PathPurpose::ImportPsf => {
             let side = Some(question.resample).filter(|&side| side > 0);
-            state.bench.import_psf(path, side);
+            state.session.import_psf(path, side);
         }
         PathPurpose::ExportDesign => {
-            state.bench.submit(Job::ExportDesign { design: state.bench.design().clone(), folder: path });
+            state.session.submit(Job::ExportDesign { design: state.session.design().clone(), folder: path });
         }
         PathPurpose::ExportMeasurements => export_measurements(state, path, question.format),
         PathPurpose::ExportView { image, limits, colormap, .. } => {
             let image = image.clone();
-            state.bench.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
+            state.session.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
         }
         PathPurpose::KeepUnsaved => {
             state.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
         }
         PathPurpose::ExportPicture { image, .. } => {
-            state.bench.submit(Job::ExportPicture { image: image.clone(), path });
+            state.session.submit(Job::ExportPicture { image: image.clone(), path });
         }
-        PathPurpose::ExportRecord(record) => state.bench.submit(Job::ExportRecord { record: Arc::clone(record), path }),
+        PathPurpose::ExportRecord(record) => {
+            state.session.submit(Job::ExportRecord { record: Arc::clone(record), path });
+        }
         PathPurpose::ExportLive(record) => {
-            state.bench.submit(Job::ExportLive { record: record.clone(), path, for_command: false });
+            state.session.submit(Job::ExportLive { record: record.clone(), path, for_command: false });
         }
-        PathPurpose::ExportCurve { curve, .. } => state.bench.submit(Job::ExportCurve { curve: curve.clone(), path }),
+        PathPurpose::ExportCurve { curve, .. } => state.session.submit(Job::ExportCurve { curve: curve.clone(), path }),
     }
 }
 
@@ -176,7 +178,7 @@ fn export_measurements(state: &mut State, folder: PathBuf, format: MeasurementFo
         state.messages.push(Severity::Failure, refusal);
         return;
     };
-    state.bench.submit(Job::ExportMeasurements {
+    state.session.submit(Job::ExportMeasurements {
         objects: objects_of(&scene.value.objects),
         noiseless: measurements.value.noiseless.clone(),
         noisy: measurements.value.noisy.clone(),

@@ -40,7 +40,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
     });
     match answer {
         Some(Answer::Recover) => {
-            state.bench.recover(left.remove(0));
+            state.session.recover(left.remove(0));
             state.selection.clear();
             // Who recovers a design needs no welcome.
             state.onboarding.welcome = false;

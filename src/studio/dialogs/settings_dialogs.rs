@@ -132,9 +132,9 @@ fn settings(ui: &mut Ui, state: &mut State) {
         });
         ui.end_row();
         ui.label("Live estimates");
-        let mut live = state.bench.is_live();
+        let mut live = state.session.is_live();
         if ui.checkbox(&mut live, "Estimate while the design is edited").clicked() {
-            state.bench.set_live(live);
+            state.session.set_live(live);
         }
         ui.end_row();
         ui.label("Compute threads");
@@ -198,7 +198,7 @@ fn threads(ui: &mut Ui, state: &mut State) {
         }
         if chosen != state.preferences.threads {
             state.preferences.threads = chosen;
-            state.bench.set_threads(chosen);
+            state.session.set_threads(chosen);
         }
     });
 }

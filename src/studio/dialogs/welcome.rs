@@ -23,7 +23,7 @@ const STOPS: [Stop; 5] = [
         title: "Move a lenslet",
         text: "Drag one of the circles in Mask. PSF, measurement and all numbers follow while you drag. Double-click adds a lenslet, Delete removes the selected ones.",
         room: Pane::Mask,
-        done: |state| state.bench.undoes().is_some(),
+        done: |state| state.session.undoes().is_some(),
     },
     Stop {
         title: "Read the information",

@@ -43,7 +43,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             name_widget(&export, "Export comparison as CSV");
             if export.clicked() {
                 let curve = state.snapshots.table();
-                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "designs.csv" }, state.bench.path());
+                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "designs.csv" }, state.session.path());
             }
             let export = ui.small_button("Image...").on_hover_text("Exports this panel as PNG");
             name_widget(&export, "Export comparison as PNG");
@@ -78,7 +78,7 @@ fn open(state: &mut State, number: u64) {
     let Some(snapshot) = state.snapshots.get(number) else { return };
     let command = Command::ReplaceDesign { name: snapshot.name.clone(), design: snapshot.design.clone() };
     state.send(&command);
-    let revision = state.bench.revision();
+    let revision = state.session.revision();
     if let Some(snapshot) = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number) {
         snapshot.is_open_as(revision);
     }
@@ -316,7 +316,7 @@ fn measure(state: &mut State) {
         }
         if snapshot.wants_measurement() {
             let (name, design) = (snapshot.name.clone(), snapshot.design.clone());
-            state.bench.submit(Job::MeasureSnapshot { number, name, design });
+            state.session.submit(Job::MeasureSnapshot { number, name, design });
         }
     }
 }

@@ -53,7 +53,7 @@ fn results(ui: &mut Ui, state: &mut State) {
     if state.estimates.gone.is_some() {
         let back = ui.small_button("Restore deleted estimate");
         if back.on_hover_text("Possible until the window closes").clicked() {
-            state.bench.bring_back_estimate();
+            state.session.bring_back_estimate();
             state.estimate_form.chosen = None;
         }
     }
@@ -124,19 +124,19 @@ fn order(ui: &mut Ui, state: &mut State) {
         let start = ui.button("Start estimate");
         if start.on_hover_text("Starts the estimate, or queues it behind a running one").clicked() {
             let request = state.estimate_form.request(state.preferences.engine);
-            if let Err(refusal) = state.bench.order_estimate(request) {
+            if let Err(refusal) = state.session.order_estimate(request) {
                 state.messages.push(Severity::Failure, refusal);
             }
         }
         if running && ui.button("Cancel estimate").clicked() {
-            state.bench.cancel_estimate();
+            state.session.cancel_estimate();
         }
     });
 }
 
 /// One finished estimate.
 fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Revisioned<FinishedEstimate>) {
-    let current = result.value.is_of(state.bench.design(), &state.live);
+    let current = result.value.is_of(state.session.design(), &state.live);
     let estimate = &result.value.estimate;
     ui.group(|ui| {
         ui.set_width(ui.available_width());
@@ -191,12 +191,12 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Revisioned<Finis
             name_widget(&export, &format!("Export curve of estimate {}", index + 1));
             if export.clicked() {
                 let curve = columns(&result.value.curve);
-                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "fit.csv" }, state.bench.path());
+                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "fit.csv" }, state.session.path());
             }
             let delete = ui.small_button("Delete").on_hover_text("Deletes this estimate when the window closes");
             name_widget(&delete, &format!("Delete estimate {}", index + 1));
             if delete.clicked() {
-                state.bench.delete_estimate(&result.value);
+                state.session.delete_estimate(&result.value);
                 state.estimate_form.chosen = None;
             }
         });

@@ -113,11 +113,11 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
     };
     let text = RichText::new(text).size(28.0);
     // Numbers of a followed run lag behind its masks.
-    let is_followed = run.is_some() && state.bench.is_following();
+    let is_followed = run.is_some() && state.session.is_following();
     let is_current = summary.current || is_followed;
     let text = if is_current { text.strong() } else { text.weak() };
     // A refining number is italic.
-    let is_active = !is_paused(state) && state.bench.is_live();
+    let is_active = !is_paused(state) && state.session.is_live();
     let is_refining = is_active && summary.current_live().is_some_and(|live| live.remaining.is_some() || live.bounding);
     let refining = summary.sensor_bracket().is_none() && is_refining;
     let text = if refining || is_followed { text.italics() } else { text };
@@ -319,7 +319,7 @@ fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static st
         let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), bound_label(&upper.from));
         return (text, gaussian);
     }
-    let off = !state.bench.is_live();
+    let off = !state.session.is_live();
     let paused = is_paused(state);
     match &summary.live {
         None if off => ("off".into(), gaussian),

@@ -39,7 +39,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
     });
     let Some(live) = live else {
-        placeholder(ui, if state.bench.is_live() { "Computing" } else { "The live estimate is off." });
+        placeholder(ui, if state.session.is_live() { "Computing" } else { "The live estimate is off." });
         return;
     };
     let stale = !state.is_current(live.revision);

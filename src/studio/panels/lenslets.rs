@@ -15,7 +15,7 @@ use crate::workbench::{Command, LensletChange};
 
 /// Shows the table.
 pub fn show(ui: &mut Ui, state: &mut State) {
-    let design = state.bench.design().clone();
+    let design = state.session.design().clone();
     let Some(array) = design.encoder.lenslets() else {
         placeholder(ui, &format!("{} has no lenslets. The Presets menu has some to edit.", design.encoder.describe()));
         return;
@@ -91,9 +91,9 @@ fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volum
         let lenslets = members.into_iter().map(|(member, of)| (member, column.changed(of, edit.value))).collect();
         state.send_edit(edit, &Command::ChangeLenslets { what: column.change(), lenslets });
     }
-    let mut locked = state.locks.indices().contains(&index) && state.bench.shows_own_lenslets();
+    let mut locked = state.locks.indices().contains(&index) && state.session.shows_own_lenslets();
     // Locks belong to the open design, not to a preview.
-    let lock = ui.add_enabled(!state.bench.is_previewing(), egui::Checkbox::new(&mut locked, ""));
+    let lock = ui.add_enabled(!state.session.is_previewing(), egui::Checkbox::new(&mut locked, ""));
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
         state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });

@@ -53,7 +53,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         let count = state.lenslet_count();
         let selected = state.selection.len();
         let text = match (count, selected) {
-            (0, _) => state.bench.design().encoder.describe(),
+            (0, _) => state.session.design().encoder.describe(),
             (_, 0) => "Double-click adds a lenslet, drag moves it, wheel changes its weight".into(),
             (_, 1) => "1 selected".into(),
             (_, more) => format!("{more} selected"),
@@ -81,7 +81,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         state.hover = state.views.psf.describe_pixel(image, placement.to_pixels(position));
     }
     let add_here = |ui: &mut Ui, state: &mut State, (x, y): (f64, f64)| {
-        let array = state.bench.design().encoder.lenslets().cloned();
+        let array = state.session.design().encoder.lenslets().cloned();
         let Some(array) = array else { return };
         if ui.button("Add a lenslet here").clicked() {
             let (x, y) = inside((x, y), &array);
@@ -92,7 +92,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.separator();
     };
     image_menu::show(ui, state, View::Psf, &shown, add_here);
-    let design = state.bench.design().clone();
+    let design = state.session.design().clone();
     let Some(array) = design.encoder.lenslets() else { return };
     // A stale image may have another shape than the array.
     if (array.rows, array.cols) != image.dim() {
@@ -290,7 +290,7 @@ fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray
         wheel(ui, state, index);
     }
     draw_handle(ui, &response, placement, array, lenslet, selected, radius);
-    if state.locks.indices().contains(&index) && state.bench.shows_own_lenslets() {
+    if state.locks.indices().contains(&index) && state.session.shows_own_lenslets() {
         let centre = placement.to_screen(lenslet.x, lenslet.y);
         let mark = Rect::from_center_size(centre, Vec2::splat(5.0));
         ui.painter().rect_filled(mark, 0.0, Color32::WHITE);

@@ -42,7 +42,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 if export.clicked() {
                     state
                         .path_dialog
-                        .ask(PathPurpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.bench.path());
+                        .ask(PathPurpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.session.path());
                 }
             }
             MtfView::Map => state.views.mtf.colour_controls(ui, &state.palettes),

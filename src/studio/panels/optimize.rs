@@ -14,7 +14,7 @@ use crate::workbench::{DesignRun, RunStatus};
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut State) {
     let form = &mut state.optimize_form;
-    form.turn_to(form.settings.preset, &state.bench.design().objects);
+    form.turn_to(form.settings.preset, &state.session.design().objects);
     let run = state.run.clone();
     let active = run.as_ref().filter(|run| run.is_active());
     if let Some(run) = active {
@@ -65,7 +65,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             StartMask::Random | StartMask::RandomStarts => {
                 let field = NumberField::whole("Random lenslets", 1..=64).counting(" lenslet", " lenslets");
                 field.edit_whole(ui, &mut form.count);
-                let seed = form.seed.unwrap_or(state.bench.open_design().seed);
+                let seed = form.seed.unwrap_or(state.session.open_design().seed);
                 let (field, edit) = NumberField::seed("Seed of the start").prefix("seed ").show(ui, seed as f64);
                 field.on_hover_text("Of the lenslets, the first of several, and of the run");
                 if let Some(edit) = edit {
@@ -90,7 +90,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                 ] {
                     let chosen = form.settings.preset == preset;
                     if ui.selectable_label(chosen, preset.to_string()).on_hover_text(hint).clicked() {
-                        form.turn_to(preset, &state.bench.design().objects);
+                        form.turn_to(preset, &state.session.design().objects);
                     }
                 }
             })
@@ -122,7 +122,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             ("Resume", "Resumes the run where it was stopped")
         };
         if ui.button(text).on_hover_text(hint).clicked() {
-            let done = state.bench.extend_run(state.optimize_form.further_steps(last));
+            let done = state.session.extend_run(state.optimize_form.further_steps(last));
             run_results::show_resumed(state, done);
         }
     });
@@ -132,7 +132,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
 fn details(ui: &mut Ui, state: &mut State) {
     let locked = state.locks.indices().len();
     let form = &mut state.optimize_form;
-    let objects = &state.bench.design().objects;
+    let objects = &state.session.design().objects;
     ui.collapsing("Details", |ui| {
         let settings = &mut form.settings;
         ui.horizontal_wrapped(|ui| {
@@ -280,19 +280,19 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     ui.horizontal_wrapped(|ui| {
         if run.status == RunStatus::Paused {
             if ui.button("Resume run").clicked() {
-                state.bench.pause_run(false);
+                state.session.pause_run(false);
             }
         } else if ui.button("Pause run").clicked() {
-            state.bench.pause_run(true);
+            state.session.pause_run(true);
         }
         if ui.button(stop_label(run)).clicked() {
-            state.bench.stop_run();
+            state.session.stop_run();
         }
-        let mut follow = state.bench.is_following();
+        let mut follow = state.session.is_following();
         let hint = "Shows the masks of the run as they come, in place of your design";
         if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
             (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None);
-            state.bench.follow_run(follow);
+            state.session.follow_run(follow);
         }
         ui.checkbox(&mut state.optimize_form.trajectories, "Trails");
     });

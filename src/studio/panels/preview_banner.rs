@@ -11,7 +11,7 @@ const ROOM: f32 = 640.0;
 
 /// Shows the strip while such a mask is shown.
 pub fn show(ui: &mut Ui, state: &mut State) {
-    if !state.bench.is_previewing() {
+    if !state.session.is_previewing() {
         return;
     }
     let fill = ui.visuals().panel_fill.lerp_to_gamma(ui.visuals().selection.bg_fill, 0.35);
@@ -19,7 +19,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     egui::Panel::top("run strip").frame(frame).show(ui, |ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             // In a narrow window that is left to the Edit menu; without it the other button may do the same.
-            let has_room = ui.available_width() > ROOM && state.bench.can_accept();
+            let has_room = ui.available_width() > ROOM && state.session.can_accept();
             let actions = [Action::EndPreview, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
             for action in actions {
                 if ui.button(action.label()).on_hover_text(hint(state, action)).clicked() {
@@ -27,7 +27,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 }
             }
             ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                let name = file_name(state.bench.path());
+                let name = file_name(state.session.path());
                 let text = format!("A mask of the run is shown; {name} is as you left it.");
                 ui.add(egui::Label::new(RichText::new(text)).truncate());
             });
@@ -37,7 +37,9 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 
 fn hint(state: &State, action: Action) -> &'static str {
     match action {
-        Action::Accept if state.bench.can_accept() => "Puts this mask into the design, as one step that can be undone",
+        Action::Accept if state.session.can_accept() => {
+            "Puts this mask into the design, as one step that can be undone"
+        }
         Action::Accept => {
             "The design has changed since the run was started, so that this mask is opened as a design of its own"
         }

@@ -24,7 +24,7 @@ pub fn show_object(ui: &mut Ui, state: &mut State) {
         placeholder(ui, &text);
         return;
     };
-    let stale = !scene.value.serves(state.bench.design());
+    let stale = !scene.value.serves(state.session.design());
     let index = state.sample.min(scene.value.objects.len_of(Axis(0)).saturating_sub(1));
     let object = linked_cursor::object_of(&scene.value, index);
     let version = (scene.revision, index);

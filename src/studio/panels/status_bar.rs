@@ -31,7 +31,7 @@ impl FrameTimes {
 pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
     ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
         let work = job_progress::summary(state).unwrap_or_else(|| {
-            if state.bench.is_computing() {
+            if state.session.is_computing() {
                 "Computing".into()
             } else if state.failure().is_some() {
                 "No results".into()
@@ -44,7 +44,7 @@ pub fn show(ui: &mut Ui, state: &mut State, frames: &FrameTimes) {
             state.jobs_open = !state.jobs_open;
         }
         if state.live.busy.is_some() && ui.small_button("Cancel reading").clicked() {
-            state.bench.cancel();
+            state.session.cancel();
         }
         ui.separator();
         if frames.shown {

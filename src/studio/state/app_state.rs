@@ -32,7 +32,7 @@ use crate::workbench::{
 /// The state of the window. Panels read it, and change the design only through [`State::send`].
 pub struct State {
     /// The open design and its worker.
-    pub bench: Session,
+    pub session: Session,
     /// Results as of this frame.
     pub live: Live,
     /// Longer estimates as of this frame.
@@ -155,10 +155,10 @@ pub struct PendingTransition {
 
 impl State {
     /// State of a new window on a session.
-    pub fn new(bench: Session) -> Self {
-        let (live, estimates) = (bench.live(), bench.estimates());
+    pub fn new(session: Session) -> Self {
+        let (live, estimates) = (session.live(), session.estimates());
         Self {
-            bench,
+            session,
             live,
             estimates,
             run: None,
@@ -210,9 +210,11 @@ impl State {
     /// Performs a transition, after a confirmation if something would be lost.
     pub fn request_transition(&mut self, ctx: &egui::Context, what: Transition) {
         let asks = match what {
-            Transition::Run => self.run.as_ref().is_some_and(DesignRun::can_resume) || self.bench.would_lose_run_data(),
-            Transition::Close => self.bench.is_dirty() || self.unfinished_work().is_some(),
-            _ => self.bench.is_dirty(),
+            Transition::Run => {
+                self.run.as_ref().is_some_and(DesignRun::can_resume) || self.session.would_lose_run_data()
+            }
+            Transition::Close => self.session.is_dirty() || self.unfinished_work().is_some(),
+            _ => self.session.is_dirty(),
         };
         if asks {
             self.pending_transition = Some(PendingTransition { what, saving: false });
@@ -228,13 +230,13 @@ impl State {
             self.selection.clear();
         }
         match what {
-            Transition::New => self.bench.start_from(Design::default()),
-            Transition::Sample(design) => self.bench.start_from(*design),
-            Transition::Open => self.path_dialog.ask(PathPurpose::OpenDesign, self.bench.path()),
-            Transition::OpenFile(path) => self.bench.open_file(path),
+            Transition::New => self.session.start_from(Design::default()),
+            Transition::Sample(design) => self.session.start_from(*design),
+            Transition::Open => self.path_dialog.ask(PathPurpose::OpenDesign, self.session.path()),
+            Transition::OpenFile(path) => self.session.open_file(path),
             Transition::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
             Transition::Run => self.start_run(),
-            Transition::Accept => self.bench.open_as_new(),
+            Transition::Accept => self.session.open_as_new(),
         }
     }
 
@@ -252,8 +254,8 @@ impl State {
 
     /// Applies a command to the design; a message reports a refusal.
     pub fn send(&mut self, command: &Command) {
-        let are_others = !self.bench.shows_own_lenslets();
-        if let Err(error) = self.bench.apply(command) {
+        let are_others = !self.session.shows_own_lenslets();
+        if let Err(error) = self.session.apply(command) {
             return self.messages.push(Severity::Failure, error.to_string());
         }
         match command {
@@ -266,51 +268,51 @@ impl State {
         }
         match (are_others, command.edits_lenslets()) {
             // An edit of a previewed mask accepts it.
-            (true, true) => self.locks.check(self.bench.lenslets()),
+            (true, true) => self.locks.check(self.session.lenslets()),
             // The preview has ended.
             (true, false) => self.selection.clear(),
             (false, _) => {}
         }
-        self.locks.follow(command, self.bench.lenslets());
+        self.locks.follow(command, self.session.lenslets());
     }
 
     /// Applies a command of a number field; a typed number is one undo step.
     pub fn send_edit(&mut self, edit: Edit, command: &Command) {
         if edit.is_typed {
-            self.bench.begin_step();
+            self.session.begin_step();
         }
         self.send(command);
         if edit.is_typed {
-            self.bench.begin_step();
+            self.session.begin_step();
         }
     }
 
     /// Switches to another design, as by undo. Drag, selection and locks are reset if its lenslets differ.
     pub fn go(&mut self, go: impl FnOnce(&mut Session)) {
-        let shown = |bench: &Session| (bench.lenslets(), bench.shows_own_lenslets());
-        let before = shown(&self.bench);
-        go(&mut self.bench);
+        let shown = |session: &Session| (session.lenslets(), session.shows_own_lenslets());
+        let before = shown(&self.session);
+        go(&mut self.session);
         self.drag = None;
-        if shown(&self.bench) != before {
+        if shown(&self.session) != before {
             self.selection.clear();
         }
-        self.locks.check(self.bench.lenslets());
+        self.locks.check(self.session.lenslets());
     }
 
     /// Number of lenslets of the shown design.
     pub fn lenslet_count(&self) -> usize {
-        self.bench.design().encoder.lenslets().map_or(0, |array| array.lenslets.len())
+        self.session.design().encoder.lenslets().map_or(0, |array| array.lenslets.len())
     }
 
     /// The selected lenslets with their indices.
     pub fn selected_lenslets(&self) -> Vec<(usize, Lenslet)> {
-        let Some(array) = self.bench.design().encoder.lenslets() else { return Vec::new() };
+        let Some(array) = self.session.design().encoder.lenslets() else { return Vec::new() };
         self.selection.iter().filter_map(|&index| Some((index, *array.lenslets.get(index)?))).collect()
     }
 
     /// Adds a copy of the last lenslet in the middle of the grid.
     pub fn add_lenslet(&mut self) {
-        let Some(array) = self.bench.design().encoder.lenslets() else { return };
+        let Some(array) = self.session.design().encoder.lenslets() else { return };
         let (x, y) = ((array.cols / 2) as f64, (array.rows / 2) as f64);
         let like = array.lenslets.last();
         let sigma = like.map_or(crate::optics::HEURISTIC_SIGMA, |lenslet| lenslet.spot.mean_sigma());
@@ -324,7 +326,7 @@ impl State {
         let usual = self.folder.as_ref().map(|home| home.join("unsaved"));
         // The default folder serves if that of the preferences is missing.
         for folder in self.preferences.unsaved.iter().chain(&usual) {
-            match self.bench.keep_unsaved_in(folder) {
+            match self.session.keep_unsaved_in(folder) {
                 Ok(mut found) => {
                     // The last session may have used the default folder.
                     if let Some(usual) = usual.as_ref().filter(|&usual| usual != folder) {
@@ -369,15 +371,15 @@ impl State {
         let key = InspectionKey { revision: measurements.revision, sample: self.sample, noisy: self.noisy, steps };
         if self.closer_asked != Some(key) {
             self.closer_asked = Some(key);
-            self.bench.inspect(InspectionRequest { key, measurements: Arc::clone(&measurements.value), model });
+            self.session.inspect(InspectionRequest { key, measurements: Arc::clone(&measurements.value), model });
         }
         self.live.closer.clone()
     }
 
     /// Record from which the live estimate is reproduced.
     pub fn live_record(&self) -> Option<LiveRecord> {
-        let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.bench.design()))?;
-        Some(LiveRecord::new(self.bench.design(), &scene.value, self.live_estimate()?))
+        let scene = self.live.scene.as_ref().filter(|scene| scene.value.serves(self.session.design()))?;
+        Some(LiveRecord::new(self.session.design(), &scene.value, self.live_estimate()?))
     }
 
     /// Copies a text and reports whether that worked; `what` names the text in the message, for example "Numbers".
@@ -409,14 +411,14 @@ impl State {
 
     /// Whether a result of this revision is current.
     pub fn is_current(&self, revision: u64) -> bool {
-        revision == self.bench.revision()
+        revision == self.session.revision()
     }
 }
 
 impl State {
     /// Takes a snapshot of the open design.
     pub fn keep_snapshot(&mut self) {
-        let open = (self.bench.design(), self.bench.revision());
+        let open = (self.session.design(), self.session.revision());
         match self.snapshots.keep(open, &self.live, &self.estimates) {
             Ok(()) => {
                 let Some(last) = self.snapshots.entries.last() else { return };

@@ -39,7 +39,7 @@ pub struct BoundSummary<'a> {
 impl<'a> BoundSummary<'a> {
     pub fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
         // Compared by value: undo may return to an estimated design.
-        let design = state.bench.design();
+        let design = state.session.design();
         let is_of = |result: &&Revisioned<FinishedEstimate>| result.value.is_of(design, &state.live);
         let scores = || state.run.iter().flat_map(|run| run.scores_of(design, &state.live));
         let ordered = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);

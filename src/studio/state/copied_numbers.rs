@@ -23,7 +23,7 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         })
     });
     let (upper, upper_from) = summary.upper_bound().unzip();
-    let design = state.bench.design();
+    let design = state.session.design();
     let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let numbers = json!({
         "format": "lenslet-studio/numbers",

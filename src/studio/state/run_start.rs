@@ -11,14 +11,15 @@ use crate::workbench::{DesignRun, Start};
 impl State {
     /// Whether the run of the form can be started.
     pub fn can_start_run(&self) -> bool {
-        let has_lenslets = self.bench.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
+        let has_lenslets =
+            self.session.open_design().encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
         let is_free = !self.run.as_ref().is_some_and(DesignRun::is_active);
         is_free && (has_lenslets || self.optimize_form.from != StartMask::Design)
     }
 
     /// Starts the run of the form.
     pub fn start_run(&mut self) {
-        let design = Arc::clone(self.bench.open_design());
+        let design = Arc::clone(self.session.open_design());
         let form = &mut self.optimize_form;
         (form.checkpoint, form.chosen) = (None, None);
         form.turn_to(form.settings.preset, &design.objects);
@@ -35,7 +36,7 @@ impl State {
             StartMask::Random => vec![random(seed)],
             StartMask::RandomStarts => (0..STARTS).map(|number| random(seed.wrapping_add(number))).collect(),
         };
-        if let Err(refusal) = self.bench.start_run(starts, settings) {
+        if let Err(refusal) = self.session.start_run(starts, settings) {
             self.messages.push(Severity::Failure, refusal);
         }
     }

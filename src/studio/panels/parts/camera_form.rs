@@ -19,7 +19,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     ui.collapsing("Camera images", |ui| {
         ui.horizontal_wrapped(|ui| {
             if ui.button("Choose images...").clicked() {
-                state.path_dialog.ask(PathPurpose::ChooseImages, state.bench.path());
+                state.path_dialog.ask(PathPurpose::ChooseImages, state.session.path());
             }
             let form = &mut state.estimate_form.camera;
             let known = OF_IMAGES.iter().find(|(kind, _)| *kind == form.kind);
@@ -50,7 +50,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 let images = &state.estimate_form.camera;
                 let model = images.length.model(images.kind, state.preferences.engine);
                 let request = state.estimate_form.request_of(model);
-                if let Err(refusal) = state.bench.order_estimate_of_images(measured, request) {
+                if let Err(refusal) = state.session.order_estimate_of_images(measured, request) {
                     state.messages.push(Severity::Failure, refusal);
                 }
             }

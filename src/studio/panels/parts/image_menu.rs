@@ -98,7 +98,7 @@ fn export(state: &mut State, view: View) {
     let Some(image) = view.image(state) else { return };
     let shown = view.of(state);
     let (name, colormap, limits) = (shown.name(), shown.colormap, shown.limits_of(image.view()));
-    state.path_dialog.ask(PathPurpose::ExportView { name, image, limits, colormap }, state.bench.path());
+    state.path_dialog.ask(PathPurpose::ExportView { name, image, limits, colormap }, state.session.path());
 }
 
 /// Context menu of an image; `more` adds entries of its own for the clicked position (x, y), px.

@@ -13,7 +13,7 @@ const MOST_OPAQUE: f32 = 0.85;
 
 /// Shows the switch and the range of the overlay.
 pub fn switch(ui: &mut Ui, state: &mut State) {
-    let possible = state.bench.is_live() || state.overlay.shown;
+    let possible = state.session.is_live() || state.overlay.shown;
     let hint = "Overlays the information that each pixel adds to the pixels above and left of it, by the model of the live estimate";
     let switch = egui::Checkbox::new(&mut state.overlay.shown, "Information");
     let response = ui.add_enabled(possible, switch).on_hover_text(hint);

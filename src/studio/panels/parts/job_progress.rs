@@ -6,7 +6,7 @@ use crate::workbench::Activity;
 
 /// Name and progress of the first active job, and the number of others.
 pub fn summary(state: &State) -> Option<String> {
-    let all = state.bench.activities();
+    let all = state.session.activities();
     let mut open = all.iter().filter(|activity| activity.is_open());
     let first = open.next()?;
     let more = open.count();

@@ -23,7 +23,7 @@ pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) 
     }
     let lock = if state.selection.is_subset(state.locks.indices()) { "Unlock" } else { "Lock" };
     // Locks belong to the open design, not to a preview.
-    let button = ui.add_enabled(!state.bench.is_previewing(), egui::Button::new(lock));
+    let button = ui.add_enabled(!state.session.is_previewing(), egui::Button::new(lock));
     if button.on_hover_text("Locked lenslets stay unchanged in runs").clicked() {
         state.locks.toggle(&state.selection);
         ui.close();

@@ -49,8 +49,8 @@ pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
 /// Takes up what has become of the run. When it has come to its end its result is shown, of several starts the best: that is the mask
 /// which was scored, without dark lenslets.
 pub fn take_up(state: &mut State) {
-    let was_followed = state.bench.is_following();
-    state.run = state.bench.sync_run();
+    let was_followed = state.session.is_following();
+    state.run = state.session.sync_run();
     let has_ended = |run: &&DesignRun| run.status == RunStatus::Finished;
     if was_followed && let Some(run) = state.run.as_ref().filter(has_ended).cloned() {
         let place = if run.start_number.1 == 1 { place_of(&run, &run) } else { Some(0) };
@@ -67,8 +67,8 @@ fn show_result(state: &mut State, run: &DesignRun, place: usize) {
     {
         state.optimize_form.checkpoint = None;
         state.optimize_form.chosen = run.run_of_result(place).map(Arc::new);
-        state.bench.follow_run(false);
-        state.go(|bench| bench.preview(array, &result.design));
+        state.session.follow_run(false);
+        state.go(|session| session.preview(array, &result.design));
     }
 }
 
@@ -127,12 +127,12 @@ fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let more = ui.menu_button("...", |ui| {
         if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
             let curve = curve_of(run.settings.objective, &run.checkpoints);
-            state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "run.csv" }, state.bench.path());
+            state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "run.csv" }, state.session.path());
         }
         if let Some(record) = &run.record {
             let export = ui.button("Export record of run...");
             if export.on_hover_text("Everything that is needed to repeat the run, as JSON").clicked() {
-                state.path_dialog.ask(PathPurpose::ExportRecord(Arc::clone(record)), state.bench.path());
+                state.path_dialog.ask(PathPurpose::ExportRecord(Arc::clone(record)), state.session.path());
             }
         }
         let copy = ui.button("Copy command of run");
@@ -154,16 +154,16 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
             && let Some(array) = run.start.encoder.lenslets()
         {
             state.optimize_form.checkpoint = Some(0);
-            state.bench.follow_run(false);
-            state.go(|bench| bench.preview(array, &run.start));
+            state.session.follow_run(false);
+            state.go(|session| session.preview(array, &run.start));
         }
         ui.spacing_mut().slider_width = (ui.available_width() - NEWEST_WIDTH).max(60.0);
         let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
         name_widget(&slider, "Rewind");
         if slider.changed() && shown <= last {
             state.optimize_form.checkpoint = Some(shown);
-            state.bench.follow_run(false);
-            state.go(|bench| bench.preview(&run.checkpoints[shown].array, &run.start));
+            state.session.follow_run(false);
+            state.go(|session| session.preview(&run.checkpoints[shown].array, &run.start));
         }
         let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
         name_widget(&newest, "Show newest");
@@ -171,8 +171,8 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
             (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None);
             let newest = state.run.clone();
             let run = newest.as_ref().unwrap_or(run);
-            state.go(|bench| bench.preview(&run.array, &run.start));
-            state.bench.follow_run(run.is_active());
+            state.go(|session| session.preview(&run.array, &run.start));
+            state.session.follow_run(run.is_active());
         }
     });
 }
@@ -259,7 +259,7 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
         ui.weak(sentence);
     }
     // The ceiling of this mask, in patches like those of the run.
-    let is_shown = state.bench.design().encoder.lenslets() == Some(&*run.array);
+    let is_shown = state.session.design().encoder.lenslets() == Some(&*run.array);
     let information = state.live.information.as_ref().filter(|information| {
         is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
     });
@@ -317,7 +317,7 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
         let hint = "Estimates the best result, its start and the nine published layouts alike, in patches and for the whole \
                     sensor: 22 fits of 20 s, and their scoring. Stop it when you like; it goes on from there";
         if compare.on_hover_text(hint).clicked()
-            && let Err(refusal) = state.bench.compare_result()
+            && let Err(refusal) = state.session.compare_result()
         {
             state.messages.push(Severity::Failure, refusal);
         }

@@ -29,7 +29,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         placeholder(ui, "This measurement has no frequencies above 0.");
         return;
     }
-    let (name, noise) = noise_level(state.bench.design().noise, spectrum.mean);
+    let (name, noise) = noise_level(state.session.design().noise, spectrum.mean);
     // The noise level belongs to the current measurement.
     let noise = noise.filter(|noise| *noise > 0.0 && current);
     // The plot has no logarithmic axis: it draws logarithms and labels powers.
@@ -76,8 +76,8 @@ pub fn export_button(ui: &mut Ui, state: &mut State) {
     if export.clicked()
         && let Some(closer) = closer
     {
-        let curve = curve(&closer.spectrum, state.bench.design().noise);
-        state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }, state.bench.path());
+        let curve = curve(&closer.spectrum, state.session.design().noise);
+        state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }, state.session.path());
     }
 }
 

@@ -14,7 +14,7 @@ pub fn show(ui: &mut Ui, state: &State) {
     const RANGE: (f64, f64) = (0.5, 1.5);
     let Some(measurements) = &state.live.measurements else { return };
     let (sensor, current) =
-        (measurements.value.tamura, state.is_current(measurements.revision) || state.bench.is_following());
+        (measurements.value.tamura, state.is_current(measurements.revision) || state.session.is_following());
     let objects = state.live.scene.as_ref().map(|scene| scene.value.tamura);
     let stage = if current { "" } else { ", of an earlier edit" };
     ui.horizontal(|ui| {
