@@ -1,4 +1,4 @@
-//! The bounds beside the live estimate that know the prior of the objects.
+//! Bounds beside the live estimate that use the known prior of the objects.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -14,9 +14,9 @@ use crate::information::{
 use crate::seeds::SeedStream;
 use crate::workbench::live::estimate::LiveEstimate;
 
-/// Half width of the interval of the decoder's bound that is enough, bits per pixel.
+/// Half-width of the interval at which the decoder's bound needs no more samples, bits per pixel.
 const LOWER_HALF_WIDTH: f64 = 0.002;
-/// Samples of the comparison with the mask before an edit that belong together.
+/// Samples of one block in the comparison with the mask before the last edit.
 const EDIT_BLOCK: usize = 64;
 
 /// Where a bound that uses the prior comes from.
@@ -54,24 +54,24 @@ impl BoundSource {
 pub struct SensorBounds {
     /// Rows and columns of a measurement.
     pub patch: (usize, usize),
-    /// What the decoder and following the posterior tell, and the ceiling.
+    /// Bracket from the decoder, annealed importance sampling and the object-entropy bound.
     pub bracket: Bracket,
-    /// What the bounds from below and from above were drawn from.
+    /// Sources of the lower and the upper bound.
     pub draws: [BoundSource; 2],
 }
 
-/// The bounds that rest on a known prior, by the decoder that comes with the program; there are none without a prior, and
-/// those that were stopped leave the ones before.
+/// State of the bounds that use a known prior, by the pretrained decoder. Without a prior there are no bounds. A computation that is
+/// stopped leaves the earlier bounds in place.
 pub(crate) struct BeadBoundState<'a> {
-    /// None without a prior.
+    /// Channel of the beads; none without a prior.
     pub channel: Option<&'a BeadChannel>,
     /// Seed of the design.
     seed: u64,
     pub lower: Option<(NamedBound, BoundSource)>,
     pub upper: Option<(NamedBound, BoundSource)>,
-    /// The design before the last edit and what patches showed through its mask, where that can be compared.
+    /// The design before the last edit and the channel of its patches, where the two can be compared.
     pub before: Option<(Arc<Design>, BeadChannel)>,
-    /// By how much more the decoder tells than before the last edit, and on how many samples.
+    /// Information gain over the design before the last edit, by the decoder, and the number of samples.
     pub edit: Option<(PairedDifference, usize)>,
 }
 
@@ -80,8 +80,8 @@ impl<'a> BeadBoundState<'a> {
         Self { channel, seed, lower: None, upper: None, before: None, edit: None }
     }
 
-    /// Takes over what an estimate of the same design knows; where that was compared with another design before the last edit, it is
-    /// compared anew, on so many samples.
+    /// Adopts the bounds of an estimate of the same design. Where that estimate was compared with another design before the last edit,
+    /// the comparison is computed again on `samples` samples.
     pub fn take_over(&mut self, estimate: &LiveEstimate, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
         self.lower = estimate.lower.clone().zip(estimate.recipe.lower);
         self.upper = estimate.upper.clone().zip(estimate.recipe.upper);
@@ -92,8 +92,8 @@ impl<'a> BeadBoundState<'a> {
         }
     }
 
-    /// What the decoder tells of so many samples of the same beads, through the mask and through that before the last edit. Whether
-    /// there is something to compare.
+    /// Compares the decoder's information on `samples` samples of the same beads through the mask and through the mask before the last
+    /// edit. Returns whether there is something to compare.
     pub fn compare(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) -> bool {
         let (Some(channel), Some((_, before)), Some(decoder)) = (self.channel, &self.before, Decoder::shipped()) else {
             return false;
@@ -103,7 +103,7 @@ impl<'a> BeadBoundState<'a> {
             decoder_information(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &|| !stop()).ok()
         };
         let Some((before, after)) = savings(before).zip(savings(channel)) else { return false };
-        // Where nothing is told of either, the prior tells as much.
+        // Where the decoder gains no information for either mask, the prior alone does as well.
         if [&before, &after].iter().all(|savings| savings.iter().sum::<f64>() <= 0.0) {
             return false;
         }
@@ -113,7 +113,7 @@ impl<'a> BeadBoundState<'a> {
         true
     }
 
-    /// What the decoder tells of fresh samples.
+    /// Updates the decoder's lower bound with fresh samples.
     pub fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
         let Some(channel) = self.channel else { return };
         let seed = SeedStream::LiveDecoder.derive(self.seed);
@@ -127,18 +127,18 @@ impl<'a> BeadBoundState<'a> {
         );
     }
 
-    /// The posterior from both sides, for so long each.
+    /// Computes the lower and the upper bound by annealed importance sampling, `time` for each.
     pub fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
         self.below(&AisSettings::within(time, SeedStream::AisLower.derive(self.seed)), stop);
         self.follow_from_above(time, stop);
     }
 
-    /// The posterior from above alone, for so long.
+    /// Computes the upper bound alone by annealed importance sampling, in `time`.
     pub fn follow_from_above(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
         self.above(&AisSettings::within(time, SeedStream::AisUpper.derive(self.seed)), stop);
     }
 
-    /// The bounds once more from just these samples; those that cannot be had are left out.
+    /// Recomputes the bounds from exactly these samples. Bounds that cannot be computed are left out.
     pub fn repeat(
         &mut self,
         (lower, upper): (Option<BoundSource>, Option<BoundSource>),
@@ -156,7 +156,7 @@ impl<'a> BeadBoundState<'a> {
         }
     }
 
-    /// Both bounds as those of whole measurements, with the ceiling of these; none where one is missing.
+    /// Both bounds as those of whole measurements, with the object-entropy bound of whole measurements; none where one bound is missing.
     pub fn of_sensor(&self, patch: (usize, usize), ceiling: Option<f64>) -> Option<SensorBounds> {
         let ((lower, by_lower), (upper, by_upper)) = (self.lower.clone()?, self.upper.clone()?);
         let named =
@@ -165,7 +165,7 @@ impl<'a> BeadBoundState<'a> {
         Some(SensorBounds { patch, bracket: Bracket::new(above, vec![lower])?, draws: [by_lower, by_upper] })
     }
 
-    /// The fit that follows the posterior of just these samples.
+    /// Settings of the annealed importance sampling that reproduces the bound from exactly these samples.
     pub fn replay_fit(&self, levels: usize, samples: usize, stream: SeedStream) -> AisSettings {
         let seed = stream.derive(self.seed);
         AisSettings { samples, half_width: 0.0, ..AisSettings::of_levels(levels, seed) }

@@ -1,4 +1,4 @@
-//! The live estimate as it is published, and the recipe by which it is computed again.
+//! The live estimate as it is published, and the recipe that reproduces it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use crate::workbench::live::bounds::{BoundSource, SensorBounds};
 use crate::workbench::live::position_gradients::PositionGradient;
 use crate::workbench::live::schedule::SCHEDULE;
 
-/// An estimate that gets better while one waits: an upper bound on the information at any time.
+/// A running estimate, which improves with time. It is an upper bound on the information at any time.
 #[derive(Clone, Debug)]
 pub struct LiveEstimate {
     /// Bits per pixel.
@@ -27,89 +27,89 @@ pub struct LiveEstimate {
     pub patch: (usize, usize),
     /// Seconds of the fit so far.
     pub seconds: f64,
-    /// Time left until it settles; none once it has.
+    /// Time until the estimate converges; none once it has.
     pub remaining: Option<Duration>,
-    /// Whether it has settled, but better bounds that know the prior are still to come.
+    /// Whether the estimate has converged while better bounds that use the prior are still to come.
     pub bounding: bool,
-    /// How it came about.
+    /// Recipe that reproduces the estimate.
     pub recipe: ReplayRecipe,
-    /// The model of a similar design that the fit began with; none where it began with the weights of the program.
+    /// The model of a similar design that the fit started from; none where it started from the pretrained weights.
     pub start: Option<Arc<CausalStart>>,
     /// The model.
     pub model: Arc<CausalModel>,
-    /// Where information pulls each lenslet; none for other masks and in the first seconds of a fit.
+    /// Position gradient of each lenslet; none for other masks and in the first seconds of a fit.
     pub pulls: Option<Vec<PositionGradient>>,
-    /// The largest bound from below; none where the prior of the objects is not known, and in the first second of a fit.
+    /// The largest lower bound; none where the prior of the objects is not known, and in the first second of a fit.
     pub lower: Option<NamedBound>,
-    /// Bound from above by posterior sampling; none where the prior is not known, and in the first seconds of a fit.
+    /// Upper bound by annealed importance sampling; none where the prior is not known, and in the first seconds of a fit.
     pub upper: Option<NamedBound>,
-    /// Bounds for whole measurements, once the estimate has settled; none where the prior is not known.
+    /// Bounds for whole measurements, once the estimate has converged; none where the prior is not known.
     pub sensor: Option<SensorBounds>,
-    /// The design before the last edit, where that can be compared with this.
+    /// The design before the last edit, where the two can be compared.
     pub before: Option<Arc<Design>>,
-    /// By how much more is told of the design than of that one, by the decoder that comes with the program on the same scenes.
+    /// Information gain of the design over the one before the last edit, by the pretrained decoder on the same scenes.
     pub edit: Option<PairedDifference>,
-    /// Bits that each place of a patch adds to what the pixels before it have told, mean over held-out patches.
+    /// Bits that each place of a patch adds to the pixels before it, mean over held-out patches.
     pub mean_map: Array2<f32>,
-    /// The same for some patches one by one, shape (n, rows, cols).
+    /// The same map for some single patches, shape (n, rows, cols).
     pub maps: Array3<f32>,
-    /// Those patches, photons, shape (n, rows, cols).
+    /// The patches of these maps, photons, shape (n, rows, cols).
     pub patches: Array3<f32>,
 }
 
-/// How a live estimate came about; with what it started from, the same numbers come out again, bit for bit on one machine.
+/// Recipe of a live estimate. From the same start it reproduces the numbers, bit for bit on one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayRecipe {
     /// Steps that the fit was planned for, which its learning rates depend on.
     pub planned: usize,
-    /// The later plan; none where it went on as planned.
+    /// The later plan; none where the first plan was kept.
     #[serde(default)]
     pub revised: Option<Revision>,
-    /// Steps after which it was scored.
+    /// Steps after which the fit was scored.
     pub steps: usize,
-    /// Held-out patches that it was scored on.
+    /// Number of held-out patches of the score.
     pub test_patches: usize,
-    /// What the bound from below was drawn from.
+    /// Source of the lower bound.
     pub lower: Option<BoundSource>,
-    /// What the bound by posterior sampling was drawn from.
+    /// Source of the upper bound by annealed importance sampling.
     pub upper: Option<BoundSource>,
-    /// What the bounds for whole measurements were drawn from, from below and from above.
+    /// Sources of the lower and the upper bound for whole measurements.
     #[serde(default)]
     pub sensor: Option<[BoundSource; 2]>,
-    /// Samples on which the mask was compared with that before the last edit.
+    /// Samples of the comparison with the mask before the last edit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<usize>,
 }
 
-/// Another number of steps for a fit that is going on.
+/// A new number of steps for a running fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Revision {
-    /// Steps that had been taken.
+    /// Steps taken before the change.
     pub after: usize,
-    /// Steps in all from then on.
+    /// Steps in all after the change.
     pub planned: usize,
 }
 
 impl Revision {
-    /// After so many steps at a pace in seconds, with so much time left: the few steps of a trial, beside which a window may just be
-    /// opening, do not tell the pace well.
+    /// The revision after `after` steps at a pace in seconds, with `rest` left. The few steps of a trial measure the pace badly, because
+    /// a window may be opening at the same time.
     pub(crate) fn of((after, pace): (usize, f64), rest: Duration) -> Self {
         Self { after, planned: (after + planned(rest, pace)).min(SCHEDULE.planned_steps.1 as usize) }
     }
 }
 
 impl ReplayRecipe {
-    /// Before the first step of a fit of so many.
+    /// The recipe before the first step of a fit of `planned` steps.
     pub(crate) fn of(planned: usize) -> Self {
         Self { planned, revised: None, steps: 0, test_patches: 0, lower: None, upper: None, sensor: None, edit: None }
     }
 
-    /// Steps in all.
+    /// Number of steps in all.
     pub(crate) fn all(&self) -> usize {
         self.revised.map_or(self.planned, |revision| revision.planned)
     }
 
-    /// Whether a fit could have come about like this; others would never end, or not begin.
+    /// Whether a fit can have this recipe. Fits by other recipes would never end, or never start.
     pub(crate) fn is_valid(&self) -> bool {
         let sound = |draws: Option<BoundSource>| draws.is_none_or(BoundSource::is_valid);
         (1..=self.all()).contains(&self.steps)
@@ -123,7 +123,7 @@ impl ReplayRecipe {
     }
 }
 
-/// Steps for which a time suffices, at a pace in seconds. They are planned ahead, so that the fit does not depend on the clock.
+/// Steps that fit into a time, at a pace in seconds. They are planned ahead, so that the fit does not depend on the clock.
 pub(crate) fn planned(time: Duration, pace: f64) -> usize {
     (time.as_secs_f64() / pace.max(1e-9)).clamp(SCHEDULE.planned_steps.0, SCHEDULE.planned_steps.1) as usize
 }

@@ -1,5 +1,5 @@
-//! The live estimate: a causal density model that starts from the model of the design before the edit, is scored while it
-//! is fitted, and settles.
+//! The live estimate: a causal density model that starts from the model of the design before the edit. It is scored during its fit, until
+//! it converges.
 
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe, Revision, planned};
 use crate::workbench::live::schedule::SCHEDULE;
@@ -14,39 +14,39 @@ use crate::workbench::live::bounds::{BeadBoundState, SensorBounds};
 use crate::workbench::live::position_gradients::Pulls;
 use crate::workbench::live::problem::LiveProblem;
 
-/// A settled estimate that is to have more bounds.
+/// A converged estimate that is to get more bounds.
 struct PendingBounds {
     scene: Arc<Scene>,
     design: Design,
     estimate: LiveEstimate,
-    /// Whether those for whole measurements are all that is missing.
+    /// Whether only the bounds for whole measurements are missing.
     only_sensor: bool,
 }
 
-/// Keeps the last model for the next design, and how fast steps are.
+/// Estimator that keeps the last model for the next design, and the pace of steps.
 #[derive(Default)]
 pub(crate) struct LiveEstimator {
     last: Option<(Arc<Scene>, Arc<CausalStart>)>,
-    /// By how much posterior sampling lowered the smallest bound from above of such a design, bits per pixel.
+    /// Amount by which annealed importance sampling lowered the smallest upper bound of such a design, bits per pixel.
     lowered: f64,
-    /// Seconds of a step, and the patch that they are of.
+    /// Seconds per step, and the patch of that measurement.
     pace: Option<(f64, (usize, usize))>,
-    /// A settled estimate whose last bounds were interrupted.
+    /// A converged estimate whose last bounds were interrupted.
     awaits_bounds: Option<PendingBounds>,
 }
 
 impl LiveEstimator {
-    /// Takes steps for as slow as this, seconds.
+    /// Sets the pace of steps, seconds per step.
     #[cfg(test)]
     pub fn set_pace(&mut self, pace: f64) {
         self.pace = Some((pace, (crate::evaluation::scene::LIVE_PATCH, crate::evaluation::scene::LIVE_PATCH)));
     }
 
-    /// Refines the live estimate of a design until it settles, and compares it with what it was before the last edit. `publish` gets
-    /// every number; `stop` is asked at every step.
+    /// Refines the live estimate of a design until it converges, and compares it with the estimate before the last edit. `publish`
+    /// receives every number; `stop` is asked at every step.
     ///
-    /// Every design is scored on the same held-out objects at the same places, so that differences between edits are not
-    /// drowned in those of the scenes.
+    /// Every design is scored on the same held-out objects at the same places. Differences between edits then do not drown in the
+    /// differences between scenes.
     ///
     /// # Errors
     /// [`InformationError::Cancelled`] when stopped; [`EvaluationError`] where design, objects or noise allow no estimate.
@@ -73,7 +73,7 @@ impl LiveEstimator {
             return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
-        // Kept where this fit does not get to begin.
+        // The start is kept in case this fit does not begin.
         let start = self.last.as_ref().filter(|last| serves(last)).map(|(_, start)| Arc::clone(start));
         self.lowered = start.as_ref().map_or(0.0, |_| self.lowered);
         let test = subject.test(SCHEDULE.score_patches)?;
@@ -92,7 +92,7 @@ impl LiveEstimator {
         let mut scores = SCHEDULE.first_scores.into_iter().map(|(after, patches)| (started + after, patches));
         let mut next = scores.next().unwrap_or((started, SCHEDULE.score_patches));
         let mut next_followed = SCHEDULE.first_ais;
-        // Time beside the steps.
+        // Time spent outside the steps.
         let (mut aside, mut failure) = (Duration::ZERO, None);
         let fitted = fit.fit_watched(&mut model, (&train, validation.as_ref()), &mut |progress, snapshot| {
             if stop() {
@@ -103,7 +103,7 @@ impl LiveEstimator {
             let before = Instant::now();
             recipe.steps = progress.step;
             let mut revision = None;
-            // The last step has the last score, which is on more patches.
+            // The last step gets the last score, which uses more patches.
             if before >= due && progress.step < recipe.all() {
                 if known.is_none() && recipe.revised.is_none() && patches == SCHEDULE.score_patches {
                     recipe.revised = Some(Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed)));
@@ -119,7 +119,7 @@ impl LiveEstimator {
                         if beads.lower.is_none() && progress.elapsed >= SCHEDULE.first_decoder_bound {
                             self.take_first_bounds(&mut beads, &estimate, publish, stop);
                         }
-                        // Steps before the score that is to be there soon are worth more.
+                        // Steps before the early score are more valuable.
                         if patches == SCHEDULE.score_patches
                             && beads.edit.is_none()
                             && beads.compare(SCHEDULE.edit_samples, stop)
@@ -158,11 +158,11 @@ impl LiveEstimator {
         if let Some(failure) = failure {
             return Err(failure.into());
         }
-        // Weights of a fit that went astray would lead the next one astray, too.
+        // Weights of a diverged fit would spoil the next fit, too.
         let went_well = matches!(fitted, Ok(_) | Err(InformationError::Cancelled));
         self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
         recipe.steps = fitted?;
-        // A fit that has come to its end is not lost any more.
+        // A fit that is complete is no longer lost.
         let mut estimate = score((&model, &subject.test(SCHEDULE.score_patches_converged)?), recipe, None, &|| false)?;
         estimate.bounding = beads.channel.is_some();
         estimate.pulls = pulls.told();
@@ -171,7 +171,7 @@ impl LiveEstimator {
         self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop)
     }
 
-    /// Takes the bound from below for the first time, and that from above where it is worth it.
+    /// Computes the first lower bound, and the upper bound where its expected gain is large enough.
     fn take_first_bounds(
         &self,
         beads: &mut BeadBoundState<'_>,
@@ -187,8 +187,8 @@ impl LiveEstimator {
         }
     }
 
-    /// Looks where information pulls the lenslets where the estimate has settled, takes the bounds that know the prior once more, and
-    /// those for whole measurements.
+    /// Computes the position gradients of the converged estimate, then the bounds that use the prior once more, and then the bounds for
+    /// whole measurements.
     fn take_last_bounds(
         &mut self,
         mut awaiting: PendingBounds,
@@ -235,10 +235,10 @@ impl LiveEstimator {
     }
 }
 
-/// Seconds of a step, by a few that nothing comes of.
+/// Seconds per step, measured with a few steps whose result is discarded.
 fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> bool) -> Result<f64, InformationError> {
     let mut trial = model.clone();
-    // Patches are drawn before the first step, for many.
+    // Patches are drawn before the first step, for several steps at once.
     let mut first = None;
     CausalFit::new(FitLength::Steps(SCHEDULE.paced_steps), 0).fit(&mut trial, train, &mut |_| {
         first.get_or_insert_with(Instant::now);
@@ -247,11 +247,11 @@ fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> b
     Ok(first.map_or(0.0, |first| first.elapsed().as_secs_f64() / (SCHEDULE.paced_steps - 1) as f64))
 }
 
-/// Computes a live estimate again from its recipe and what it started from.
+/// Recomputes a live estimate from its recipe and its start.
 ///
 /// # Errors
-/// [`EvaluationError`] where design, objects or noise allow no estimate, or when cancelled: `go_on` is asked at every step
-/// and told how many are done.
+/// [`EvaluationError`] where design, objects or noise allow no estimate, or when cancelled: `go_on` is called at every step with the
+/// number of steps done.
 pub(crate) fn repeated(
     (design, before): (&Design, Option<&Arc<Design>>),
     scene: &Scene,
@@ -296,14 +296,14 @@ pub(crate) fn repeated(
         whole.repeat((Some(lower), Some(upper)), &stop);
         whole.of_sensor(channel.patch, ceiling)
     });
-    // Bounds that were stopped are missing, which is no other number.
+    // Bounds that were stopped are missing, which must not count as a different number.
     if stop() {
         return Err(InformationError::Cancelled.into());
     }
     Ok(with_sensor(sensor, with_bounds(&beads, estimate)))
 }
 
-/// An estimate with the bounds that are known so far, and with where information pulls the lenslets, after a look for so long.
+/// The estimate with the bounds known so far and with position gradients, which are computed for `time`.
 fn with_pulls(
     pulls: &mut Pulls<'_>,
     (subject, beads): (&LiveProblem<'_>, &BeadBoundState<'_>),
@@ -316,13 +316,13 @@ fn with_pulls(
     with_bounds(beads, LiveEstimate { pulls, ..estimate })
 }
 
-/// An estimate with bounds for whole measurements.
+/// The estimate with bounds for whole measurements.
 fn with_sensor(sensor: Option<SensorBounds>, estimate: LiveEstimate) -> LiveEstimate {
     let recipe = ReplayRecipe { sensor: sensor.as_ref().map(|sensor| sensor.draws), ..estimate.recipe };
     LiveEstimate { recipe, sensor, ..estimate }
 }
 
-/// An estimate with the bounds that are known so far.
+/// The estimate with the bounds known so far.
 fn with_bounds(beads: &BeadBoundState<'_>, estimate: LiveEstimate) -> LiveEstimate {
     let ((lower, by_lower), (upper, by_upper)) = (beads.lower.clone().unzip(), beads.upper.clone().unzip());
     let (edit, by_edit) = beads.edit.unzip();

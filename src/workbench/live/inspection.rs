@@ -1,4 +1,4 @@
-//! What is computed of one measurement because somebody looks at it: its spectrum, and where its information comes from.
+//! Inspection of one measurement on request: its spectrum, and its map of information.
 
 use std::sync::Arc;
 
@@ -7,58 +7,59 @@ use ndarray::{Array2, ArrayView2, Axis, s};
 use crate::evaluation::scene::Measurements;
 use crate::information::{CausalModel, InformationError, PowerSpectrum, power_spectrum, sliding_information_map};
 
-/// Of a larger picture the middle is taken, so that edits never wait long for its transform.
+/// Largest side of the region that is transformed, pixels. Of a larger image the middle is taken, so that edits never wait long for its
+/// transform.
 const LARGEST_SIDE: usize = 512;
 
-/// Pixels of the largest measurement whose map is made, for the same reason.
+/// Pixels of the largest measurement whose map is computed, for the same reason.
 const MOST_MAPPED: usize = 256 * 256;
 
-/// Tells one such look from another.
+/// Identifies one inspection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InspectionKey {
     /// Revision of the design.
     pub revision: u64,
     /// Index of the measurement.
     pub sample: usize,
-    /// Whether it is shown with noise.
+    /// Whether the measurement is shown with noise.
     pub noisy: bool,
-    /// Training steps of the model that tells where its information comes from; none where that is not asked for.
+    /// Training steps of the model behind the information map; none where no map is requested.
     pub steps: Option<usize>,
 }
 
-/// What is to be looked at.
+/// Request for an inspection.
 #[derive(Clone, Debug)]
 pub struct InspectionRequest {
-    /// What it is called.
+    /// Key of the inspection.
     pub key: InspectionKey,
     /// The measurements of that design.
     pub measurements: Arc<Measurements>,
-    /// The model of the live estimate, where the map is asked for.
+    /// The model of the live estimate, where the map is requested.
     pub model: Option<Arc<CausalModel>>,
 }
 
-/// What came of it.
+/// Result of an inspection.
 #[derive(Clone, Debug)]
 pub struct SampleInspection {
-    /// What it is of.
+    /// Key of the inspection.
     pub key: InspectionKey,
     /// Power spectrum of the measurement as it is shown.
     pub spectrum: PowerSpectrum,
-    /// What each pixel of the noisy measurement adds to what those before it have told, bits, shape (rows, cols).
+    /// Bits that each pixel of the noisy measurement adds to the pixels before it, shape (rows, cols).
     pub map: Option<Array2<f32>>,
 }
 
 impl InspectionRequest {
-    /// Looks; breaks off without an answer where it is not to `go_on`: another design waits.
+    /// Computes the inspection. Stops without an answer where `go_on` returns false, because another design waits.
     pub(crate) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<SampleInspection> {
         let Measurements { noiseless, noisy, counts, .. } = &*self.measurements;
         let last = noisy.len_of(Axis(0)).saturating_sub(1);
         let of = self.key.sample.min(last);
         let (clean, measured) = (noiseless.index_axis(Axis(0), of), noisy.index_axis(Axis(0), of));
         let spectrum = power_spectrum(middle(if self.key.noisy { measured } else { clean }));
-        // The model is one of the noise that bounds from above.
+        // The model describes the noise of the upper bounds.
         let modelled = counts.as_ref().map_or(measured, |counts| counts.index_axis(Axis(0), of));
-        // Without a map the picture is shown as it is.
+        // Without a map the image is shown as it is.
         let model = self.model.as_ref().filter(|_| measured.len() <= MOST_MAPPED);
         let map = match model.map(|model| sliding_information_map(model, modelled, clean, go_on)) {
             Some(Err(InformationError::Cancelled)) => return None,
@@ -68,7 +69,7 @@ impl InspectionRequest {
     }
 }
 
-/// At most [`LARGEST_SIDE`] rows and columns in the middle of a picture.
+/// Returns at most [`LARGEST_SIDE`] rows and columns in the middle of an image.
 fn middle(image: ArrayView2<'_, f32>) -> ArrayView2<'_, f32> {
     let (rows, cols) = image.dim();
     let (tall, wide) = (rows.min(LARGEST_SIDE), cols.min(LARGEST_SIDE));

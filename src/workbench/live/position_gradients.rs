@@ -1,4 +1,4 @@
-//! Where information pulls the lenslets of a design, and how much of that may be chance.
+//! Position gradients of the lenslets of a design, with a significance test.
 
 use std::time::{Duration, Instant};
 
@@ -9,56 +9,58 @@ use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient};
 use crate::seeds::SeedStream;
 
-/// Fresh scenes of a block, and fewer of measurements with more pixels than these; blocks tell by how much they differ what is chance.
+/// Fresh scenes per block, and the pixels of a measurement above which a block has fewer. The differences between blocks estimate the
+/// sampling error.
 const SCENES: f64 = 8.0;
 const PIXELS: f64 = 65.0 * 65.0;
-/// Fewest blocks that tell that, and most; more would only wait for each other.
+/// Fewest blocks for that estimate, and most; more blocks would only delay each other.
 const BLOCKS: usize = 8;
 const MOST_BLOCKS: usize = 2048;
-/// Share of the pulls that are chance alone and are taken for more.
+/// Level of the significance test: the share of purely random gradients that count as significant.
 const TAKEN_FOR_MORE: f64 = 0.05;
 
-/// How the information changes with the centre of a lenslet, bits per pixel and pixel.
+/// Derivative of the information by the centre of a lenslet, bits per pixel and pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionGradient {
-    /// By its column.
+    /// Derivative by the column.
     pub x: f64,
-    /// By its row.
+    /// Derivative by the row.
     pub y: f64,
-    /// Whether it is more than chance, at a level of 5 %: by what scenes differ, of the held-out objects that there are.
+    /// Whether the gradient is statistically significant at a level of 5 %, by the differences between scenes of the held-out objects
+    /// available.
     pub is_significant: bool,
 }
 
-/// The pulls on the lenslets of a design: by the live estimate, or, where that is loose, by what can be told of beads. A loose density
-/// model pulls to where it is looser still; a decoder errs where beads are many, which is where density models do not.
+/// Position gradients of the lenslets of a design, by the live estimate or, where that is loose, by the decoder of beads. The gradients
+/// of a loose density model point to where it is looser still. A decoder errs where beads are many; density models do not.
 pub(crate) struct Pulls<'a> {
     imaging: &'a ForwardModel<'a>,
-    /// None for other masks, which nothing pulls.
+    /// The lenslets; none for other masks, which have no position gradients.
     array: Option<&'a LensletArray>,
     seed: u64,
-    /// Where it can tell of these objects.
+    /// The decoder, where it applies to these objects.
     decoder: Option<&'static Decoder>,
-    /// Slopes by the centres (x, y), block by block, and whether the decoder told them.
+    /// Gradients by the centres (x, y), block by block, and whether the decoder computed them.
     blocks: Vec<Vec<(f64, f64)>>,
     are_decoded: bool,
     told: Option<Vec<PositionGradient>>,
 }
 
 impl<'a> Pulls<'a> {
-    /// Before any scene.
+    /// The state before any scene.
     pub fn new(imaging: &'a ForwardModel<'a>, array: Option<&'a LensletArray>, seed: u64) -> Self {
         let decoder = Decoder::shipped().filter(|_| imaging.set.bead_prior().is_some());
         let seed = SeedStream::PositionGradients.derive(seed);
         Self { imaging, array, seed, decoder, blocks: Vec::new(), are_decoded: false, told: None }
     }
 
-    /// What scenes have told so far; none before there are enough, and where numbers are not finite.
+    /// The position gradients so far; none before there are enough scenes, and where numbers are not finite.
     pub fn told(&self) -> Option<Vec<PositionGradient>> {
         self.told.clone()
     }
 
-    /// What scenes tell after a look for so long, by the model as it is by now or, where that `is_loose`, by a decoder, which then
-    /// tells of more and more scenes. Those that cannot be had tell nothing.
+    /// Computes position gradients for `time` by the current model or, where that `is_loose`, by a decoder. Later calls with a decoder
+    /// add scenes to the earlier ones. Scenes that cannot be computed contribute nothing.
     pub fn look(
         &mut self,
         (model, is_loose): (&CausalModel, bool),
@@ -88,7 +90,7 @@ impl<'a> Pulls<'a> {
         self.told()
     }
 
-    /// By whole measurements; a decoder does not take those of any size.
+    /// Gradients by the decoder from whole measurements; a decoder does not take measurements of any size.
     fn by_decoder(
         &self,
         decoder: &Decoder,
@@ -111,20 +113,20 @@ impl<'a> Pulls<'a> {
     }
 }
 
-/// Slopes without what is common to all: beads are as likely everywhere, so that a mask which moves as a whole tells as much as
-/// before, and slopes by all centres together come from errors of the decoder alone.
+/// Gradients without their common part. Beads are equally likely everywhere, so a shift of the whole mask leaves the information
+/// unchanged. The gradient by all centres together is therefore only decoder error.
 fn without_common(block: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let share = 1.0 / block.len().max(1) as f64;
     let (x, y) = block.iter().fold((0.0, 0.0), |sum, slope| (sum.0 + share * slope.0, sum.1 + share * slope.1));
     block.into_iter().map(|slope| (slope.0 - x, slope.1 - y)).collect()
 }
 
-/// Scenes of a block of such patches (rows, cols).
+/// Scenes per block of patches of this shape (rows, cols).
 fn scenes_of((rows, cols): (usize, usize)) -> usize {
     (SCENES * PIXELS / (rows * cols) as f64).clamp(1.0, SCENES) as usize
 }
 
-/// Mean over all blocks, and whether that is more than chance by Hotelling's test of a mean in the plane.
+/// Mean over all blocks, and its significance by Hotelling's test of a mean in the plane.
 fn pull(blocks: &[Vec<(f64, f64)>], lenslet: usize) -> Option<PositionGradient> {
     let count = blocks.len() as f64;
     let sum =
@@ -135,11 +137,11 @@ fn pull(blocks: &[Vec<(f64, f64)>], lenslet: usize) -> Option<PositionGradient> 
     let xx = sum(&|a, _| (a - x).powi(2)) / freedom;
     let yy = sum(&|_, b| (b - y).powi(2)) / freedom;
     let xy = sum(&|a, b| (a - x) * (b - y)) / freedom;
-    // The square of the distance from 0 that chance exceeds so often; the quantile of F with 2 degrees of freedom is a power.
+    // Squared distance from 0 that chance exceeds at the level of the test. The quantile of F with 2 degrees of freedom is a power.
     let rest = count - 2.0;
     let quantile = 0.5 * rest * (TAKEN_FOR_MORE.powf(-2.0 / rest) - 1.0);
     let limit = 2.0 * (count - 1.0) / rest * quantile;
-    // Without dividing by a determinant of 0, where all blocks say the same.
+    // No division by the determinant, which is 0 where all blocks are equal.
     let is_significant = x * x * yy - 2.0 * x * y * xy + y * y * xx > limit * (xx * yy - xy * xy);
     [x, y, xx, yy].iter().all(|value| value.is_finite()).then_some(PositionGradient { x, y, is_significant })
 }
@@ -175,11 +177,11 @@ mod tests {
         let [left, right] = &told[..] else { panic!("two lenslets") };
         assert!(left.is_significant && right.is_significant && left.x > 0.0 && right.x < 0.0, "{left:?} {right:?}");
         assert_eq!(look(false, false), Some(told), "the same scenes");
-        // A decoder tells of more and more scenes.
+        // A decoder adds scenes with every call.
         let few = look(true, false).unwrap();
         pulls.look((&model, true), Duration::from_secs(2), &|| false);
         assert!(pulls.blocks.len() > BLOCKS && pulls.told() != Some(few), "{}", pulls.blocks.len());
-        // A mask that moves as a whole tells as much as before.
+        // A shift of the whole mask leaves the information unchanged.
         let [left, right] = &pulls.told().unwrap()[..] else { panic!("two lenslets") };
         assert!((left.x + right.x).abs() < 1e-12 && (left.y + right.y).abs() < 1e-12, "{left:?} {right:?}");
     }

@@ -21,18 +21,18 @@ use crate::sensor::{Convolver, Noise};
 use crate::workbench::live::bounds::BeadBoundState;
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe};
 
-/// Share of the usual learning rate of a fit that starts from the model of a similar design, up to so many steps; of more it falls with
-/// their cube root: who takes many need not take long ones, and is nearer to where it will settle all the way.
+/// Share of the usual learning rate of a warm start from the model of a similar design, and the number of steps up to which it holds. For
+/// more steps the share falls with their cube root. A long fit does not need large steps, and is nearer to convergence throughout.
 const WARM_RATE: (f64, f64) = (0.35, 1400.0);
-/// The weights of such a fit are averaged over more of its steps: seconds after an edit, while rates are still high, the estimate
-/// is then nearer to where it will settle.
+/// Averaging of the weights of such a fit, over more of its steps. Seconds after an edit, while rates are still high, the estimate is
+/// then nearer to its converged value.
 const WARM_AVERAGING: Averaging = Averaging::LastShare(0.3);
-/// Bits per pixel by which a loose bound is above another.
+/// Bits per pixel above another bound at which a bound counts as loose.
 const LOOSE: f64 = 0.02;
-/// Patches whose own maps are kept.
+/// Number of patches whose own maps are kept.
 const SHOWN: usize = 8;
 
-/// A design with what its estimates are made of.
+/// A design with the inputs of its estimates.
 pub(crate) struct LiveProblem<'a> {
     design: &'a Design,
     imaging: &'a ForwardModel<'a>,
@@ -41,12 +41,12 @@ pub(crate) struct LiveProblem<'a> {
     pub channel: Option<BeadChannel>,
     entropy: NoiseEntropy,
     psf: Array3<f64>,
-    /// Once it was asked for.
+    /// The object-entropy bound, once it was requested.
     ceiling: OnceLock<Option<f64>>,
 }
 
 impl<'a> LiveProblem<'a> {
-    /// Of [`Design::bounding`] and its imaging; the beads are seen with the noise that there is.
+    /// The problem for [`Design::bounding`] and its imaging. The beads keep the noise of the design.
     pub fn new(
         design: &'a Design,
         noise: Noise,
@@ -61,8 +61,8 @@ impl<'a> LiveProblem<'a> {
         Ok(Self { design, imaging, patch, convolver, channel, entropy, psf, ceiling: OnceLock::new() })
     }
 
-    /// The channel of whole measurements, where there is a prior and these are larger than a patch, and what they hold at the most,
-    /// bits per pixel.
+    /// The channel of whole measurements with their object-entropy bound, bits per pixel; none without a prior, and where measurements
+    /// are no larger than a patch.
     pub fn whole(&self) -> Result<Option<(BeadChannel, Option<f64>)>, InformationError> {
         let sensor = self.imaging.patch(None);
         let Some(noise) = self.channel.as_ref().filter(|_| sensor != self.patch).map(|channel| channel.noise) else {
@@ -74,7 +74,7 @@ impl<'a> LiveProblem<'a> {
         Ok(Some((BeadChannel { noise, ..channel }, ceiling.map(|found| found.bits_per_pixel))))
     }
 
-    /// The bounds that rest on a known prior, and what there was before the last edit.
+    /// The bounds that use a known prior, with the state before the last edit.
     pub fn beads(&self, before: Option<&Arc<Design>>) -> BeadBoundState<'_> {
         let before = before.and_then(|before| Some((Arc::clone(before), self.channel_through(before)?)));
         let mut beads = BeadBoundState::new(self.channel.as_ref(), self.design.seed);
@@ -82,8 +82,8 @@ impl<'a> LiveProblem<'a> {
         beads
     }
 
-    /// What patches show of the same beads through the mask of another design; none without a prior, where the two differ in more than
-    /// their masks, or the mask is the same.
+    /// The channel of the same beads through the mask of another design. None without a prior, where the two designs differ in more than
+    /// their masks, or where the masks are equal.
     fn channel_through(&self, other: &Design) -> Option<BeadChannel> {
         let (own, noise) = (self.design, self.channel.as_ref()?.noise);
         let is_seen_alike = (other.noise, other.bias_photons) == (noise, own.bias_photons);
@@ -95,14 +95,15 @@ impl<'a> LiveProblem<'a> {
         self.imaging.bead_channel(psf.view(), self.patch).map(|channel| BeadChannel { noise, ..channel })
     }
 
-    /// By how much posterior sampling lowers the smaller one of the ceiling and a density bound, bits per pixel; none where it was
-    /// not done, or there is no ceiling.
+    /// Amount by which annealed importance sampling lowers the smaller one of the object-entropy bound and a density bound, bits per
+    /// pixel; none where it did not run, or there is no object-entropy bound.
     pub fn lowered(&self, beads: &BeadBoundState<'_>, density: f64) -> Option<f64> {
         let (upper, _) = beads.upper.as_ref()?;
         Some(self.ceiling()?.min(density) - upper.bits_per_pixel)
     }
 
-    /// Whether a bound that knows the prior is far below a density bound, which then says more of its model than of the mask.
+    /// Whether a bound that uses the prior is far below a density bound. The density bound then says more about its model than about the
+    /// mask.
     pub fn is_loose(&self, beads: &BeadBoundState<'_>, density: f64) -> bool {
         let upper = beads.upper.as_ref().map(|(upper, _)| upper.bits_per_pixel);
         self.ceiling().into_iter().chain(upper).any(|bound| bound + LOOSE < density)
@@ -117,8 +118,8 @@ impl<'a> LiveProblem<'a> {
         self.imaging.stream(self.convolver.clone(), split, self.patch)
     }
 
-    /// So many held-out patches, each of an object of its own. Fewer are the first of more, so that one score differs from the
-    /// next by little.
+    /// Returns `count` held-out patches, each of an object of its own. A smaller batch is the beginning of a larger one, so that
+    /// successive scores differ little.
     pub fn test(&self, count: usize) -> Result<PatchBatch, InformationError> {
         let stream = self.stream(Split::Test);
         let (first, more) = self.parts(count);
@@ -126,7 +127,7 @@ impl<'a> LiveProblem<'a> {
         if more.0 == 0 { Ok(some) } else { joined(&some, &stream.draw_one_each(more.0, more.1)?) }
     }
 
-    /// Numbers and seeds of the two parts of so many held-out patches.
+    /// Numbers and seeds of the two parts of `count` held-out patches.
     fn parts(&self, count: usize) -> ((usize, u64), (usize, u64)) {
         let first = count.min(SCHEDULE.score_patches);
         (
@@ -135,7 +136,7 @@ impl<'a> LiveProblem<'a> {
         )
     }
 
-    /// The base images that so many held-out patches show.
+    /// The base images that `count` held-out patches show.
     fn shared(&self, count: usize) -> Result<SharedImages, InformationError> {
         let stream = self.stream(Split::Test);
         let (first, more) = self.parts(count);
@@ -144,7 +145,7 @@ impl<'a> LiveProblem<'a> {
         Ok(if more.0 == 0 { some } else { some.and(of(more)?.unwrap_or_default()) })
     }
 
-    /// Fresh patches to fit to, and those that validate a fit to few images.
+    /// Fresh patches for the fit, and the validation patches of a fit to few images.
     pub fn fitting(&self) -> Result<(MeasurementStream<'_>, Option<PatchBatch>), InformationError> {
         self.imaging.fitting(&self.convolver, self.patch, SeedStream::LivePatches.derive(self.design.seed))
     }
@@ -180,7 +181,7 @@ impl<'a> LiveProblem<'a> {
         if warm { CausalFit { rate: share * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
     }
 
-    /// What held-out patches tell of a model; the recipe of the estimate is that of its fit. `stop` is asked every few patches.
+    /// Scores a model on held-out patches; the recipe of the estimate is that of its fit. `stop` is asked every few patches.
     pub fn score(
         &self,
         (model, test): (&CausalModel, &PatchBatch),

@@ -33,11 +33,11 @@ pub struct Live {
     pub measurements: Option<Revisioned<Measurements>>,
     /// The information.
     pub information: Option<Revisioned<LiveInformation>>,
-    /// What was computed of the one measurement that is looked at.
+    /// The inspection of the one measurement that was requested.
     pub closer: Option<Arc<SampleInspection>>,
     /// Why the newest design has no numbers.
     pub failure: Option<(u64, String)>,
-    /// What takes long at the moment ("Reading objects: 1200 of 10000").
+    /// The long computation in progress ("Reading objects: 1200 of 10000").
     pub busy: Option<String>,
     /// Seconds that the last complete evaluation took.
     pub seconds: f64,

@@ -1,4 +1,4 @@
-//! Records of live estimates: a file with all that is needed to compute the same numbers again.
+//! Records of live estimates: files with all that reproduces the numbers.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::workbench::live::estimator::repeated;
 pub(crate) const LIVE_ESTIMATE: DocumentKind =
     DocumentKind::new("lenslet-studio/live-estimate", "a record of a live estimate");
 
-/// A live estimate, the design that it is of, and how it came about.
+/// A live estimate with its design and its recipe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveRecord {
     format: String,
@@ -28,15 +28,15 @@ pub struct LiveRecord {
     program_version: String,
     /// The design, its objects by absolute path.
     pub design: Design,
-    /// What was found in the objects.
+    /// Fingerprint of the objects.
     objects_fingerprint: String,
     /// The numbers.
     pub numbers: LiveNumbers,
-    /// How they came about.
+    /// Recipe of the numbers.
     recipe: ReplayRecipe,
-    /// What the fit started from; none where it began with the weights of the program.
+    /// The start of the fit; none where it started from the pretrained weights.
     start: Option<CausalStart>,
-    /// The mask before the last edit, where there was one that can be compared with this.
+    /// The mask before the last edit, where there was one that can be compared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     before: Option<Encoder>,
 }
@@ -52,18 +52,18 @@ pub struct LiveNumbers {
     pub entropy_y: f64,
     /// Entropy of the noise.
     pub entropy_y_given_x: f64,
-    /// Held-out patches behind it.
+    /// Number of held-out patches of the score.
     pub test_patches: usize,
     /// Rows and columns of a patch.
     pub patch: [usize; 2],
-    /// The largest bound from below, where the prior is known.
+    /// The largest lower bound, where the prior is known.
     pub lower: Option<NamedBound>,
-    /// The bound from above by posterior sampling, where the prior is known.
+    /// The upper bound by annealed importance sampling, where the prior is known.
     pub upper: Option<NamedBound>,
-    /// Bounds for whole measurements, where the prior is known and the estimate had settled.
+    /// Bounds for whole measurements, where the prior is known and the estimate had converged.
     #[serde(default)]
     pub sensor: Option<Bracket>,
-    /// By how much more is told than before the last edit, where the prior is known.
+    /// Information gain over the mask before the last edit, where the prior is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edit: Option<PairedDifference>,
 }
@@ -85,7 +85,7 @@ impl LiveNumbers {
     }
 }
 
-/// What came of computing a live estimate again.
+/// Result of recomputing a live estimate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Repeated {
     /// The numbers now.
@@ -94,7 +94,7 @@ pub struct Repeated {
     pub recorded: LiveNumbers,
     /// Whether they are the same to the last bit.
     pub same: bool,
-    /// What differs from then, where something does.
+    /// Differences between then and now, where there are any.
     pub notes: Vec<String>,
 }
 
@@ -114,7 +114,7 @@ impl LiveRecord {
         }
     }
 
-    /// Writes it; its folder is made if need be.
+    /// Writes the record; the folder is created if it is missing.
     ///
     /// # Errors
     /// Where the file cannot be written.
@@ -125,7 +125,7 @@ impl LiveRecord {
         write_json(path, self)
     }
 
-    /// A name for its file: records of the same numbers have the same, others have others.
+    /// File name of the record. Records of the same numbers have the same name, others have different ones.
     pub fn file_name(&self) -> String {
         let mut weights = blake3::Hasher::new();
         for weight in self.start.iter().flat_map(CausalStart::weights) {
@@ -141,7 +141,7 @@ impl LiveRecord {
         format!("live-{}.json", &key[..16])
     }
 
-    /// The record, if it is one that a window may have written; what was found otherwise.
+    /// Returns the record if a window may have written it; otherwise a description of what was found.
     pub(crate) fn checked(self) -> Result<Self, String> {
         self.design.check().map_err(|error| error.to_string())?;
         if let Some(before) = self.design_before() {
@@ -166,8 +166,8 @@ impl LiveRecord {
         self.recipe.steps
     }
 
-    /// Computes it again: the same to the last bit on the machine and by the version that it was computed by. `go_on` is
-    /// asked at every step of the fit and told how many are done.
+    /// Recomputes the estimate: equal to the last bit on the same machine with the same version. `go_on` is called at every step of the
+    /// fit with the number of steps done.
     ///
     /// # Errors
     /// Where the objects cannot be opened or the design allows no estimate, and when cancelled.
@@ -209,7 +209,7 @@ mod tests {
         Ok(*record)
     }
 
-    /// The first estimate that is wanted of a design.
+    /// The first requested estimate of a design.
     fn first(
         refiner: &mut LiveEstimator,
         (design, before): (&Design, Option<&Arc<Design>>),
@@ -240,7 +240,7 @@ mod tests {
         let before = Arc::new(one.clone());
         let has_all = |live: &LiveEstimate| live.upper.is_some() && live.edit.is_some();
         let warm = first(&mut refiner, (&two, Some(&before)), &scene, has_all);
-        // Two lenslets tell more than one, by about as much as their bounds differ.
+        // Two lenslets give more information than one, by about the difference of their bounds.
         let gain = warm.edit.unwrap();
         let [first_lower, then] = [&cold, &warm].map(|live| live.lower.as_ref().unwrap().bits_per_pixel);
         assert!(cold.edit.is_none() && gain.is_clear(), "{gain:?}");
@@ -309,7 +309,7 @@ mod tests {
         assert_eq!(first.upper, settled.upper);
         assert_eq!((last.bits_per_pixel, last.recipe.steps), (settled.bits_per_pixel, settled.recipe.steps));
         assert!(last.lower.is_some() && last.recipe.upper != settled.recipe.upper, "{:?}", last.recipe);
-        // Whole measurements come last; what they tell of a pixel is less, as patches count what others know, too.
+        // Whole measurements come last. They give less information per pixel, because patches also count what neighbouring patches share.
         let sensor = whole.sensor.as_ref().unwrap();
         assert!(last.sensor.is_none() && sensor.patch == (65, 65));
         assert_eq!([first.bounding, last.bounding, whole.bounding, done.bounding], [true, true, true, false]);

@@ -1,4 +1,4 @@
-//! When the live estimate does what, and how long each step takes.
+//! The schedule of the live estimate: times and lengths of its steps.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ pub(crate) struct LiveSchedule {
     pub score_after_edit: Duration,
     /// Factor from the time of one later score to the time of the next.
     pub score_interval_growth: f64,
-    /// Time from the start of a fit after which each score is followed by position gradients.
+    /// Time from the start of a fit after which position gradients come after each score.
     pub first_gradients: Duration,
     /// Time for position gradients during a fit.
     pub gradients: Duration,
