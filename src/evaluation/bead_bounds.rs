@@ -1,4 +1,4 @@
-//! Bounds that know the prior of beads: what a decoder tells, and what following the posterior does.
+//! Bounds that use the known prior of beads: by a decoder, and by annealed importance sampling.
 
 use std::cell::RefCell;
 use std::ops::ControlFlow;
@@ -17,21 +17,21 @@ use crate::information::{
 use crate::objects::ObjectSet;
 use crate::seeds::SeedStream;
 
-/// Share of the time that the fit of the decoder gets where there is a prior, and following the posterior from below and from
-/// above, which is soon as good as it gets; the rest is that of the density model.
+/// Shares of the time for the fit of the decoder where there is a prior, and for the lower and the upper bound by annealed importance
+/// sampling. The upper bound is soon as good as it gets. The rest belongs to the density model.
 const DECODING: f64 = 0.25;
 const FOLLOWING_BELOW: f64 = 5.0 / 16.0;
 const FOLLOWING_ABOVE: f64 = 3.0 / 16.0;
-/// What they leave to a density model where the estimate bounds from above alone, and from both sides.
+/// Shares left to a density model: in an estimate with an upper bound alone, and with both bounds.
 pub(crate) const DENSITY_ABOVE: f64 = 1.0 - FOLLOWING_ABOVE;
 pub(crate) const DENSITY_BETWEEN: f64 = 1.0 - (DECODING + FOLLOWING_BELOW + FOLLOWING_ABOVE);
 
-/// Levels over which the posterior is followed beside fits of so many steps: as many steps for each, and the fewest and the
-/// most of them.
+/// Steps per temperature of the annealed importance sampling beside fits with a fixed number of steps, and the fewest and the most
+/// temperatures.
 const STEPS_PER_LEVEL: usize = 4;
 const LEVELS: (usize, usize) = (64, 400);
 
-/// What patches show of beads, where the objects are beads, or why nothing that knows their prior can be computed.
+/// The channel of bead patches, or the reason why no bound can use the prior of these objects.
 pub(crate) fn bead_channel(
     design: &Design,
     imaging: &ForwardModel<'_>,
@@ -47,14 +47,14 @@ pub(crate) fn bead_channel(
     })
 }
 
-/// Fresh scenes behind a bound at once: beside fits, which take long, and beside what is there in a moment; fewer where half its
+/// Fresh scenes behind an immediate bound: beside fits, which take long, and beside immediate numbers. Fewer are drawn once half the
 /// interval is this narrow, bits per pixel.
 const BESIDE_FITS: usize = 1024;
 const IN_A_MOMENT: usize = 256;
 const NARROW: f64 = 0.002;
 
-/// What the decoder that comes with the program tells of patches (rows, cols) of the beads of a design, without any fit; none for other
-/// objects, and where there is nothing to be told of them.
+/// The lower bound of the pretrained decoder for patches (rows, cols) of the beads of a design, without any fit. None for other objects,
+/// and where the patches hold no information about them.
 ///
 /// # Errors
 /// Where mask and objects do not belong together, or numbers are not finite.
@@ -68,7 +68,7 @@ pub fn pretrained_lower_bound(
     channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), &mut watch))
 }
 
-/// The same of what patches show, by so many fresh scenes at the most.
+/// The same bound for a channel, by a limited number of fresh scenes.
 fn told_at_once(
     channel: &BeadChannel,
     (scenes, seed): (usize, u64),
@@ -84,8 +84,8 @@ fn told_at_once(
     }))
 }
 
-/// An estimate with what the decoder that comes with the program tells of the same patches; none is added to a bracket, which has looked
-/// longer, and to published numbers, which are no bounds. One that has taken long is not lost where it cannot be had.
+/// An estimate with the pretrained decoder's lower bound on the same patches. Nothing is added to a bracket, which has a tighter bound,
+/// and to published numbers, which are no bounds. Where the bound cannot be computed the long estimate is kept without it.
 ///
 /// # Errors
 /// When cancelled.
@@ -109,7 +109,7 @@ pub(crate) fn with_pretrained_lower_bound(
     Ok(estimate)
 }
 
-/// A share of a time; steps are not shared.
+/// A share of a time; a number of steps is not divided.
 pub(crate) fn scale_budget(length: FitLength, share: f64) -> FitLength {
     match length {
         FitLength::Time(time) => FitLength::Time(time.mul_f64(share)),
@@ -117,7 +117,7 @@ pub(crate) fn scale_budget(length: FitLength, share: f64) -> FitLength {
     }
 }
 
-/// The bounds that know the prior of the objects: that of the decoder, and those of posterior sampling from both sides.
+/// The bounds that use the prior of the objects: the decoder's lower bound, and both bounds by annealed importance sampling.
 pub(crate) fn bead_bounds(
     channel: &BeadChannel,
     (seed, length, fresh): (u64, FitLength, bool),
@@ -145,7 +145,7 @@ pub(crate) fn bead_bounds(
     Ok(BeadBounds { decoder: bound, below, above })
 }
 
-/// What following the posterior tells from above beside a density model, where the program has a decoder to begin with.
+/// The upper bound by annealed importance sampling beside a density model, where a pretrained decoder gives the proposal.
 pub(crate) fn bound_above(
     channel: &BeadChannel,
     (seed, length): (u64, FitLength),
@@ -157,7 +157,7 @@ pub(crate) fn bound_above(
     kept.above(|keeper| ais_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
 }
 
-/// How the posterior is followed on one side for this length.
+/// Settings of the annealed importance sampling for one bound of this length.
 fn posterior_fit(seed: u64, length: FitLength, stream: SeedStream) -> AisSettings {
     let seed = stream.derive(seed);
     match length {

@@ -1,4 +1,4 @@
-//! What an estimate has come to, in files, so that it goes on where it was stopped.
+//! Checkpoints of estimates: files from which an interrupted estimate resumes.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,23 +10,23 @@ use serde_json::{Value, json};
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{AisBound, Decoder, FitCheckpoint, InformationError, LowerBound, NUMBERS_VERSION, Trial};
 
-/// How the note begins that a trial has where its weights are in no file.
+/// Beginning of the note of a trial whose weights could not be written.
 pub(crate) const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
 
-/// Whether a note of an estimate says that weights which were to be kept are in no file.
+/// Whether a note of an estimate says that requested weights could not be written.
 pub fn is_about_unwritten_weights(note: &str) -> bool {
     note.starts_with(WEIGHTS_NOT_WRITTEN)
 }
 
-/// The parts of an estimate that have come to their end, in a file if one is named; beside it lies the state of the fit that goes
-/// on. Without a file everything is computed as it comes.
+/// The completed parts of an estimate, in a file if one is named. The state of the running fit lies beside it. Without a file every part
+/// is computed.
 pub(crate) struct EstimateCheckpoint {
     path: Option<PathBuf>,
-    /// Held while the estimate goes on, so that no other one keeps its parts there.
+    /// Held while the estimate runs, so that no other one keeps its parts there.
     _lock: Option<NameLock>,
     since: Instant,
     parts: Parts,
-    /// Whether what comes is worth keeping: not once weights could not be written, which the same command is to try again.
+    /// Whether later parts are stored. False once weights could not be written, because the same command is to try again.
     goes_on: bool,
 }
 
@@ -38,25 +38,25 @@ const ESTIMATE_CHECKPOINT: DocumentKind =
 pub(crate) struct Identity {
     /// The entries by fixed names, which no change of the code renames.
     pub content: Value,
-    /// The texts by which the program told estimates apart before it had such entries. Files of that time know the estimate by one of
-    /// them; none of another version of the numbers is ever resumed, so they can go with the next change of these.
+    /// The texts by which earlier versions of the program identified estimates. Older files know the estimate by one of them. An estimate
+    /// of another version of the numbers is never resumed, so these texts can go with the next change of the numbers.
     pub earlier: Vec<String>,
 }
 
-/// What stands in the file.
+/// Contents of the file.
 #[derive(Default, Serialize, Deserialize)]
 struct Parts {
-    /// Says which estimate it is.
+    /// Identifies the estimate.
     key: String,
-    /// The key that fits beside it were begun with by an earlier program, where there was one.
+    /// The key of fits that an earlier program started beside it, if there are any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     earlier_key: Option<String>,
     trials: Vec<Trial>,
-    /// What a decoder told, and its weights as a safetensors file.
+    /// The decoder's bound, and its weights as a safetensors file.
     decoder: Option<(LowerBound, Vec<u8>)>,
     below: Option<AisBound>,
     above: Option<AisBound>,
-    /// Time for all that came before the part that goes on, seconds.
+    /// Time for all parts before the running one, seconds.
     #[serde(default)]
     seconds: f64,
 }
@@ -67,7 +67,7 @@ impl Parts {
         trials.is_empty() && decoder.is_none() && below.is_none() && above.is_none()
     }
 
-    /// The time that the parts took by themselves, seconds.
+    /// The time of the parts alone, seconds.
     fn own_seconds(&self) -> f64 {
         let trials = self.trials.iter().map(Trial::seconds);
         let bounds = [&self.below, &self.above].into_iter().flatten().map(|bound| bound.seconds);
@@ -76,12 +76,12 @@ impl Parts {
 }
 
 impl EstimateCheckpoint {
-    /// What `path` holds of the estimate of this identity.
+    /// Opens the checkpoint at `path` of the estimate of this identity.
     ///
     /// # Errors
-    /// Where the file cannot be read, is that of another estimate, or another one goes on with it.
+    /// Where the file cannot be read, holds another estimate, or is in use by a running one.
     pub fn open(path: Option<&Path>, identity: impl FnOnce() -> Identity) -> Result<Self, InformationError> {
-        // A mask may be an image of millions of numbers, which nobody need write out where nothing is kept.
+        // A mask may be an image of millions of numbers. It is not serialized where nothing is kept.
         let Some(path) = path else {
             return Ok(Self { path: None, _lock: None, since: Instant::now(), parts: Parts::default(), goes_on: true });
         };
@@ -91,7 +91,7 @@ impl EstimateCheckpoint {
         let refused = |reason: String| failed(path, &reason);
         let found = read_if_there(path)?;
         if found.is_none() {
-            // States beside it are of an estimate that somebody has given up.
+            // States beside the file belong to an estimate that was given up.
             forget_fits(path)?;
         }
         let another = |found: String| {
@@ -108,7 +108,7 @@ impl EstimateCheckpoint {
         if earlier.iter().any(|text| earlier_key(text) == parts.key) {
             parts.earlier_key = Some(std::mem::replace(&mut parts.key, key.clone()));
         }
-        // One that was refused before anything came of it is in nobody's way.
+        // A checkpoint without any completed part blocks nothing.
         let parts = match parts.key == key {
             true => parts,
             false if parts.hold_nothing() && fits(path).next().is_none() => Parts { key, ..Parts::default() },
@@ -119,8 +119,8 @@ impl EstimateCheckpoint {
         Ok(kept)
     }
 
-    /// Trial `index`, counted from 0 and asked for one after the other: that which is there, or the one that `compute` makes with
-    /// what keeps the state of its fit.
+    /// Returns trial `index`, counted from 0 and requested in order: the stored one, or the one that `compute` returns. `compute`
+    /// receives the keeper of its fit's state.
     ///
     /// # Errors
     /// As `compute`.
@@ -140,18 +140,19 @@ impl EstimateCheckpoint {
         Ok(trial)
     }
 
-    /// Time for the estimate before and after it was cut short, seconds: what was spent on a part that did not come to its end counts as far
-    /// as the state of that part knows of it.
+    /// Time for the estimate before and after its interruption, seconds. An incomplete part counts as far as the state of that part
+    /// records it.
     pub fn seconds(&self) -> f64 {
         (self.parts.seconds + self.since.elapsed().as_secs_f64()).max(self.parts.own_seconds())
     }
 
-    /// What the trials that are there came to, the smallest of them.
+    /// The smallest of the completed trials.
     pub fn smallest(&self) -> Option<f64> {
         self.parts.trials.iter().map(Trial::bits_per_pixel).min_by(f64::total_cmp)
     }
 
-    /// What a decoder tells, and the decoder: those that are there, or what `compute` makes with what keeps the state of its fit.
+    /// Returns the decoder's bound and the decoder: the stored ones, or those that `compute` returns. `compute` receives the keeper of
+    /// its fit's state.
     ///
     /// # Errors
     /// As [`EstimateCheckpoint::trial`].
@@ -171,7 +172,7 @@ impl EstimateCheckpoint {
         Ok((bound, decoder))
     }
 
-    /// What following the posterior told from below.
+    /// The lower bound by annealed importance sampling.
     ///
     /// # Errors
     /// As [`EstimateCheckpoint::trial`].
@@ -182,7 +183,7 @@ impl EstimateCheckpoint {
         self.bound(BELOW, |parts| &mut parts.below, compute)
     }
 
-    /// What it told from above.
+    /// The upper bound by annealed importance sampling.
     ///
     /// # Errors
     /// As [`EstimateCheckpoint::trial`].
@@ -209,8 +210,8 @@ impl EstimateCheckpoint {
         Ok(bound)
     }
 
-    /// Stores what there is, if that can be: an estimate is worth more than its copy, and a disk may be full for a while. Then the
-    /// state of the `fit` of what came last is no longer needed.
+    /// Stores the completed parts, if that is possible. A failure does not end the estimate, because a disk may be full for a while.
+    /// After a success the state of the last `fit` is no longer needed.
     fn keep(&mut self, fit: Option<KeptFit>) {
         if self.goes_on
             && self.store().is_ok()
@@ -228,7 +229,7 @@ impl EstimateCheckpoint {
         Ok(write_safely(path, |out| out.write_all(&text))?)
     }
 
-    /// The state of the fit of a part, in a file of its own.
+    /// The keeper of the state of a part's fit, in a file of its own.
     fn fit(&self, part: &str) -> Option<KeptFit> {
         let path = fit_file(self.path.as_ref()?, part);
         let key = match &self.parts.earlier_key {
@@ -239,11 +240,11 @@ impl EstimateCheckpoint {
     }
 }
 
-/// Removes the files of an estimate, once its result is where it is to stay.
+/// Removes the files of an estimate, once its result is stored at its destination.
 pub(crate) fn end(path: &Path) {
-    // Another estimate may have begun to go on with it.
+    // Another estimate may have resumed from it.
     let Ok(_lock) = lock_name(path, &fit_file(path, LOCK)) else { return };
-    // Those that stay behind are in nobody's way: the next estimate in this place begins by removing them.
+    // Files that cannot be removed do no harm: the next estimate at this path removes them first.
     let _ = forget_fits(path);
     forget(path);
 }
@@ -264,7 +265,7 @@ fn fits(path: &Path) -> impl Iterator<Item = PathBuf> {
     found.filter(move |file| is_checkpoint_file(path, file) && file.file_name() != lock.file_name())
 }
 
-/// Whether a file has the name of what lies beside the file of an estimate: the state of a fit, or the lock.
+/// Whether a file has the name of a file beside the checkpoint: the state of a fit, or the lock.
 pub fn is_checkpoint_file(estimate: &Path, file: &Path) -> bool {
     let start = fit_file(estimate, "");
     let names =
@@ -277,10 +278,10 @@ pub fn is_checkpoint_file(estimate: &Path, file: &Path) -> bool {
 const DECODER: &str = "decoder";
 const BELOW: &str = "below";
 const ABOVE: &str = "above";
-/// What stands there for the estimate that goes on.
+/// Name of the lock of the running estimate.
 const LOCK: &str = "lock";
 
-/// That of a trial, counted from 0.
+/// Name of a trial, counted from 0.
 fn trial_part(index: usize) -> String {
     (index + 1).to_string()
 }
@@ -296,7 +297,7 @@ fn keeper(fit: Option<&KeptFit>) -> Option<&dyn FitCheckpoint> {
     fit.map(|fit| fit as _)
 }
 
-/// A key as the program made it before it hashed JSON.
+/// A key by the scheme from before JSON was hashed.
 fn earlier_key(text: &str) -> String {
     blake3::hash(format!("{NUMBERS_VERSION} {text}").as_bytes()).to_hex().to_string()
 }
@@ -306,11 +307,11 @@ fn failed(path: &Path, reason: &str) -> InformationError {
 }
 
 fn forget(path: &Path) {
-    // What stays behind is replaced, or refused as that of another estimate.
+    // A file that cannot be removed is replaced, or refused as that of another estimate.
     let _ = std::fs::remove_file(path);
 }
 
-/// A file that holds the state of one fit while it goes on.
+/// A file with the state of one running fit.
 struct KeptFit {
     path: PathBuf,
     key: String,
@@ -330,7 +331,7 @@ impl FitCheckpoint for KeptFit {
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        // As above: the state before stays, and the next one may find room.
+        // As above: the earlier state stays, and the next one may find room.
         let _ = write_safely(&self.path, |out| out.write_all(state));
         Ok(())
     }
@@ -389,7 +390,7 @@ mod tests {
         let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
         assert!(kept.parts.trials.len() == 1 && kept.parts.decoder.is_some() && kept.parts.earlier_key.is_some());
         drop(kept);
-        // It was written again with its format and the key of today, and is the same estimate still.
+        // It was written again with its format and its new key, and is still the same estimate.
         let text = std::fs::read_to_string(&state).unwrap();
         assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate-checkpoint\",\"format_version\":1,"));
         let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
@@ -436,7 +437,7 @@ mod tests {
         let kept = open().unwrap();
         let told = open().err().unwrap().to_string();
         assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
-        // Nor does one remove what another goes on with.
+        // It does not remove a checkpoint that another estimate uses, either.
         end(&path);
         assert!(path.exists());
         drop(kept);
@@ -533,14 +534,14 @@ mod tests {
         std::fs::write(&half, "half of it").unwrap();
         end(&path);
         assert!(!path.exists() && !fit.exists() && !half.exists());
-        // States of an estimate whose file was removed are in nobody's way.
+        // States of an estimate whose file was removed do no harm.
         let others =
             ["kept.fit-4", "kept.fit-above", "kept.fit-letter", "other.fit-1"].map(|name| folder.path().join(name));
         for file in &others {
             std::fs::write(file, "a state").unwrap();
         }
         drop(open("other").unwrap());
-        // One that came to nothing gives way, unless a fit goes on beside it.
+        // One without any result gives way, unless a fit is running beside it.
         let going = folder.path().join("kept.fit-1");
         std::fs::write(&going, "a state").unwrap();
         assert!(open("one").is_err());

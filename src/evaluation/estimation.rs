@@ -25,7 +25,7 @@ use crate::objects::{ObjectSet, Progress, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::Patches;
 
-/// What decides an estimate of a design.
+/// Identity of an estimate of a design: all that decides its numbers.
 pub(crate) fn identity(design: &Design, objects_fingerprint: &String, request: &EstimateRequest) -> Identity {
     let content = json!({
         "design": json_of(design),
@@ -37,18 +37,17 @@ pub(crate) fn identity(design: &Design, objects_fingerprint: &String, request: &
     Identity { content, earlier }
 }
 
-/// Told of analytic bounds where patches show some parts of tiles more often than others.
+/// Note of analytic bounds where patches show some parts of tiles more often than others.
 const PHASES: &str = "patches of this size see some parts of the tiles more often than others, so this is nearly a bound, and \
                       one only for whole tiles";
-/// Told where bounds from above leave out the read noise.
+/// Note where upper bounds leave out the read noise.
 const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts are whole: upper bounds are those of shot noise \
                                alone, which it can only lower";
 
 /// Estimates the information of a design's measurements.
 ///
-/// Every patch is cut from an object of its own; where objects show the same base images, intervals are the wider for it. Under
-/// the default protocol no base image is in both training and test; under the paper's all are in both, and patches count as
-/// independent, as published.
+/// Every patch is cut from an object of its own. Where objects share base images, intervals are wider. Under the default protocol no base
+/// image is in both training and test. Under the paper's protocol all are in both, and patches count as independent, as published.
 ///
 /// # Errors
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
@@ -70,8 +69,8 @@ fn check_patches_of_bracket(
     Err(InformationError::TooFewPatches { model, needed, found, pixels: patch.0 * patch.1 })
 }
 
-/// The same, with what the density model of the smallest trial tells of each test patch: under the default protocol these are the
-/// same patches for all masks of one grid, so that differences of masks are known better than either.
+/// The estimate, with the information of each test patch by the density model of the smallest trial. Under the default protocol all masks
+/// of one grid have the same test patches. Differences between masks are then known better than either number.
 ///
 /// # Errors
 /// As [`estimate`].
@@ -81,7 +80,7 @@ pub(crate) fn estimate_on_patches(
     watch: Watch<'_>,
 ) -> Result<(Estimate, TestPatches), EvaluationError> {
     let start = std::time::Instant::now();
-    // Without noise, or without the engine, there is nothing to estimate; better told before the objects are read.
+    // Without noise, or without the engine, no estimate is possible. The error comes before the objects are read.
     NoiseEntropy::new(design.noise, request.protocol)?;
     if let DensityModel::PixelCnn { engine, .. } = request.model {
         engine.open()?;
@@ -100,13 +99,13 @@ pub(crate) fn estimate_on_patches(
     let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
     let (rows, cols) = convolver.plan().measurement_shape();
     let patch = request.patch.unwrap_or((rows, cols));
-    // A patch that fits no measurement is told before anything is drawn.
+    // A patch that fits no measurement is refused before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     request.model.check_patch(patch)?;
     let protocol = request.protocol;
     let source = PatchSource::new(&bounding, &imaging, &convolver, (patch, protocol));
     let (channel, refusal) = bead_channel(design, &imaging, patch)?;
-    // Told before anything is fitted; a density model does without the prior.
+    // The error comes before any fit; a density model does not need the prior.
     if matches!(request.model, DensityModel::Bracket { .. })
         && let Some(refusal) = refusal
     {
@@ -181,16 +180,16 @@ pub(crate) fn estimate_on_patches(
         estimate = with_pretrained_lower_bound(estimate, (channel, request), design.seed, watch)?;
     }
     estimate.noise = design.noise;
-    // What the person waited for: reading, drawing and measuring objects, not the fit alone.
+    // The time that the person waited: reading, drawing and measuring objects, and the fit.
     estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
     Ok((estimate, test_patches(&source, &trials)?))
 }
 
-/// What the smallest of the trials tells of each of its test patches.
+/// Information of each test patch of the smallest trial.
 fn test_patches(source: &PatchSource<'_>, trials: &[Trial]) -> Result<TestPatches, EvaluationError> {
     let smallest = trials.iter().min_by(|one, other| one.bits_per_pixel().total_cmp(&other.bits_per_pixel()));
     let Some(smallest) = smallest else { return Ok(TestPatches::default()) };
-    // An analytic bound is that of all images, of which its patches are a fair draw.
+    // An analytic bound holds for all images, of which its patches are a fair sample.
     let pictures = match smallest.settings().estimator {
         Estimator::GaussianAnalytic => None,
         _ => source.pictures(smallest.patches_test(), smallest.settings().seed)?,
@@ -199,8 +198,7 @@ fn test_patches(source: &PatchSource<'_>, trials: &[Trial]) -> Result<TestPatche
     Ok(TestPatches { told, pictures: pictures.map(Rc::unwrap_or_clone).unwrap_or_default() })
 }
 
-/// One trial, with the share of the time that a density model gets beside bounds that know the prior; the `smallest` of the trials
-/// before it is known.
+/// One trial. A density model beside bounds that use the prior gets a share of the time. The `smallest` of the earlier trials is known.
 fn trial(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
@@ -214,7 +212,7 @@ fn trial(
     let trial = match request.model {
         DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, watch)?,
         DensityModel::GaussianFull => fitted(source, request, Covariance::Full, seed, watch)?,
-        // It is that of all images, of which its patches are a fair draw.
+        // It holds for all images, of which its patches are a fair sample.
         DensityModel::Analytic => return analytic(source, request, seed, watch),
         DensityModel::PixelCnn { budget, engine } => {
             network(source, request, (budget, engine, smallest), (seed, keeper), watch)?
@@ -272,7 +270,7 @@ fn network(
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
-    // Where nothing is fitted nothing is drawn to be.
+    // Without a fit no training patches are drawn.
     let training = match request.weights.from {
         Some(_) => None,
         None => Some(source.draw(
@@ -300,8 +298,8 @@ fn network(
     Ok(network_trial(&network, &request.weights, smallest, watch)?)
 }
 
-/// The trial of a `PixelCNN` that is fitted, or of weights that are there; those of a fit are kept where it is smaller than the
-/// `smallest` trial before. Where they cannot be, the trial is worth having all the same and has a note.
+/// The trial of a `PixelCNN` that is fitted, or of stored weights. The fitted weights are written where the trial is smaller than the
+/// `smallest` one before. Where they cannot be written, the trial is still returned, with a note.
 pub(crate) fn network_trial(
     request: &PixelCnnRequest<'_>,
     files: &WeightsFiles,

@@ -16,7 +16,7 @@ use crate::sensor::{Convolver, Noise, Patches};
 /// Most bytes that the clean or the noisy patches of one kind may take.
 pub(crate) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
-/// The point spread function as far as the objects have planes, shape (planes, rows, cols).
+/// The point spread function for the planes of the objects, shape (planes, rows, cols).
 pub(crate) fn psf_for_planes(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
     Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
 }
@@ -24,7 +24,7 @@ pub(crate) fn psf_for_planes(design: &Design, set: &ObjectSet) -> Result<Array3<
 /// The number of test patches and their seed, and the base images that they show.
 type Shown = ((usize, u64), Rc<SharedImages>);
 
-/// Where patches come from.
+/// Source of patches.
 pub(crate) struct PatchSource<'a> {
     pub design: &'a Design,
     pub imaging: &'a ForwardModel<'a>,
@@ -68,7 +68,7 @@ impl<'a> PatchSource<'a> {
     fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
         let first = index * self.imaging.set.batch();
         let place_seed = SeedStream::Batch { first }.derive(seed);
-        // Whole pictures come in one order, so that none comes again before all have come.
+        // Whole images come in one order, so that none comes again before all have come.
         match self.imaging.set.whole_pictures(split) {
             Some(_) => Batch { first, object_seed: seed, place_seed },
             None => Batch { first: 0, object_seed: place_seed, place_seed },
@@ -81,7 +81,7 @@ impl<'a> PatchSource<'a> {
         Ok(pictures.iter().fold(trial, |trial, pictures| trial.with_clustered_interval(pictures)))
     }
 
-    /// The base images that so many test patches of a trial show, where their objects have any.
+    /// The base images that the test patches of a trial show, where their objects have any.
     pub fn pictures(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedImages>>, EvaluationError> {
         let (set, (_, split)) = (self.imaging.set, self.splits());
         if set.base_images().is_none() {
@@ -163,7 +163,7 @@ struct Batch {
     place_seed: u64,
 }
 
-/// What patches of a step are for, in messages.
+/// Purpose of the patches of a step, for messages.
 fn step_model(step: &str) -> &'static str {
     if step.starts_with("Train") { "the fit" } else { "the test" }
 }
@@ -180,7 +180,7 @@ mod tests {
     fn intervals_know_the_pictures_that_test_patches_show() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("images.idx");
-        // Picture k is k + 1 everywhere, as large as a tile.
+        // Image k is k + 1 everywhere, as large as a tile.
         let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 50, 0, 0, 0, 32, 0, 0, 0, 32];
         bytes.extend((1..=50).flat_map(|level| [level; 32 * 32]));
         std::fs::write(&path, bytes).unwrap();

@@ -1,4 +1,4 @@
-//! What long computations tell while they go on, and how they are stopped.
+//! Progress and cancellation of long computations.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -7,23 +7,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::information::{AisProgress, DecoderProgress, FitProgress, InformationError};
 
-/// What an estimate is doing and how far it is.
+/// The current step of an estimate and its progress.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateProgress {
-    /// The step, for people.
+    /// Name of the step, for people.
     pub step: String,
-    /// How much of it is done.
+    /// Amount done.
     pub done: usize,
-    /// How much there is to do: objects, patches, or seconds of a fit.
+    /// Total amount: objects, patches, or seconds of a fit.
     pub total: usize,
-    /// Where a fit has come to.
+    /// The newest point of the fit.
     pub fit: Option<FitPoint>,
-    /// What was understood of the files that were read, once they were.
+    /// Summary of the files, once they were read.
     pub understood: Option<String>,
 }
 
 impl EstimateProgress {
-    /// The same in trial `index`, counted from 0, of so many, which began after `began` seconds of the fits of those before.
+    /// The same progress in trial `index`, counted from 0, of `count`. The trial began after `began` seconds of the earlier fits.
     fn of_trial(&self, (index, count): (usize, usize), began: f64) -> Self {
         let Self { step, done, total, fit, understood } = self.clone();
         let fit = fit.map(|fit| FitPoint { seconds: began + fit.seconds, ..fit });
@@ -37,7 +37,7 @@ impl EstimateProgress {
     }
 }
 
-/// Tells of what happens in one of several trials as of a part of them all; `seconds` are those of the fits so far.
+/// Reports the progress of one trial as part of the progress of all trials; `seconds` are those of the fits so far.
 pub(crate) fn in_trial<T>(
     (index, count): (usize, usize),
     seconds: &mut f64,
@@ -57,18 +57,18 @@ pub(crate) fn in_trial<T>(
     done
 }
 
-/// A point of the curve of a fit.
+/// One point of the curve of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitPoint {
-    /// What is fitted.
+    /// The fitted model.
     pub model: FittedModel,
-    /// Seconds of the fits since the estimate began or went on, those of trials before among them.
+    /// Seconds of the fits since the estimate started or resumed, including those of earlier trials.
     pub seconds: f64,
-    /// Bits per pixel: the cross-entropy of a density model, which falls, or what a decoder saves, which rises.
+    /// Bits per pixel: the cross-entropy of a density model, which falls, or the information gain of a decoder, which rises.
     pub bits: f64,
 }
 
-/// What is fitted.
+/// The kind of a fitted model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FittedModel {
@@ -78,16 +78,15 @@ pub enum FittedModel {
     Decoder,
 }
 
-/// Hears of progress, and answers whether to go on; after `Break` the computation ends in
-/// [`InformationError::Cancelled`].
+/// Callback for progress that also decides whether the computation continues; after `Break` it ends in [`InformationError::Cancelled`].
 pub type Watch<'a> = &'a mut (dyn FnMut(&EstimateProgress) -> ControlFlow<()> + Send);
 
-/// Tells of a step that is no fit.
+/// Reports a step that is no fit.
 pub(crate) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> Result<(), InformationError> {
     notify(watch, &EstimateProgress { step: step.to_owned(), done, total, fit: None, understood: None })
 }
 
-/// Tells what was understood of the files that were read.
+/// Reports the summary of the files that were read.
 pub(crate) fn report_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
     let understood = Some(understood.to_owned());
     notify(watch, &EstimateProgress { step: "Files are read".into(), done: 1, total: 1, fit: None, understood })
@@ -156,7 +155,7 @@ impl From<&AisProgress> for EstimateProgress {
     }
 }
 
-/// A time for people, in its two largest units.
+/// Returns a time in its two largest units, for people.
 pub fn format_duration(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     let minutes = (seconds / 60.0).round() as u64;
@@ -169,7 +168,7 @@ pub fn format_duration(time: Duration) -> String {
     }
 }
 
-/// Points of the curve of a fit that are kept; beyond, every second one is dropped.
+/// Most points of a fit's curve; beyond, every second one is dropped.
 const CURVE_POINTS: usize = 600;
 
 /// Drops every second point of a curve that has grown long.
@@ -226,7 +225,7 @@ mod tests {
         let shares: Vec<(usize, usize)> = told.iter().map(|told| (told.done, told.total)).collect();
         assert_eq!(shares, [(1, 8), (4, 8), (3, 8), (5, 8), (8, 8), (7, 8)]);
         assert_eq!(told[4].step, "Trial 2 of 2: Fitting");
-        // A single one is told as it is.
+        // A single trial is reported unchanged.
         let mut alone = None;
         let mut watch = |progress: &EstimateProgress| {
             alone = Some(progress.step.clone());

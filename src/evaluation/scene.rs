@@ -1,7 +1,7 @@
-//! What one design does to one set of objects: the computation behind every mouse move, step by step.
+//! Evaluation of one design on one set of objects: the computation behind every mouse move, step by step.
 //!
-//! Steps that depend on the objects alone ([`Scene`]) or on the objects and the shape of the PSF ([`SceneOptics`]) are
-//! kept between edits, so that an edit costs one PSF, the products with spectra that are known, and what follows.
+//! Steps that depend only on the objects ([`Scene`]), or on the objects and the shape of the PSF ([`SceneOptics`]), are kept between
+//! edits. An edit then costs one PSF, the products with known spectra, and the later steps.
 
 use std::ops::ControlFlow;
 
@@ -28,7 +28,7 @@ const LIVE_PIXELS: usize = 1 << 24;
 /// Side in pixels of the patch that live information refers to.
 pub const LIVE_PATCH: usize = 32;
 
-/// Why a design has no numbers.
+/// Reasons why a design has no numbers.
 #[derive(Debug, Error)]
 pub enum EvaluationError {
     /// The design itself.
@@ -55,7 +55,7 @@ pub enum EvaluationError {
         /// The mask.
         mask: String,
     },
-    /// The bound that is not fitted holds where mean and covariance are the same everywhere.
+    /// The bound without a fit holds where mean and covariance are the same everywhere.
     #[error(
         "{objects} are whole images, which may be brighter in the middle, where gaussian-analytic is no bound; choose \
          gaussian, which is fitted"
@@ -77,7 +77,7 @@ impl From<ForwardError> for EvaluationError {
 }
 
 impl EvaluationError {
-    /// Whether somebody asked to stop.
+    /// Whether the computation was cancelled.
     pub fn is_cancelled(&self) -> bool {
         match self {
             Self::Information(error) | Self::Ideal(IdealError::Information(error)) => {
@@ -88,7 +88,7 @@ impl EvaluationError {
         }
     }
 
-    /// Whether it is about a file that may be there, or be written, another time.
+    /// Whether the error is about a file that may be there, or may be writable, another time.
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Objects(ObjectError::File(error)) | Self::File(error) => error.may_pass(),
@@ -104,9 +104,9 @@ pub struct Optics {
     pub psf: Array3<f64>,
     /// The PSF as the sensor sees it, all planes together, shape (rows, cols).
     pub image: Array2<f32>,
-    /// Of all planes together.
+    /// MTF of all planes together.
     pub mtf: Mtf,
-    /// How many lenslets are neither dark nor coincident, and how many equal ones would spread the light alike.
+    /// Number of lenslets that are neither dark nor coincident, and the number of equal lenslets that would spread the light alike.
     pub distinct_lenslets: Option<(usize, f64)>,
 }
 
@@ -140,8 +140,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens the objects of a design. `watch` hears of progress and may break off, which ends in
-    /// [`ObjectError::Cancelled`].
+    /// Opens the objects of a design. `watch` receives the progress and may cancel, which ends in [`ObjectError::Cancelled`].
     ///
     /// # Errors
     /// [`ObjectError`] where the objects cannot be read.
@@ -171,24 +170,24 @@ impl Scene {
         })
     }
 
-    /// Whether two designs look at the same objects.
+    /// Whether two designs image the same objects.
     pub fn same_objects(one: &Design, other: &Design) -> bool {
         one.objects == other.objects && one.mean_photons == other.mean_photons && one.seed == other.seed
     }
 
-    /// Whether this scene is the one that the design looks at.
+    /// Whether this scene is the one that the design images.
     pub fn serves(&self, design: &Design) -> bool {
         self.source == design.objects && self.mean_photons == design.mean_photons && self.seed == design.seed
     }
 }
 
-/// What can be computed once for a scene and a shape of PSF.
+/// Tables computed once for a scene and a shape of PSF.
 pub struct SceneOptics {
     psf_shape: (usize, usize),
     plan: Convolution,
     spectra: ObjectSpectra,
     analytic: AnalyticGaussian,
-    /// Ceilings and the spot of one bead, where the objects are beads that leave something to learn.
+    /// Object-entropy bound and response to one bead, where the objects are beads of nonzero entropy.
     beads: Option<(BeadEntropyBound, Array2<f64>)>,
     patch: (usize, usize),
 }
@@ -200,7 +199,7 @@ pub struct Measurements {
     pub noiseless: Array3<f32>,
     /// With noise.
     pub noisy: Array3<f32>,
-    /// The counts beneath read noise that bounds from above leave out; none where it leaves out nothing.
+    /// The counts without the read noise that upper bounds leave out; none where they leave out nothing.
     pub counts: Option<Array3<f32>>,
     /// Tamura coefficient of the noisy measurements' patches, the published sensor TC.
     pub tamura: TamuraSummary,
@@ -211,18 +210,19 @@ pub struct Measurements {
 pub struct LiveInformation {
     /// The Gaussian bound.
     pub gaussian: GaussianBound,
-    /// Whether it is one: of objects that are not stationary the Gaussian of the mean covariance may have less entropy.
+    /// Whether the Gaussian number is a bound. For objects that are not stationary the Gaussian of the mean covariance may have less
+    /// entropy.
     pub gaussian_is_bound: bool,
     /// 95 % interval of the bound: of the mean noise entropy over the live measurements.
     pub interval_95: [f64; 2],
-    /// Object-entropy ceiling, where the objects' entropy is known.
+    /// Object-entropy bound, where the objects' entropy is known.
     pub ceiling: Option<EntropyBound>,
-    /// Rows and columns of the patch that both refer to.
+    /// Rows and columns of the patch of both bounds.
     pub patch: (usize, usize),
 }
 
 impl LiveInformation {
-    /// What the Gaussian's number may be called.
+    /// The name of the Gaussian number, as a bound or an approximation.
     pub fn gaussian_name(&self) -> &'static str {
         if self.gaussian_is_bound { "Gaussian bound" } else { "Gaussian approximation" }
     }
@@ -232,7 +232,7 @@ impl LiveInformation {
         self.gaussian.spectral_entropy - self.gaussian.entropy_y_given_x
     }
 
-    /// The ceiling, bits per pixel.
+    /// The object-entropy bound, bits per pixel.
     pub fn ceiling_bits(&self) -> Option<f64> {
         self.ceiling.as_ref().map(|ceiling| ceiling.bits_per_pixel)
     }
@@ -242,7 +242,7 @@ impl SceneOptics {
     /// Prepares a scene for PSFs of shape (rows, cols).
     ///
     /// # Errors
-    /// [`SensorError`] where the objects are smaller than the PSF; [`InformationError`] where their covariance is none.
+    /// [`SensorError`] where the objects are smaller than the PSF; [`InformationError`] where their covariance is not valid.
     pub fn new(scene: &Scene, psf_shape: (usize, usize)) -> Result<Self, EvaluationError> {
         let plan = Convolution::new(scene.set.field(), psf_shape)?;
         let spectra = plan.object_spectra(scene.objects.view())?;
@@ -254,7 +254,7 @@ impl SceneOptics {
         Ok(Self { psf_shape, plan, spectra, analytic, beads, patch })
     }
 
-    /// Whether PSFs of this shape are served.
+    /// Whether these tables apply to PSFs of this shape.
     pub fn serves(&self, psf_shape: (usize, usize)) -> bool {
         self.psf_shape == psf_shape
     }
@@ -268,8 +268,8 @@ impl SceneOptics {
         let seen = optics.psf.slice(ndarray::s![..planes, .., ..]);
         let noiseless = self.plan.with_psf(seen)?.measure_spectra(&self.spectra, design.bias_photons)?;
         let noisy = design.noise.draw(noiseless.view(), design.seed);
-        // The published sensor TC is that of patches; one central patch per measurement, cut where it was before the
-        // edit, so that edits are compared on the same places.
+        // The published sensor TC is that of patches. One central patch is cut from each measurement, at the same place before and after
+        // an edit, so that edits are comparable.
         let (rows, cols) = self.plan.measurement_shape();
         let (top, left) = ((rows - self.patch.0) / 2, (cols - self.patch.1) / 2);
         let patches = noisy.slice(ndarray::s![.., top..top + self.patch.0, left..left + self.patch.1]);
@@ -285,7 +285,7 @@ impl SceneOptics {
         Ok(Measurements { noiseless, noisy, counts, tamura })
     }
 
-    /// The bounds on the information of a PSF's measurements; `noise_entropy` is that of the noise that bounds from above.
+    /// The bounds on the information of a PSF's measurements; `noise_entropy` is the entropy of the noise of the upper bounds.
     ///
     /// # Errors
     /// [`InformationError`] where there is no noise, so that information is unbounded.
@@ -315,14 +315,14 @@ impl SceneOptics {
     }
 }
 
-/// Tables for the ceiling of a set of objects; `None` where their entropy is not known, or is 0 (a bead on every pixel).
+/// Tables for the object-entropy bound of a set of objects; `None` where their entropy is not known, or is 0 (a bead on every pixel).
 fn bead_ceiling(set: &ObjectSet) -> Result<Option<(BeadEntropyBound, Array2<f64>)>, InformationError> {
     let prior = set.bead_prior().filter(|prior| prior.probability < 1.0);
     prior.map(|prior| Ok((BeadEntropyBound::new(prior.probability)?, prior.spot))).transpose()
 }
 
-/// The object-entropy ceiling of a patch, where the objects' entropy is known: that of the counts themselves, which takes
-/// longer than an edit may.
+/// The object-entropy bound of a patch, where the objects' entropy is known. It is the bound of the counts themselves, which takes longer
+/// than an edit may.
 pub(crate) fn ceiling_of(
     design: &Design,
     set: &ObjectSet,
