@@ -84,7 +84,7 @@ fn told_at_once(
     }))
 }
 
-/// An estimate with the pretrained decoder's lower bound on the same patches. Nothing is added to a bracket, which has a tighter bound,
+/// An estimate with the pretrained decoder's lower bound on the same patches. Nothing is added to a bracket, whose bounds had more time,
 /// and to published numbers, which are no bounds. Where the bound cannot be computed the long estimate is kept without it.
 ///
 /// # Errors

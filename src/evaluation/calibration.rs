@@ -1,4 +1,4 @@
-//! From grey levels of a camera to photons, and what whole grey levels mean for an estimate.
+//! Conversion of grey values of a camera to photons, and the effect of whole grey values on an estimate.
 
 use ndarray::{Array3, ArrayView3, s};
 use serde::{Deserialize, Serialize};
@@ -6,20 +6,20 @@ use serde::{Deserialize, Serialize};
 use crate::evaluation::measured_error::MeasuredError;
 use crate::sensor::Noise;
 
-/// Read noise hides grey levels so far apart, in its deviations.
+/// Largest distance of grey values that read noise hides, in its standard deviations.
 const MOST_STEP: f64 = 2.0;
 
-/// How grey levels become photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
+/// Conversion of grey values to photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
 ///
-/// Sums keep the statistics of shot noise: the sum of Poisson counts is one, their mean is not.
+/// Sums keep the statistics of shot noise: the sum of Poisson counts is Poisson distributed, their mean is not.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::unsafe_derive_deserialize, reason = "the slicing macro of ndarray has unsafe code of its own")]
 pub struct Calibration {
-    /// Grey levels per photon: the slope of variance against mean of flat images at many levels.
+    /// Grey values per photon: the gradient of variance against mean of flat images at many intensities.
     pub gain: f64,
-    /// Grey level of no light.
+    /// Grey value without light.
     pub offset: f64,
-    /// Rows and columns of the squares of pixels that are added up.
+    /// Rows and columns of the square bins whose pixels are summed.
     pub bin: usize,
 }
 
@@ -41,7 +41,7 @@ impl Calibration {
         Ok(())
     }
 
-    /// Photons of images of grey levels, shape (n, rows, cols); rows and columns that fill no bin are left out.
+    /// Photons of images in grey values, shape (n, rows, cols); rows and columns that fill no bin are left out.
     pub(crate) fn photons(&self, grey: ArrayView3<'_, f32>) -> Result<Array3<f32>, MeasuredError> {
         let (count, rows, cols) = grey.dim();
         let bin = self.bin;
@@ -55,20 +55,20 @@ impl Calibration {
         }))
     }
 
-    /// What a reader must know of it.
+    /// Summary of the calibration, for people.
     pub(crate) fn describe(&self) -> String {
         let Self { gain, offset, bin } = *self;
         let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
         format!("photons are (grey level - {offset}) / {gain}{sum}")
     }
 
-    /// Photons of one grey level.
+    /// Photons of one grey value.
     fn step(&self) -> f64 {
         1.0 / self.gain
     }
 
-    /// The noise by which whole grey levels bound information from above. Read noise that is too weak to hide them is left
-    /// out, as [`Noise::bounding`] does it for whole counts: it only takes from what those tell.
+    /// The noise of the upper bound for whole grey values. Read noise that is too weak to hide the steps is left out, as
+    /// [`Noise::bounding`] does it for whole counts. Read noise only takes information from whole values.
     pub(crate) fn bounding(&self, noise: Noise) -> Noise {
         match noise {
             Noise::ShotRead { sigma } if self.step() > MOST_STEP * sigma => Noise::Shot,
@@ -76,7 +76,7 @@ impl Calibration {
         }
     }
 
-    /// What a reader must know where whole grey levels are coarse beside the noise.
+    /// A warning where whole grey values are coarse beside the noise.
     pub(crate) fn warn_of_steps(&self, noise: Noise) -> Option<String> {
         let (step, read) = (self.step(), MOST_STEP * noise.read_sigma().unwrap_or(0.0));
         // Shot noise hides steps of a photon.

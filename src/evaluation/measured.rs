@@ -1,4 +1,4 @@
-//! Estimates from the measurements of a camera: no design, no clean images, only what was recorded.
+//! Estimates from the measurements of a camera: without a design and without clean images.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -31,11 +31,11 @@ use crate::sensor::{Noise, Patches, SensorError};
 
 /// One image in this many is held out for the test patches.
 const TEST_SHARE: usize = 5;
-/// One training image in this many tells when a fit of the causal model should have ended, by so many patches.
+/// One training image in this many is held out for early stopping of the causal model, and the number of validation patches.
 const VALIDATION_SHARE: usize = 8;
 const VALIDATION_PATCHES: usize = 128;
 
-/// Where measurements lie: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
+/// Location of measurements: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
 pub struct MeasuredSource(PathBuf);
@@ -49,7 +49,7 @@ impl FromStr for MeasuredSource {
 }
 
 impl MeasuredSource {
-    /// The measurements of a text that need not be UTF-8, as paths need not be.
+    /// Parses the measurements of a text that need not be UTF-8, as paths need not be.
     ///
     /// # Errors
     /// [`MeasuredError::Source`] where it names none.
@@ -57,7 +57,7 @@ impl MeasuredSource {
         let wrong = || MeasuredError::Source { text: text.to_string_lossy().into_owned() };
         match ObjectSource::from_os(text) {
             Ok(ObjectSource::Stack(path) | ObjectSource::Images(path)) => Ok(Self(path)),
-            // A path with a colon names objects of no kind.
+            // A path with a colon that names no kind of objects.
             Err(_) if !text.as_encoded_bytes().trim_ascii().is_empty() => Ok(Self(text.into())),
             _ => Err(wrong()),
         }
@@ -85,7 +85,7 @@ impl MeasuredSource {
         Ok(image_files(&self.0)?.into_iter().map(|file| file.path).collect())
     }
 
-    /// The same by a path that means the same in every folder.
+    /// The same source by an absolute path.
     fn absolute(&self) -> Self {
         Self(std::path::absolute(&self.0).unwrap_or_else(|_| self.0.clone()))
     }
@@ -103,17 +103,17 @@ impl fmt::Display for MeasuredSource {
     }
 }
 
-/// Which images an estimate is of, and how their grey levels are photons.
+/// The images of an estimate, and the calibration of their grey values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredOrder {
-    /// Where they lie.
+    /// Location of the images.
     pub source: MeasuredSource,
-    /// Their photons.
+    /// Calibration of the images.
     pub calibration: Calibration,
 }
 
 impl MeasuredOrder {
-    /// The same by a path that means the same in every folder.
+    /// The same order by an absolute path.
     pub(crate) fn absolute(&self) -> Self {
         Self { source: self.source.absolute(), calibration: self.calibration }
     }
@@ -139,13 +139,13 @@ pub struct MeasuredImages {
     /// Photons per (binned) pixel, shape (n, rows, cols).
     photons: Array3<f32>,
     path: PathBuf,
-    /// How whole grey levels were turned into photons; none where they are not whole.
+    /// Calibration of whole grey values; none where they are not whole.
     steps: Option<Calibration>,
     notes: Vec<String>,
 }
 
 impl MeasuredImages {
-    /// Reads all images of a file, or of the files of a folder, and turns their grey levels into photons.
+    /// Reads all images of a file, or of the files of a folder, and converts their grey values to photons.
     ///
     /// # Errors
     /// [`MeasuredError`] for files that cannot be read or are in colour, images of different shapes or depths, pixels that are not finite, a
@@ -169,7 +169,7 @@ impl MeasuredImages {
             if stack.from_colour {
                 return Err(MeasuredError::Colour { path: file.clone() });
             }
-            // A level of 8 bits is not a level of 16, and one gain is for all.
+            // Grey values of 8 and 16 bits differ, and there is one gain for all.
             if let (Some(found), Some(expected)) = (stack.white, white)
                 && found != expected
             {
@@ -233,11 +233,11 @@ impl MeasuredImages {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// Estimates the information of the images: the noisy measurements stand in for the clean ones in the noise entropy,
-    /// which is fair above about 10 photons per pixel.
+    /// Estimates the information of the images. The noisy measurements stand in for the clean ones in the noise entropy, which is fair
+    /// above about 10 photons per pixel.
     ///
-    /// Patches are cut at random places, several from each image; test patches come from images that no training
-    /// patch was cut from, the same ones in every trial. Trial t uses the seed + t.
+    /// Patches are cut at random places, several from each image. Test patches come from images without training patches, the same ones
+    /// in every trial. Trial t uses the seed + t.
     ///
     /// # Errors
     /// [`MeasuredError`] for a patch that is larger than the images, a model that is not fitted, or what the estimator
@@ -260,11 +260,11 @@ impl MeasuredImages {
         NoiseEntropy::new(noise, request.protocol)?;
         let (images, rows, cols) = self.photons.dim();
         let patch = request.patch.unwrap_or((rows, cols));
-        // A patch that fits no image is told before anything is cut.
+        // A patch that fits no image is refused before anything is cut.
         Patches::draw((images, rows, cols), patch, 0, seed)?;
         request.model.check_patch(patch)?;
         let test_images = images.div_ceil(TEST_SHARE);
-        // All trials are tested on the same patches: the smallest of estimates on other scenes would be that of the dullest.
+        // All trials share the test patches: the smallest of estimates on different scenes would be that of the dullest scene.
         let test_seed = SeedStream::TestPatches.derive(seed);
         let mut order: Vec<usize> = (0..images).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(SeedStream::MeasuredOrder.derive(seed)));
@@ -331,7 +331,7 @@ impl MeasuredImages {
     ) -> Result<Trial, MeasuredError> {
         let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
         if let DensityModel::Causal { length } = request.model {
-            // Images are few, so that long fits would learn them by heart.
+            // Images are few, so long fits would overfit.
             let (validation, train) =
                 train.split_at(if train.len() > 1 { train.len().div_ceil(VALIDATION_SHARE) } else { 0 });
             let stream = MeasuredStream { images: self.photons.select(Axis(0), train), patch };
@@ -421,7 +421,7 @@ impl MeasuredImages {
     }
 }
 
-/// Patches at random places of images, as often as they are asked for.
+/// Patches at random places of images, as many as are requested.
 struct MeasuredStream {
     images: Array3<f32>,
     patch: (usize, usize),

@@ -1,4 +1,4 @@
-//! Why the images of a camera have no estimate.
+//! Errors of estimates from the images of a camera.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use crate::information::{Estimator, InformationError};
 use crate::plural::counted;
 use crate::sensor::SensorError;
 
-/// Why measurements have no estimate.
+/// Reasons why measurements have no estimate.
 #[derive(Debug, Error)]
 pub enum MeasuredError {
     /// The text names no measurements.
@@ -18,20 +18,20 @@ pub enum MeasuredError {
         /// The text.
         text: String,
     },
-    /// A number that turns grey levels into photons is none.
+    /// A number of the calibration is not valid.
     #[error("the {what} of the measurements must be {expected}, found {found}; measure it from flat images")]
     Calibration {
-        /// Which number.
+        /// Name of the number.
         what: &'static str,
-        /// What it must be.
+        /// The expected values.
         expected: &'static str,
         /// The value given.
         found: f64,
     },
-    /// Pixels to be added up that an image does not have.
+    /// A bin that is larger than an image.
     #[error("expected 1 to {most} pixels on each side of a bin, found {found}; bin less")]
     Bin {
-        /// Rows or columns of an image, the fewer.
+        /// Rows or columns of an image, the smaller number.
         most: usize,
         /// The value given.
         found: usize,
@@ -99,12 +99,12 @@ impl From<InformationError> for MeasuredError {
 }
 
 impl MeasuredError {
-    /// Whether whoever watched asked to stop.
+    /// Whether the computation was cancelled by its callback.
     pub fn is_cancelled(&self) -> bool {
         matches!(self, Self::Information(InformationError::Cancelled))
     }
 
-    /// Whether it is about a file that may be there another time.
+    /// Whether the error is about a file that may be there another time.
     pub fn may_pass(&self) -> bool {
         matches!(self, Self::File(error) if error.may_pass())
     }

@@ -1,4 +1,4 @@
-//! What an estimate is asked for: which density model, how long its fits, how many patches.
+//! The request of an estimate: the density model, the length of its fits, and the number of patches.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use crate::evaluation::checkpoint;
 use crate::formats::path_text;
 use crate::information::{EngineChoice, Estimator, FitLength, InformationError, Init, Protocol, check_causal_patch};
 
-/// Which density model.
+/// The density model of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DensityModel {
@@ -22,28 +22,30 @@ pub enum DensityModel {
     Analytic,
     /// The published autoregressive network, fitted to patches.
     PixelCnn {
-        /// Time for the fit of each trial; without it the protocol decides how long a fit takes.
+        /// Time for the fit of each trial; without it the protocol decides the length of a fit.
         budget: Option<Duration>,
-        /// What computes the network.
+        /// Engine that computes the network.
         engine: EngineChoice,
     },
-    /// The causal density model over clean levels, fitted to fresh patches for this long; of beads, whose prior is known, the
-    /// smallest of it, the ceiling and posterior sampling, which gets three sixteenths of the time.
+    /// The causal density model over clean intensities, fitted to fresh patches for this length. For beads, whose prior is known, the
+    /// estimate is the smallest of its bound, the object-entropy bound and annealed importance sampling. The latter gets three sixteenths
+    /// of the time.
     Causal {
         /// Time of each trial, or steps of its fit.
         length: FitLength,
     },
-    /// Bounds from both sides: the smallest of the causal density model, the Gaussian bound, the ceiling and posterior
-    /// sampling above, a decoder and posterior sampling below. One trial, whatever is asked for.
+    /// Lower and upper bound. The upper bound is the smallest of the causal density model, the Gaussian bound, the object-entropy bound
+    /// and annealed importance sampling. The lower bound comes from a decoder and annealed importance sampling. There is one trial,
+    /// whatever is requested.
     Bracket {
-        /// Time for the fits of density model and decoder and for following the posterior together, or steps of each fit.
+        /// Total time for the fits of density model and decoder and for annealed importance sampling, or steps of each fit.
         length: FitLength,
     },
 }
 
 impl DensityModel {
-    /// The model of an estimator, fitted for `budget`. Without one a PixelCNN is fitted for as long as its protocol says,
-    /// the others for their [usual](Estimator::default_budget) time; estimators that are not fitted for a time ignore it.
+    /// The model of an estimator, fitted for `budget`. Without a budget a PixelCNN is fitted as its protocol says, the others for their
+    /// [usual](Estimator::default_budget) time. Estimators that are not fitted for a time ignore it.
     pub fn new(estimator: Estimator, budget: Option<Duration>, engine: EngineChoice) -> Self {
         let length = FitLength::Time(budget.or(estimator.default_budget()).unwrap_or_default());
         match estimator {
@@ -56,8 +58,8 @@ impl DensityModel {
         }
     }
 
-    /// The same with fits of so many steps, which give the same bits whenever they are repeated on one machine; models that
-    /// are not fitted for a time stay as they are.
+    /// The same model with fits of `steps` steps. They give the same bits whenever they are repeated on one machine. Models that are not
+    /// fitted for a time stay unchanged.
     #[must_use]
     pub fn of_steps(self, steps: usize) -> Self {
         let length = FitLength::Steps(steps);
@@ -68,7 +70,7 @@ impl DensityModel {
         }
     }
 
-    /// Length of its fits, where that was asked for.
+    /// Length of the fits, where one was requested.
     pub fn length(&self) -> Option<FitLength> {
         match self {
             Self::Stationary | Self::GaussianFull | Self::Analytic => None,
@@ -77,7 +79,7 @@ impl DensityModel {
         }
     }
 
-    /// Refuses a patch, rows and columns in pixels, that is too large for it, where thousands would be drawn of any size.
+    /// Refuses a patch, rows and columns in pixels, that is too large for the model, before thousands are drawn.
     pub(crate) fn check_patch(&self, patch: (usize, usize)) -> Result<(), InformationError> {
         match self {
             Self::Causal { .. } | Self::Bracket { .. } => check_causal_patch(patch),
@@ -85,7 +87,7 @@ impl DensityModel {
         }
     }
 
-    /// What it is and how long its fits are, by names that stay.
+    /// Identity of the model and of the length of its fits, by fixed names.
     fn identity(&self) -> Value {
         let name = match self {
             Self::Stationary => "gaussian",
@@ -103,7 +105,7 @@ impl DensityModel {
         json!({ "name": name, "engine": engine, "length": length })
     }
 
-    /// The texts that stood for it in keys before that.
+    /// The texts for the model in keys of earlier versions.
     fn earlier_names(&self) -> Vec<String> {
         let length = |length: FitLength| match length {
             FitLength::Time(time) => format!("Time({time:?})"),
@@ -128,7 +130,7 @@ impl DensityModel {
         }
     }
 
-    /// The name that its estimates go by.
+    /// The estimator of this model.
     pub fn estimator(&self) -> Estimator {
         match self {
             Self::Stationary => Estimator::GaussianStationary,
@@ -158,16 +160,16 @@ pub struct EstimateRequest {
     pub protocol: Protocol,
     /// Rows and columns of a patch in pixels; `None` takes whole measurements.
     pub patch: Option<(usize, usize)>,
-    /// Patches to fit.
+    /// Number of training patches.
     pub patches_train: usize,
-    /// Held-out patches to score.
+    /// Number of held-out patches of the score.
     pub patches_test: usize,
-    /// Whether fits of causal and bracket begin with nothing, instead of the weights that come with the program.
+    /// Whether fits of causal and bracket start from random weights, in place of the pretrained ones.
     pub fresh: bool,
-    /// Repetitions; trial t uses seed + t.
+    /// Number of trials; trial t uses seed + t.
     pub trials: usize,
-    /// A file for what the estimate has come to, so that the same request goes on where it was stopped; beside it lies the state of
-    /// the fit that goes on. Both stay until [`EstimateRequest::end_kept`].
+    /// Checkpoint file, from which the same request resumes. Beside it lies the state of the running fit. Both stay until
+    /// [`EstimateRequest::end_kept`].
     pub keep: Option<PathBuf>,
     /// Files of the weights of a `PixelCNN`.
     pub weights: WeightsFiles,
@@ -176,9 +178,9 @@ pub struct EstimateRequest {
 /// Files of the weights of a `PixelCNN`, safetensors.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WeightsFiles {
-    /// Weights that are scored as they are: nothing is fitted.
+    /// Weights that are scored as they are, without a fit.
     pub from: Option<PathBuf>,
-    /// Where the weights of the smallest trial go.
+    /// Destination of the weights of the smallest trial.
     pub to: Option<PathBuf>,
 }
 
@@ -250,20 +252,20 @@ impl EstimateRequest {
         Self { fresh: true, ..self }
     }
 
-    /// Removes what was kept, once the result is where it is to stay.
+    /// Removes the checkpoint, once the result is stored at its destination.
     pub fn end_kept(&self) {
         if let Some(path) = &self.keep {
             checkpoint::end(path);
         }
     }
 
-    /// How often it is repeated; what a bracket takes its bounds from is not.
+    /// Number of repetitions; the sources of a bracket's bounds are not repeated.
     pub(crate) fn repetitions(&self) -> usize {
         if matches!(self.model, DensityModel::Bracket { .. }) { 1 } else { self.trials.max(1) }
     }
 
-    /// Time for what is left of its fits at the most, where a time was asked for, after so much time and a share of all trials: of
-    /// several some may have been there before.
+    /// Most time left for the fits, where a time was requested, after the elapsed time and a share of all trials. Some of several trials
+    /// may have been there before.
     pub(crate) fn time_left(&self, elapsed: Duration, share: f64) -> Option<Duration> {
         let FitLength::Time(time) = self.model.length()? else { return None };
         let repetitions = self.repetitions() as u32;
@@ -272,7 +274,7 @@ impl EstimateRequest {
         Some(if repetitions > 1 { by_clock.min(all.mul_f64((1.0 - share).max(0.0))) } else { by_clock })
     }
 
-    /// All that decides the parts of an estimate, by names that stay; how many trials are taken decides none of them.
+    /// Identity of the parts of an estimate, by fixed names. The number of trials is not part of it.
     pub(crate) fn identity(&self) -> Value {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
         let path = |file: &Option<PathBuf>| file.as_deref().map(path_text);
@@ -290,7 +292,7 @@ impl EstimateRequest {
         })
     }
 
-    /// The texts that stood for the same before that: see [`Identity::earlier`](kept_estimate::Identity::earlier).
+    /// The texts for the same identity in earlier versions: see [`Identity::earlier`](kept_estimate::Identity::earlier).
     pub(crate) fn earlier_identities(&self) -> Vec<String> {
         let Self { model, protocol, patch, patches_train, patches_test, fresh, weights, .. } = self;
         let protocol = match protocol {

@@ -1,4 +1,4 @@
-//! Why a study cannot begin or go on, told in one sentence.
+//! Errors of studies, one sentence each.
 
 use std::path::PathBuf;
 
@@ -7,17 +7,17 @@ use thiserror::Error;
 use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
 
-/// A study that was refused or stopped. A cell that fails is none of these: it is recorded, and the study goes on.
+/// A study that was refused or stopped. A failed cell is no such error: it is recorded, and the study continues.
 #[derive(Debug, Error)]
 pub enum StudyError {
-    /// A setting is not one that can be computed.
+    /// A setting cannot be computed.
     #[error("{what}: expected {expected}, found {found}; change it")]
     Setting {
-        /// The setting.
+        /// Name of the setting.
         what: &'static str,
-        /// What it may be.
+        /// The expected values.
         expected: String,
-        /// What it is.
+        /// The value found.
         found: String,
     },
     /// The folder holds a study of other settings.
@@ -57,7 +57,7 @@ pub enum StudyError {
         version: u64,
         /// What it holds.
         found: String,
-        /// What to do.
+        /// Advice on what to do.
         advice: &'static str,
     },
     /// A file cannot be read or written.
@@ -66,13 +66,13 @@ pub enum StudyError {
     /// Objects, mask or noise allow no estimate in any cell.
     #[error(transparent)]
     Evaluation(#[from] EvaluationError),
-    /// Whoever watches asked to stop; the cells computed so far are in the file.
+    /// The callback asked to stop; the cells computed so far are in the file.
     #[error("the study was stopped; start it again in the same folder to go on")]
     Cancelled,
 }
 
 impl StudyError {
-    /// Whether the folder holds something else than the study that was to go on there.
+    /// Whether the folder holds something other than the study to be resumed.
     pub(crate) fn is_about_another(&self) -> bool {
         matches!(
             self,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::plural::counted;
 
-/// What computed a cell: seconds mean little without it.
+/// The machine that computed a cell: seconds mean little without it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
     /// Model of the processor, or its kind where the system does not name the model.

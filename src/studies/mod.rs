@@ -1,5 +1,5 @@
-//! Studies: one estimate for every cell of a table of objects, designs and patches, kept in a folder as it grows, so that
-//! hours of computing survive whatever stops them.
+//! Studies: one estimate for every cell of a table of objects, designs and patches. Cells are stored in a folder as they come, so that an
+//! interruption loses no finished cell.
 
 mod error;
 mod machine;

@@ -25,7 +25,7 @@ const PUBLISHED: &str = "fill=\"none\" stroke=\"#d95f02\" stroke-width=\"1.8\" s
 /// A point of a panel: bead density and bits per pixel, none where a cell is missing.
 type Point = (f64, Option<f64>);
 
-/// The plot of all cells that are there.
+/// Returns the plot of all computed cells.
 pub(super) fn bracket_plot(record: &StudyRecord) -> String {
     let designs = &record.settings.designs;
     let rows = designs.len().div_ceil(COLUMNS);
@@ -69,7 +69,7 @@ fn legend(svg: &mut String, record: &StudyRecord) {
     let _ = writeln!(svg, "<text x=\"{}\" y=\"46\">patch: {patches}; {noise} noise</text>", GAP.0);
 }
 
-/// What panels share, so that they compare: the densities, and the largest value.
+/// Axes that panels share, so that they compare: the densities, and the largest value.
 struct Axes {
     /// Bead densities in rising order, beads per object pixel.
     densities: Vec<f64>,

@@ -123,8 +123,8 @@ const IMAGES_SHOT: [(PublishedSet, usize, f64, f64, f64); 15] = [
     (PublishedSet::Mnist, 9, 0.611, 0.6015, 0.6238),
 ];
 
-/// The published estimate for a design before beads, or before the image set that its objects stand for; `None` where
-/// layout, light, noise or patch is not a published one.
+/// The published estimate for a design imaging beads, or the image set that its objects correspond to. `None` where layout, light, noise
+/// or patch is not a published one.
 pub(super) fn published(
     design: &Design,
     images: Option<PublishedSet>,

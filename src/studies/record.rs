@@ -1,4 +1,4 @@
-//! The file of a study: its settings, the cells computed so far, and what follows from them.
+//! The file of a study: its settings, the cells computed so far, and their summary.
 
 use std::path::Path;
 
@@ -24,14 +24,14 @@ pub struct StudyRecord {
     pub format_version: u64,
     /// Version of the program that computed the cells.
     pub program_version: String,
-    /// What is computed.
+    /// Settings of the study.
     pub settings: StudySettings,
-    /// What a reader must know of the objects.
+    /// Notices on the objects.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notices: Vec<String>,
     /// The cells computed so far, in the order of the settings.
     pub cells: Vec<StudyCell>,
-    /// What all cells tell together; reading ignores it.
+    /// Summary of all cells; reading ignores it.
     #[serde(skip_deserializing)]
     pub summary: StudySummary,
 }
@@ -51,20 +51,20 @@ pub struct StudyCell {
     pub estimate: Option<Estimate>,
     /// Why it failed.
     pub failure: Option<String>,
-    /// What computed it.
+    /// Machine that computed the cell.
     pub machine: Machine,
-    /// Information of each test patch by the density model, bits per pixel: of the first of several designs, with which the others
-    /// are compared.
+    /// Information of each test patch by the density model, bits per pixel. It is that of the first of several designs, with which the
+    /// others are compared.
     #[serde(default, alias = "told", skip_serializing_if = "Vec::is_empty")]
     pub patch_information: Vec<f64>,
-    /// Information of the first design less that of this one by the density model, on the same test patches; none for the first, and
-    /// for measurements of another size.
+    /// Information of the first design less that of this one by the density model, on the same test patches. None for the first design,
+    /// and for measurements of another size.
     #[serde(default, alias = "first_less_this", skip_serializing_if = "Option::is_none")]
     pub difference_to_reference: Option<PairedDifference>,
 }
 
 impl StudyCell {
-    /// A cell of the plan; an estimate that is no finite number counts as failed, because no file could hold it.
+    /// A cell of the plan. An estimate that is not finite counts as failed, because no file could hold it.
     pub(super) fn new(
         planned: &PlannedCell<'_>,
         settings: &StudySettings,
@@ -101,12 +101,12 @@ impl StudyCell {
         self.estimate.as_ref().map(|estimate| estimate.bits_per_pixel)
     }
 
-    /// What the density model alone gives, bits per pixel: the estimate, or one bound of several.
+    /// Information by the density model alone, bits per pixel: the estimate, or one bound of several.
     pub fn model_bits(&self) -> Option<f64> {
         if self.estimate.as_ref()?.is_of_one_model() { self.bits_per_pixel() } else { self.upper_from("density") }
     }
 
-    /// Which of several bounds from above the estimate is; none where it is that of one model.
+    /// Name of the upper bound that the estimate was chosen from; none where it is the bound of one model.
     pub fn chosen_from(&self) -> Option<&str> {
         let estimate = self.estimate.as_ref().filter(|estimate| !estimate.is_of_one_model())?;
         Some(&estimate.bracket.as_ref()?.upper_from)
@@ -129,7 +129,7 @@ impl StudyCell {
         bounds.iter().find(|bound| bound.from.contains(means)).map(|bound| bound.bits_per_pixel)
     }
 
-    /// The ceiling, bits per pixel, where the entropy of the objects is known.
+    /// The object-entropy bound, bits per pixel, where the entropy of the objects is known.
     pub fn ceiling(&self) -> Option<f64> {
         self.estimate.as_ref()?.ceiling
     }
@@ -193,7 +193,7 @@ impl StudyRecord {
         Ok(record)
     }
 
-    /// The study as it would be read back; settings that went through a file compare with those that did.
+    /// The study as it would be read back. Settings compare equal only after the same round trip through a file.
     pub(super) fn as_read(&self, path: &Path) -> Result<Self, StudyError> {
         let lost = |error: serde_json::Error| FormatError::from_write(path, error.into());
         let text = serde_json::to_string(self).map_err(lost)?;

@@ -23,11 +23,11 @@ pub const RECORD: &str = "study.json";
 
 /// What computes a cell; tests put something quicker in its place.
 type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimated, EvaluationError>;
-/// An estimate, and what its density model tells of each test patch.
+/// An estimate, and the information of each test patch by its density model.
 type Estimated = (Estimate, TestPatches);
 
-/// A study in its folder: `study.json`, the tables `study.md` and `study.csv`, and the plot `study.svg` of a bracket
-/// study. One that was begun without a folder is in memory alone.
+/// A study in its folder: `study.json`, the tables `study.md` and `study.csv`, and the plot `study.svg` of a bracket study. A study that
+/// was started without a folder is in memory alone.
 #[derive(Debug)]
 pub struct Study {
     folder: Option<PathBuf>,
@@ -36,7 +36,7 @@ pub struct Study {
     _lock: Option<File>,
 }
 
-/// What is being computed.
+/// Progress of the current cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudyStep<'a> {
     /// Number of the cell among all, from 1.
@@ -47,11 +47,11 @@ pub struct StudyStep<'a> {
     pub name: &'a str,
     /// What its estimate is doing.
     pub progress: &'a EstimateProgress,
-    /// Time that this cell and those after it are likely to take.
+    /// Estimated time for this cell and the later ones.
     pub left: Duration,
 }
 
-/// What a study tells while it goes on.
+/// An event of a running study.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StudyEvent<'a> {
     /// A cell is being computed.
@@ -67,12 +67,12 @@ pub enum StudyEvent<'a> {
     },
 }
 
-/// Hears of events, and answers whether to go on.
+/// Callback for events that also decides whether the study continues.
 pub(super) type StudyWatch<'a> = &'a mut (dyn FnMut(&StudyEvent<'_>) -> ControlFlow<()> + Send);
 
 impl Study {
-    /// Opens the study of `folder`, which is made if need be, or begins it there. Objects are read, so that those that
-    /// have changed since are found out.
+    /// Opens the study of `folder`, which is created if it is missing, or starts it there. Objects are read, so that changed ones are
+    /// detected.
     ///
     /// # Errors
     /// [`StudyError`] where the settings cannot be computed, or the folder holds a study of other settings, by another
@@ -93,7 +93,7 @@ impl Study {
         Ok(Self { folder: Some(folder.to_path_buf()), record, _lock: lock })
     }
 
-    /// Begins a study that is kept nowhere.
+    /// Starts a study that is not stored.
     ///
     /// # Errors
     /// [`StudyError`] where the settings cannot be computed.
@@ -111,34 +111,34 @@ impl Study {
         Ok(Self { folder: None, record: StudyRecord { notices, ..StudyRecord::new(settings) }, _lock: None })
     }
 
-    /// The study as it is so far.
+    /// The record of the study so far.
     pub fn record(&self) -> &StudyRecord {
         &self.record
     }
 
-    /// Cells without an estimate; those that failed are tried again.
+    /// Number of cells without an estimate; failed ones are tried again.
     pub fn missing(&self) -> usize {
         self.record.settings.plan().iter().filter(|planned| !self.has(planned)).count()
     }
 
-    /// Time that the missing cells are likely to take.
+    /// Estimated time for the missing cells.
     pub fn time_left(&self) -> Duration {
         self.time_of_cell().mul_f64(self.missing() as f64)
     }
 
-    /// The files of the study that are there once it ran; none of one without a folder.
+    /// The files of the study once it has run; none for one without a folder.
     pub fn files(&self) -> Vec<PathBuf> {
         let Some(folder) = &self.folder else { return Vec::new() };
         let plot = (self.record.settings.kind == StudyKind::Bracket).then_some("study.svg");
         [RECORD, "study.md", "study.csv"].into_iter().chain(plot).map(|name| folder.join(name)).collect()
     }
 
-    /// The study as a Markdown table with its settings and what follows from it.
+    /// The study as a Markdown table with its settings and its summary.
     pub fn markdown(&self) -> String {
         markdown(&self.record)
     }
 
-    /// Computes what is missing; after every cell the files hold it. Cells that failed have their sentence in the record.
+    /// Computes the missing cells. After every cell the files hold it. Failed cells have their sentence in the record.
     ///
     /// # Errors
     /// [`StudyError::Cancelled`] where `watch` asked to stop, and where a file cannot be written.
@@ -146,9 +146,9 @@ impl Study {
         self.run_with(&|design, request, watch| estimate_on_patches(design, request, watch), watch)
     }
 
-    /// [`Study::run`] with something else in place of the estimate.
+    /// [`Study::run`] with another function in place of the estimate.
     pub(super) fn run_with(&mut self, estimator: Estimator<'_>, watch: StudyWatch<'_>) -> Result<(), StudyError> {
-        // A folder that cannot be written is told now, not after the first cell.
+        // A folder that cannot be written is reported now, not after the first cell.
         self.write()?;
         let settings = self.record.settings.clone();
         let plan = settings.plan();
@@ -174,7 +174,8 @@ impl Study {
         Ok(())
     }
 
-    /// A cell with what its test patches tell, of the first design, or with how much more that one tells of the same.
+    /// A cell with the information of its test patches for the first design, or with the difference to the first design on the same
+    /// patches.
     fn compared(&self, cell: StudyCell, planned: &PlannedCell<'_>, patches: TestPatches) -> StudyCell {
         let settings = &self.record.settings;
         let [first, _, ..] = settings.designs.as_slice() else { return cell };
@@ -188,7 +189,7 @@ impl Study {
             (&other.objects, &other.design, other.patch) == (&cell.objects, &first.name, cell.patch)
         };
         let of = self.record.cells.iter().find(is_first).map_or(&[][..], |of| &of.patch_information);
-        // What is no finite number has failed as an estimate.
+        // A value that is not finite has failed as an estimate.
         let difference_to_reference = PairedDifference::new(of, &patches, settings.seed).unwrap_or_default();
         StudyCell { difference_to_reference, ..cell }
     }
@@ -233,8 +234,7 @@ impl Study {
         self.record.cells.iter().any(|cell| cell.is(planned) && is_of_these(cell))
     }
 
-    /// Time that a cell is likely to take: the mean of those that are there, which know what a budget leaves out, or the
-    /// budget.
+    /// Estimated time of a cell: the mean of the computed ones, which includes what a budget leaves out, or the budget.
     fn time_of_cell(&self) -> Duration {
         let estimates = self.record.cells.iter().filter_map(|cell| cell.estimate.as_ref());
         let seconds: Vec<f64> = estimates.map(|estimate| estimate.seconds).collect();

@@ -1,4 +1,4 @@
-//! What a study computes: objects, designs and patches, each with each, and what all cells share.
+//! Settings of a study: objects, designs and patches, in all combinations, and the settings that all cells share.
 
 use std::collections::HashSet;
 use std::fmt;
@@ -19,14 +19,14 @@ use crate::studies::published::{Published, PublishedSet, heuristic_lenslets, pub
 const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];
 /// Lenslets of the published grid.
 const GRID_LENSLETS: [usize; 5] = [1, 2, 4, 6, 9];
-/// Bead densities where brackets of sparse and dense scenes part.
+/// Bead densities around the transition from sparse to dense scenes in bracket studies.
 const BRACKET_DENSITIES: [f64; 6] = [0.005, 0.008, 0.013, 0.02, 0.03, 0.05];
-/// Sides of square patches in pixels; the whole sensor follows.
+/// Sides of square patches in pixels; the whole sensor comes after them.
 const PATCH_SIDES: [usize; 6] = [8, 12, 16, 24, 32, 48];
 /// Side of the published patch, pixels.
 const PATCH_SIDE: usize = 32;
 
-/// What a study is about; it decides which tables are made.
+/// The kind of a study, which decides its tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StudyKind {
@@ -34,7 +34,7 @@ pub enum StudyKind {
     Grid,
     /// One design and object set, patches of many sizes.
     Patches,
-    /// Bounds from both sides against bead density.
+    /// Lower and upper bounds against bead density.
     Bracket,
 }
 
@@ -51,16 +51,16 @@ impl fmt::Display for StudyKind {
 /// A set of objects of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StudyObjects {
-    /// Where they come from.
+    /// Source of the objects.
     pub source: ObjectSource,
-    /// The published image set that they stand for; beads need no name.
+    /// The published image set that they correspond to; beads need no name.
     pub published_as: Option<PublishedSet>,
     /// Fingerprint of the set; empty until the study is opened.
     pub fingerprint: String,
 }
 
 impl StudyObjects {
-    /// Objects that are yet to be opened.
+    /// Objects that are not opened yet.
     pub fn new(source: ObjectSource, published_as: Option<PublishedSet>) -> Self {
         Self { source, published_as, fingerprint: String::new() }
     }
@@ -99,12 +99,12 @@ impl StudyDesign {
     }
 }
 
-/// All that decides the numbers of a study.
+/// All settings that decide the numbers of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StudySettings {
-    /// What it is about.
+    /// The kind of the study.
     pub kind: StudyKind,
-    /// The objects; every set is seen through every design.
+    /// The object sets; every set is imaged by every design.
     pub objects: Vec<StudyObjects>,
     /// The masks.
     pub designs: Vec<StudyDesign>,
@@ -114,11 +114,11 @@ pub struct StudySettings {
     pub estimator: Estimator,
     /// Time for the fits of one cell, seconds; `None` for estimators that are not fitted for a time.
     pub budget_seconds: Option<f64>,
-    /// Patches that an estimator is fitted to where it does not draw fresh ones.
+    /// Number of training patches, for an estimator that does not draw fresh ones.
     pub patches_train: usize,
-    /// Held-out patches that it is scored on.
+    /// Number of held-out patches of the score.
     pub patches_test: usize,
-    /// Whether fits of causal and bracket begin with nothing, instead of the weights that come with the program.
+    /// Whether fits of causal and bracket start from random weights, in place of the pretrained ones.
     #[serde(default)]
     pub fresh: bool,
     /// Noise of the sensor.
@@ -132,12 +132,12 @@ pub struct StudySettings {
 }
 
 impl StudySettings {
-    /// The published grid: beads of four densities before five heuristic layouts, shot noise, patches of 32 x 32 px.
+    /// The published grid: five heuristic layouts imaging beads of four densities, shot noise, patches of 32 x 32 px.
     pub fn grid() -> Self {
         Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Causal)
     }
 
-    /// Bounds from both sides for beads of six densities before all nine heuristic layouts.
+    /// Lower and upper bounds for all nine heuristic layouts imaging beads of six densities.
     pub fn bracket() -> Self {
         let lenslets: Vec<usize> = (1..=9).collect();
         Self::beads(StudyKind::Bracket, &BRACKET_DENSITIES, &lenslets, Estimator::Bracket)
@@ -183,10 +183,10 @@ impl StudySettings {
         self.objects.len() * self.designs.len() * self.patches.len()
     }
 
-    /// Whether there is something to compute, nothing twice, and whether noise and light allow an estimate.
+    /// Checks that there are cells, none of them twice, and that noise and light allow an estimate.
     ///
     /// # Errors
-    /// [`StudyError`] names the first setting that does not.
+    /// [`StudyError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), StudyError> {
         let distinct = |what: &'static str, names: Vec<String>| {
             let mut seen = HashSet::new();
@@ -226,7 +226,7 @@ impl StudySettings {
         }
     }
 
-    /// What is asked for in a cell.
+    /// The request of a cell.
     pub(super) fn request(&self, patch: Option<(usize, usize)>) -> Result<EstimateRequest, StudyError> {
         Ok(EstimateRequest {
             model: self.model()?,
@@ -252,7 +252,7 @@ impl StudySettings {
         plan
     }
 
-    /// Every setting by name, for people; those that are equal in two studies read alike.
+    /// All settings by name, for people; equal settings of two studies give equal texts.
     pub(super) fn described(&self) -> Vec<(&'static str, String)> {
         let objects = |text: &dyn Fn(&StudyObjects) -> String| joined(self.objects.iter().map(text));
         let images = objects(&|objects| objects.published_as.map_or("-".into(), |set| set.to_string()));
@@ -289,7 +289,7 @@ impl StudySettings {
     }
 }
 
-/// A cell that is to be in the table.
+/// A planned cell of the table.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PlannedCell<'a> {
     pub objects: &'a StudyObjects,
@@ -298,7 +298,7 @@ pub(super) struct PlannedCell<'a> {
 }
 
 impl PlannedCell<'_> {
-    /// The value that its estimate is compared with, where there is one.
+    /// The published value for comparison, where there is one.
     pub fn published(&self, settings: &StudySettings) -> Option<Published> {
         published(&settings.design(self.objects, self.design), self.objects.published_as, self.patch)
     }

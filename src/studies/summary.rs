@@ -1,4 +1,4 @@
-//! What the cells of a study tell together.
+//! Summary of the cells of a study.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use crate::plural::counted;
 /// Distances above the published value within which an estimate counts, bits per pixel.
 const MARGINS: [f64; 3] = [0.02, 0.005, 0.0];
 
-/// What the cells computed so far tell together.
+/// Summary of the cells computed so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StudySummary {
     /// Cells of the settings.
@@ -20,13 +20,13 @@ pub struct StudySummary {
     pub estimated: usize,
     /// Cells that failed.
     pub failed: usize,
-    /// Estimates above the ceiling: loose ones, by which designs must not be ranked.
+    /// Estimates above the object-entropy bound. They are loose, and designs must not be ranked by them.
     pub above_ceiling: usize,
     /// How many estimates are as low as the published ones, by margin.
     pub within_published: Vec<WithinPublished>,
     /// Whether the density model puts designs in the published order, by objects.
     pub rank_correlations: Vec<RankCorrelation>,
-    /// How far patches overstate the whole sensor, in a study of patches that has it.
+    /// Ratio of patches to the whole sensor, in a study of patches that has it.
     pub patch_to_sensor_ratio: Vec<PatchToSensorRatio>,
 }
 
@@ -45,7 +45,7 @@ pub struct WithinPublished {
     pub share: f64,
 }
 
-/// Agreement with the published order of the designs before one set of objects.
+/// Agreement with the published order of the designs for one set of objects.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RankCorrelation {
     /// The objects.
@@ -68,7 +68,7 @@ pub struct PatchToSensorRatio {
 }
 
 impl StudySummary {
-    /// Of these cells.
+    /// Summary of these cells.
     pub(super) fn of(settings: &StudySettings, cells: &[StudyCell]) -> Self {
         let estimated = cells.iter().filter(|cell| cell.estimate.is_some()).count();
         // A single patch of many has a published value: no share, no order.
@@ -126,7 +126,7 @@ fn beside_published(cell: &StudyCell, bits: Option<f64>) -> Option<(f64, f64)> {
     bits.zip(cell.published.map(|published| published.bits_per_pixel))
 }
 
-/// What the density model gives in a cell, and the published value, which is that of one, too.
+/// The density model's bound of a cell, and the published value, which is a density model's bound, too.
 fn densities(cell: &StudyCell) -> Option<(f64, f64)> {
     beside_published(cell, cell.model_bits())
 }

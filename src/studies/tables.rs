@@ -6,7 +6,7 @@ use crate::plural::counted;
 use crate::studies::record::{StudyCell, StudyRecord};
 use crate::studies::settings::{StudyKind, StudySettings, patch_name};
 
-/// Columns of the CSV table; information and intervals in bits per pixel. What is not known is empty.
+/// Columns of the CSV table; information and intervals in bits per pixel. Unknown values are empty.
 pub(super) const CSV_HEADER: [&str; 31] = [
     "objects",
     "density_beads_per_px",
@@ -41,10 +41,10 @@ pub(super) const CSV_HEADER: [&str; 31] = [
     "failure",
 ];
 
-/// The columns of a cell for people.
+/// The columns of a cell, for people.
 type Row = fn(&StudyRecord, &StudyCell) -> Vec<String>;
 
-/// What stands for a value that is not known.
+/// Placeholder of an unknown value.
 const NOTHING: &str = "-";
 
 /// A cell under [`CSV_HEADER`]; numbers have the digits that read back to the same value.
@@ -101,7 +101,7 @@ pub(super) fn density_of(cell: &StudyCell) -> Option<f64> {
     }
 }
 
-/// The whole study for people.
+/// The whole study as Markdown, for people.
 pub(super) fn markdown(record: &StudyRecord) -> String {
     let settings = &record.settings;
     let title = match settings.kind {
@@ -245,12 +245,12 @@ fn estimate(cell: &StudyCell) -> String {
     }
 }
 
-/// Which of several bounds the estimate is.
+/// Name of the bound that the estimate was chosen from.
 fn upper_from(cell: &StudyCell) -> String {
     cell.chosen_from().map_or(NOTHING.into(), str::to_owned)
 }
 
-/// What the density model alone gives, and whether objects hold as much.
+/// The density model's bound, and whether it is above the object-entropy bound.
 fn density(cell: &StudyCell) -> String {
     let told = bits(cell.model_bits());
     let above = cell.model_bits().zip(cell.ceiling()).is_some_and(|(bits, ceiling)| bits > ceiling);
@@ -271,7 +271,7 @@ fn published(cell: &StudyCell) -> String {
 
 fn with_interval(bits: f64, interval: Option<[f64; 2]>) -> String {
     match interval {
-        // A bound that nothing was sampled for has no interval.
+        // A bound without samples has no interval.
         Some([low, high]) if low < high => format!("{bits:.4} ({low:.4} to {high:.4})"),
         _ => format!("{bits:.4}"),
     }

@@ -38,7 +38,7 @@ fn of(design: &Design, mut estimate: Estimate) -> (Estimate, TestPatches) {
     (estimate, TestPatches::default())
 }
 
-/// An estimate between two bounds; the density model's is a third.
+/// An estimate with a lower and an upper bound; the density model's is a third.
 pub(super) fn bracketed(lower: f64, upper: f64, density: f64) -> Estimate {
     let mut estimate = estimated(upper, Some(upper));
     let bound = |from: &str, bits: f64| NamedBound { from: from.into(), bits_per_pixel: bits, interval_95: [bits; 2] };
@@ -49,7 +49,7 @@ pub(super) fn bracketed(lower: f64, upper: f64, density: f64) -> Estimate {
     estimate
 }
 
-/// Two kinds of beads before two layouts.
+/// Two layouts imaging two kinds of beads.
 fn four_cells() -> StudySettings {
     let beads = |text: &str| StudyObjects::new(text.parse().unwrap(), None);
     StudySettings {
@@ -63,7 +63,7 @@ fn on(_: &StudyEvent<'_>) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// Runs a study whose every estimate is `bits`; tells how many were computed.
+/// Runs a study whose every estimate is `bits`; returns how many were computed.
 fn run(settings: StudySettings, folder: &Path, bits: f64) -> Result<usize, StudyError> {
     let computed = Cell::new(0);
     let mut study = Study::open(settings, folder)?;
@@ -195,7 +195,7 @@ fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
     ] {
         assert!(told.contains(part) && told.contains("study.json") && told.contains("another folder"), "{told}");
     }
-    // Objects that are others by now, and another version of the program.
+    // Changed objects, and another version of the program.
     for (entry, value, part) in [
         ("fingerprint", "abc", "fingerprint"),
         ("program_version", "0.0.0-none", "of the program, found one by 0.0.0-none"),
@@ -290,7 +290,7 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     let mut settings = four_cells();
     settings.objects.truncate(1);
     settings.designs.push(StudyDesign { name: "wide".into(), encoder: Encoder::Lenslets(wide) });
-    // What scenes differ in is the same before all masks.
+    // The differences between scenes are the same for all masks.
     let told = |design: &Design| {
         let more = if design.encoder.describe() == "1 lenslet" { 0.0 } else { -0.1 };
         (0..50).map(|patch| 0.3 + more + 0.01 * f64::from(patch) + 1e-4 * more * f64::from(patch % 2)).collect()
@@ -306,7 +306,7 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     });
     assert!(matches!(stopped, Err(StudyError::Cancelled)));
     drop(study);
-    // The one that goes on knows what the first design told.
+    // A resumed study knows the patch information of the first design.
     let mut study = Study::open(settings, folder.path()).unwrap();
     study.run_with(&compute, &mut on).unwrap();
     let [first, second, wide] = study.record().cells.as_slice() else { panic!("three cells") };
@@ -351,7 +351,7 @@ fn brackets_are_told_with_all_bounds_and_drawn() {
             && text.contains("| ceiling | 0.5000, above the ceiling | - |"),
         "{text}"
     );
-    // The density model's 0.5 lies above the published 0.433 of density 0.05, the ceiling's 0.25 below all.
+    // The density model's 0.5 lies above the published 0.433 of density 0.05, the object-entropy bound's 0.25 below all.
     let within: Vec<_> =
         study.record().summary.within_published.iter().map(|row| (row.within, row.within_by_density)).collect();
     assert_eq!(within, [(5, 4); 3], "{text}");
