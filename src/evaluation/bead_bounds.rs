@@ -84,8 +84,8 @@ fn told_at_once(
     }))
 }
 
-/// An estimate with the pretrained decoder's lower bound on the same patches. Nothing is added to a bracket, whose bounds had more time,
-/// and to published numbers, which are no bounds. Where the bound cannot be computed the long estimate is kept without it.
+/// An estimate with the pretrained decoder's lower bound on the same patches. Nothing is added to a bracket, whose own bounds had more
+/// time, and to published numbers, which are no bounds. Where the bound cannot be computed the long estimate is kept without it.
 ///
 /// # Errors
 /// When cancelled.

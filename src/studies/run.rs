@@ -21,7 +21,7 @@ use crate::studies::tables::{CSV_HEADER, csv_row, markdown};
 /// The file that holds a study; the others are made from it.
 pub const RECORD: &str = "study.json";
 
-/// What computes a cell; tests put something quicker in its place.
+/// Function that computes a cell; tests use a quicker one.
 type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimated, EvaluationError>;
 /// An estimate, and the information of each test patch by its density model.
 type Estimated = (Estimate, TestPatches);

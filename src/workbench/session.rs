@@ -1,4 +1,4 @@
-//! The open design and its worker.
+//! A session: the open design and its worker.
 
 pub mod run_preview;
 pub mod snapshots;
@@ -26,23 +26,22 @@ use crate::workbench::live::published::{Live, Wanted};
 use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
 
-/// The open design, its revision, its past, its file, the worker that computes it, and the run that optimizes it.
+/// The open design with its revision, its history, its file, the worker that evaluates it, and the run that optimizes it.
 ///
-/// Every change goes through [`Session::apply`], undo and redo, or [`Session::accept`] for a mask of a run; whatever is
-/// shown makes a new revision and asks the worker for its numbers. Revisions never repeat, so equal revisions mean equal
-/// designs.
+/// Every change goes through [`Session::apply`], undo and redo, or [`Session::accept`] for a mask of a run. Every new design on view gets
+/// a new revision, and its numbers are requested from the worker. Revisions never repeat, so equal revisions mean equal designs.
 pub struct Session {
-    /// What is shown: the open design, or a mask of the run that is looked at in its place.
+    /// The design on view: the open design, or the previewed mask of the run.
     pub(crate) design: Arc<Design>,
-    /// The open design while something else is shown.
+    /// The open design while a mask of the run is previewed.
     pub(crate) open: Option<Arc<Design>>,
     pub(crate) revision: u64,
-    /// Number of the open design's contents: unlike its revision, it comes back with an undo.
+    /// Number of the open design's contents. Unlike its revision, it comes back with an undo.
     pub(crate) contents: u64,
     saved_contents: u64,
-    /// Number of the document: another one is open after New and Open, whatever the last one is still waiting for.
+    /// Number of the document. New and Open change it, even while jobs of the last document are still running.
     document: u64,
-    /// Number of the open design's lenslets; like that of its contents, it comes back with an undo.
+    /// Number of the open design's lenslets; like the number of its contents, it comes back with an undo.
     pub(crate) lenslets: u64,
     pub(crate) history: History,
     path: Option<PathBuf>,
@@ -52,13 +51,13 @@ pub struct Session {
     pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
-    /// In the folder before, until its design is kept in the new one.
+    /// Autosave in the earlier folder, until the design is saved in the new one.
     earlier_autosave: Option<Autosave>,
 }
 
 impl Session {
-    /// Opens `design`, which counts as saved: it can be had again. `wake` is called from the worker's thread whenever
-    /// there is something new to show.
+    /// Opens `design`, which counts as saved because it can be restored. `wake` is called from the worker's thread whenever there is
+    /// something new to show.
     ///
     /// # Errors
     /// Where the operating system gives no thread.
@@ -92,17 +91,17 @@ impl Session {
         })
     }
 
-    /// What is shown: the open design, or a mask of the run that is [looked at](Session::preview) in its place.
+    /// The design on view: the open design, or the mask of the run that is [previewed](Session::preview).
     pub fn design(&self) -> &Arc<Design> {
         &self.design
     }
 
-    /// The open design, whatever is shown.
+    /// The open design, also while a mask of the run is previewed.
     pub fn open_design(&self) -> &Arc<Design> {
         self.open.as_ref().unwrap_or(&self.design)
     }
 
-    /// Revision of what is shown.
+    /// Revision of the design on view.
     pub fn revision(&self) -> u64 {
         self.revision
     }
@@ -112,7 +111,7 @@ impl Session {
         self.contents != self.saved_contents
     }
 
-    /// Number of the open design's lenslets: while it stays the same, indices mean the same ones, however they were moved.
+    /// Number of the open design's lenslets. While it stays the same, indices mean the same lenslets, even if they were moved.
     pub fn lenslets(&self) -> u64 {
         self.lenslets
     }
@@ -135,7 +134,7 @@ impl Session {
             && !done(live.failure.map(|(revision, _)| revision))
     }
 
-    /// Asks for what is computed of one measurement alone, of which the latest results tell.
+    /// Requests the inspection of one measurement of the latest results.
     pub fn inspect(&self, order: InspectionRequest) {
         self.worker.inspect(order);
     }
@@ -145,7 +144,7 @@ impl Session {
         self.worker.estimator().estimates()
     }
 
-    /// Chooses how many threads compute, from the next computation on; one for every core where it is none.
+    /// Sets the number of computing threads, from the next computation on; none stands for one thread per core.
     pub fn set_threads(&self, count: Option<usize>) {
         self.threads.set(count);
     }
@@ -163,7 +162,7 @@ impl Session {
     /// Orders an estimate of the design as it is now.
     ///
     /// # Errors
-    /// One sentence where too many wait.
+    /// One sentence where too many orders wait.
     pub fn order_estimate(&self, request: EstimateRequest) -> Result<(), String> {
         let (design, revision) = (Arc::clone(&self.design), self.revision);
         self.worker.estimator().order(EstimateOrder { design, revision, request, measured: None })
@@ -172,36 +171,36 @@ impl Session {
     /// Orders an estimate of images of a camera, whose noise is that of the open design.
     ///
     /// # Errors
-    /// One sentence where too many wait.
+    /// One sentence where too many orders wait.
     pub fn order_estimate_of_images(&self, measured: MeasuredOrder, request: EstimateRequest) -> Result<(), String> {
         let (design, revision) = (Arc::clone(self.open_design()), self.revision);
         self.worker.estimator().order(EstimateOrder { design, revision, request, measured: Some(measured) })
     }
 
-    /// Keeps estimates in a folder, and takes up those that are there; the one that was interrupted goes on.
+    /// Stores estimates in a folder and loads those in it. The interrupted one resumes.
     ///
     /// # Errors
-    /// Where the folder cannot be made.
+    /// Where the folder cannot be created.
     pub fn keep_estimates_in(&self, folder: &Path) -> Result<(), FormatError> {
         self.worker.estimator().keep_in(folder)
     }
 
-    /// Whether the next program can go on with the estimate that is computed.
+    /// Whether the next session can resume the running estimate.
     pub fn keeps_estimates(&self) -> bool {
         self.worker.estimator().keeps_orders()
     }
 
-    /// Puts the finished estimate that was deleted last where it was.
+    /// Restores the finished estimate that was deleted last to its place.
     pub fn bring_back_estimate(&self) {
         self.worker.estimator().bring_back();
     }
 
-    /// Forgets a finished estimate, its file as well, until it is [brought back](Session::bring_back_estimate).
+    /// Deletes a finished estimate and its file; it can be [brought back](Session::bring_back_estimate).
     pub fn delete_estimate(&self, finished: &Arc<FinishedEstimate>) {
         self.worker.estimator().delete(finished);
     }
 
-    /// What is being done, waits to be done, or was done, oldest first.
+    /// Activities that are running, waiting or finished, oldest first.
     pub fn activities(&self) -> Vec<Arc<Activity>> {
         self.activities.all()
     }
@@ -221,16 +220,16 @@ impl Session {
         }
     }
 
-    /// Stops the estimate that is being computed.
+    /// Stops the running estimate.
     pub fn cancel_estimate(&self) {
         self.worker.estimator().cancel();
     }
 
-    /// Changes the design. Whoever edits lenslets of a mask of the run has accepted it; everything else changes the open
-    /// design, which is then shown again.
+    /// Applies a command to the design. An edit of the lenslets of a previewed mask accepts that mask. Every other command changes the
+    /// open design, which is then shown again.
     ///
     /// # Errors
-    /// [`CommandError`] where the command cannot be done; the design is then as it was.
+    /// [`CommandError`] where the command is not possible; the design then stays as it was.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
         if !command.edits_lenslets() {
             self.end_preview();
@@ -252,28 +251,28 @@ impl Session {
         Ok(())
     }
 
-    /// Notes whether the pointer is held down: what happens meanwhile is one gesture. And whether it was pressed since the last
-    /// time, that is, began another.
+    /// Notes whether the pointer is held down, which groups changes into one gesture. Also notes whether it was pressed since the last
+    /// call, which starts a new gesture.
     pub fn note_pointer(&mut self, down: bool, pressed: bool) {
         self.history.note_pointer(down, pressed);
     }
 
-    /// What comes next is a step of its own, as what a button does.
+    /// Begins a step of its own for the next change, such as the click of a button.
     pub fn begin_step(&mut self) {
         self.history.begin_step();
     }
 
-    /// What [`Session::undo`] would undo.
+    /// Label of the step that [`Session::undo`] undoes.
     pub fn undoes(&self) -> Option<&str> {
         if self.is_previewing() { Some("Look at the run") } else { self.history.undoes() }
     }
 
-    /// What [`Session::redo`] would redo.
+    /// Label of the step that [`Session::redo`] redoes.
     pub fn redoes(&self) -> Option<&str> {
         self.history.redoes().filter(|_| !self.is_previewing())
     }
 
-    /// Goes one step back; from a mask of the run to the open design.
+    /// Goes one step back; from a previewed mask of the run to the open design.
     pub fn undo(&mut self) {
         if self.is_previewing() {
             self.end_preview();
@@ -282,7 +281,7 @@ impl Session {
         }
     }
 
-    /// Goes one step forth again.
+    /// Goes one step forward.
     pub fn redo(&mut self) {
         if !self.is_previewing()
             && let Some(version) = self.history.redo(self.version())
@@ -298,22 +297,22 @@ impl Session {
         self.show(version.design);
     }
 
-    /// The open design as a step of the past.
+    /// The open design as a step of the history.
     pub(crate) fn version(&self) -> Version {
         Version { design: Arc::clone(self.open_design()), number: self.contents, lenslets: self.lenslets }
     }
 
-    /// Takes up a design that was read from `path`.
+    /// Opens a design that was read from `path`.
     pub fn open(&mut self, design: Design, path: PathBuf) {
         self.take_up(design, Some(path));
     }
 
-    /// Starts anew from a design that has no file and can be had again.
+    /// Opens a design that has no file and can be restored.
     pub fn start_from(&mut self, design: Design) {
         self.take_up(design, None);
     }
 
-    /// Another document: what was done to the last one is forgotten.
+    /// Replaces the document and clears its history.
     fn take_up(&mut self, design: Design, path: Option<PathBuf>) {
         self.watched.following = false;
         self.note_discarded(self.saved_contents);
@@ -326,7 +325,7 @@ impl Session {
         self.path = path;
     }
 
-    /// Another document that is in no file yet.
+    /// Opens a document that is not saved in a file yet.
     pub(crate) fn load_unsaved(&mut self, design: Design, path: Option<PathBuf>) {
         self.take_up(design, path);
         self.saved_contents = 0;
@@ -340,21 +339,21 @@ impl Session {
         self.worker.evaluate(Wanted { revision: self.revision, design: Arc::clone(&self.design), before });
     }
 
-    /// Keeps the design in a folder while it has unsaved changes, so that they survive the program; see
-    /// [`Session::note_unsaved`]. Returns what programs that were not closed have left there, newest first.
+    /// Saves the design in a folder while it has unsaved changes, so that they survive the program; see [`Session::note_unsaved`].
+    /// Returns what earlier programs left there without being closed, newest first.
     ///
     /// # Errors
     /// Where the folder cannot be written to.
     pub fn keep_unsaved_in(&mut self, folder: &Path) -> Result<Vec<Recovered>, FormatError> {
         let (autosave, found) = Autosave::in_folder(folder)?;
-        // What was kept elsewhere stays until it is kept here.
+        // A copy in the earlier folder stays until there is one here.
         let earlier = self.autosave.replace(autosave);
         self.earlier_autosave = self.earlier_autosave.take().or(earlier);
         Ok(found)
     }
 
-    /// What programs that were not closed have left in another folder than that in which this one keeps its own, newest
-    /// first; nothing where it cannot be written to.
+    /// Designs left by programs without being closed, in another folder than the one of this program, newest first; none where the folder
+    /// cannot be written to.
     pub fn left_unsaved_in(folder: &Path) -> Vec<Recovered> {
         if !folder.is_dir() {
             return Vec::new();
@@ -362,8 +361,8 @@ impl Session {
         Autosave::in_folder(folder).map(|(_, found)| found).unwrap_or_default()
     }
 
-    /// Sees to it that the design is kept, a few seconds behind. To be called for every frame of the window. Returns why
-    /// the last attempt failed, once.
+    /// Saves the design to its autosave file, a few seconds late. To be called for every frame of the window. Returns the failure of the
+    /// last attempt, once.
     pub fn note_unsaved(&mut self) -> Option<String> {
         let unsaved = (self.contents, self.is_dirty());
         let design = self.open.as_ref().unwrap_or(&self.design);
@@ -377,14 +376,14 @@ impl Session {
         failure
     }
 
-    /// The window is being closed, and whoever closes it was asked about unsaved changes.
+    /// Closes the session, after the person was asked about unsaved changes.
     pub fn close(&mut self) {
         for autosave in self.autosave.iter_mut().chain(&mut self.earlier_autosave) {
             autosave.close();
         }
     }
 
-    /// Takes up what was left behind; it has unsaved changes.
+    /// Opens a recovered design; it has unsaved changes.
     pub fn recover(&mut self, recovered: Recovered) {
         self.load_unsaved(recovered.design.clone(), recovered.path.clone());
         if let Some(autosave) = &self.autosave {
@@ -392,7 +391,7 @@ impl Session {
         }
     }
 
-    /// Stops reading objects, if that is going on.
+    /// Stops the reading of objects, if there is any.
     pub fn cancel(&self) {
         self.worker.cancel();
     }
@@ -408,28 +407,28 @@ impl Session {
         self.submit(Job::SaveDesign { design, document, contents, path });
     }
 
-    /// Whether a design is being saved, or waits for that. Its answer is there to be taken when it no longer is.
+    /// Whether a design is being saved, or waits to be saved. Once this is false, the outcome can be taken.
     pub fn is_saving(&self) -> bool {
         self.activities.all().iter().any(|activity| activity.kind == ActivityKind::Save && activity.is_open())
     }
 
-    /// Opens a design file in place of the open design, unless that is changed before the file has been read.
+    /// Opens a design file in place of the open design, unless the design changes before the file has been read.
     pub fn open_file(&self, path: PathBuf) {
         self.submit(Job::OpenDesign { replaces: self.contents, path });
     }
 
-    /// Reads objects; the design images them once they are known to be good.
+    /// Reads objects; the design images them once they are known to be valid.
     pub fn open_objects(&self, source: ObjectSource) {
         let design = Design { objects: source, ..Design::clone(self.open_design()) };
         self.submit(Job::OpenObjects { design: Arc::new(design), document: self.document });
     }
 
-    /// Reads a PSF picture, resampled to `side` pixels where that is given; it takes the place of the mask.
+    /// Reads a PSF image, resampled to `side` pixels where that is given; it replaces the mask.
     pub fn import_psf(&self, path: PathBuf, side: Option<usize>) {
         self.submit(Job::ImportPsf { path, side, document: self.document });
     }
 
-    /// Fits lenslets to the PSF of a mask that has none; they take its place, unless that is changed before.
+    /// Fits lenslets to the PSF of a mask without lenslets. They replace the mask, unless it changes before.
     pub fn fit_lenslets(&self) {
         self.submit(Job::FitLenslets { encoder: self.open_design().encoder.clone(), replaces: self.contents });
     }
@@ -439,8 +438,8 @@ impl Session {
         self.worker.has_open_jobs()
     }
 
-    /// Takes up what jobs have brought: designs are opened, objects and PSFs put in place, saved revisions noted.
-    /// Returns what to tell the person, oldest first.
+    /// Applies the outcomes of jobs: opens designs, installs objects and PSFs, notes saved revisions. Returns the outcomes to report,
+    /// oldest first.
     pub fn take_outcomes(&mut self) -> Vec<Result<Outcome, String>> {
         let mut outcomes = self.worker.take_outcomes();
         for outcome in &mut outcomes {
@@ -480,7 +479,7 @@ impl Session {
                     let before = self.revision;
                     let refused = self.apply(&Command::SetObjects(source.clone())).err();
                     if refused.is_none() && self.revision == before {
-                        // The same design before what was read just now.
+                        // The same design with the objects just read.
                         self.show(Arc::clone(&self.design));
                     }
                     refused.map(|error| error.to_string())

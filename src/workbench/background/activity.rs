@@ -1,5 +1,4 @@
-//! What the workbench does beside the edits, as a list for people: what it is, how far it is, what it told on the way, and
-//! what came of it.
+//! Activities of the workbench beside the edits, as a list for people: name, progress, log and outcome.
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -8,17 +7,17 @@ use crate::workbench::background::threads::lock;
 
 /// Finished activities that are kept; the oldest ones are dropped.
 const KEPT: usize = 100;
-/// Share of a step from which its pace tells of the rest.
+/// Least share of a step from which its remaining time is extrapolated.
 const LEAST_SHARE: f64 = 0.02;
 /// Lines of a log that are kept.
 const LINES: usize = 60;
 
-/// Where an activity is done, and how it is stopped.
+/// Kind of an activity, which decides where it runs and how it is stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ActivityKind {
-    /// Writing the file of a design; it is done before one can stop it.
+    /// Writing the file of a design; it ends before it could be stopped.
     Save,
-    /// Reading or writing another file; it is done before one can stop it.
+    /// Reading or writing another file; it ends before it could be stopped.
     File,
     /// Reading objects.
     Objects,
@@ -28,53 +27,53 @@ pub enum ActivityKind {
     Run,
 }
 
-/// How an activity stands.
+/// State of an activity.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ActivityState {
-    /// Others come first.
+    /// It waits for others.
     Waiting,
-    /// It is being done.
+    /// It is running.
     Running,
-    /// It waits to be told to go on.
+    /// It is paused.
     Paused,
-    /// It is done, and what came of it.
+    /// It is done, with its outcome.
     Done(String),
-    /// It could not be done, and why.
+    /// It failed, with the reason.
     Failed(String),
     /// A person stopped it, or closed the program.
     Stopped,
 }
 
-/// One thing that the workbench does or has done.
+/// One activity of the workbench, running or finished.
 #[derive(Clone, Debug)]
 pub struct Activity {
-    /// Tells it from all others.
+    /// Identifies the activity.
     pub number: u64,
-    /// Where it is done.
+    /// Kind of the activity.
     pub kind: ActivityKind,
-    /// What it is, for people.
+    /// Name for people.
     pub name: String,
-    /// How it stands.
+    /// State of the activity.
     pub state: ActivityState,
-    /// What it is at.
+    /// The current step.
     pub step: String,
-    /// How much of that is done, 0 to 1, where it can be told.
+    /// Share of the current step that is done, 0 to 1, where it is known.
     pub share: Option<f64>,
-    /// Time that is left, where it can be told.
+    /// Remaining time, where it is known.
     pub left: Option<Duration>,
-    /// What it told: seconds since its beginning, and the last word of each step.
+    /// Log: seconds since the start, and the last report of each step.
     pub log: Vec<(f64, String)>,
     began: Instant,
-    /// When it came to what it is at, and the share that was done then.
+    /// Start of the current step, and the share that was done then.
     step_began: Option<(Instant, f64)>,
-    /// Since when it waits to go on.
+    /// Start of the present pause.
     paused: Option<Instant>,
-    /// How long it took, once it is over.
+    /// Duration, once the activity is over.
     took: Option<Duration>,
 }
 
 impl Activity {
-    /// Whether it waits or is being done.
+    /// Whether it is waiting or running.
     pub fn is_open(&self) -> bool {
         matches!(self.state, ActivityState::Waiting | ActivityState::Running | ActivityState::Paused)
     }
@@ -84,12 +83,12 @@ impl Activity {
         self.is_open() && !matches!(self.kind, ActivityKind::Save | ActivityKind::File)
     }
 
-    /// Time since its beginning, or from its beginning to its end.
+    /// Time since its start, or from its start to its end.
     pub fn time(&self) -> Duration {
         self.took.unwrap_or_else(|| self.began.elapsed())
     }
 
-    /// Time that is left of what it is at, at the pace of so far; `left` tells of all of it, where that is known.
+    /// Remaining time of the current step, at its pace so far. `left` is that of the whole activity, where it is known.
     pub fn step_left(&self) -> Option<Duration> {
         let (began, from) = self.step_began?;
         let share = self.share.filter(|_| self.state == ActivityState::Running)?;
@@ -97,8 +96,8 @@ impl Activity {
         (done >= LEAST_SHARE).then(|| began.elapsed().mul_f64((1.0 - share) / done))
     }
 
-    /// Adds a line to the log. Lines that begin alike, up to their first number or comma, are one step, of which the last
-    /// word stays.
+    /// Adds a line to the log. Lines with the same beginning, up to their first number or comma, are one step, of which the last line
+    /// stays.
     fn note(&mut self, text: &str) {
         let seconds = self.began.elapsed().as_secs_f64();
         let full = self.log.len() >= LINES;
@@ -109,16 +108,16 @@ impl Activity {
     }
 }
 
-/// What lines of one step have in common: all up to their first number or comma.
+/// The common beginning of the lines of one step: all up to their first number or comma.
 fn step_of(text: &str) -> &str {
     text.split(|c: char| c == ',' || c.is_ascii_digit()).next().unwrap_or_default()
 }
 
 #[derive(Default)]
 struct List {
-    /// Oldest first; shared, so that looking at them costs nothing.
+    /// Oldest first; shared, so that a copy of the list is cheap.
     entries: Vec<Arc<Activity>>,
-    /// Long ones that ended since they were asked for.
+    /// Long activities that ended since the last query.
     ended: Vec<Arc<Activity>>,
     last: u64,
 }
@@ -128,7 +127,7 @@ struct List {
 pub(crate) struct Activities(Arc<Mutex<List>>);
 
 impl Activities {
-    /// Notes one that waits to be done.
+    /// Adds an activity that waits.
     pub fn add(&self, kind: ActivityKind, name: impl Into<String>) -> Entry {
         let mut list = lock(&self.0);
         list.last += 1;
@@ -182,19 +181,19 @@ impl Activities {
     }
 }
 
-/// The one who does an activity and tells of it. One that is dropped without an end was stopped.
+/// Handle of an activity for its reports. Dropping it without an end means that the activity was stopped.
 pub(crate) struct Entry {
     list: Activities,
     number: u64,
 }
 
 impl Entry {
-    /// Its number in the list.
+    /// Number of the activity in the list.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// Its turn has come.
+    /// Marks the activity as running.
     pub fn begin(&self) {
         self.list.change(self.number, |activity| {
             activity.began = Instant::now();
@@ -202,7 +201,7 @@ impl Entry {
         });
     }
 
-    /// Waits to be told to go on, or goes on.
+    /// Marks the activity as paused or running.
     pub fn pause(&self, pause: bool) {
         self.list.change(self.number, |activity| {
             if !activity.is_open() {
@@ -212,13 +211,13 @@ impl Entry {
             if pause {
                 activity.paused.get_or_insert_with(Instant::now);
             } else if let (Some(since), Some((began, _))) = (activity.paused.take(), &mut activity.step_began) {
-                // The pause says nothing of the pace.
+                // A pause does not count for the pace.
                 *began += since.elapsed();
             }
         });
     }
 
-    /// Tells what is being done, how much of it is, and the time that is left.
+    /// Reports the current step, its share that is done, and the remaining time.
     pub fn tell(&self, step: &str, share: Option<f64>, left: Option<Duration>) {
         self.list.change(self.number, |activity| {
             activity.note(step);
@@ -231,7 +230,7 @@ impl Entry {
         });
     }
 
-    /// Tells what came of it.
+    /// Ends the activity with its outcome.
     pub fn end(self, outcome: Result<String, String>) {
         self.list.change(self.number, |activity| {
             let (Ok(text) | Err(text)) = &outcome;

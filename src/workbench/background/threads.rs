@@ -1,4 +1,4 @@
-//! What the threads beside the window share: the cores on which they give way to it, locks, panics that become sentences.
+//! Shared parts of the threads beside the window: cores with low priority, locks, and panics as sentences.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,20 +7,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use thread_priority::{ThreadPriority, ThreadPriorityValue, set_current_thread_priority};
 
-/// Tells the window that there is something new.
+/// Callback that notifies the window of news.
 pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
 
-/// A mutex whose holder panicked still holds whole values here: every critical section only moves values.
+/// Locks a mutex, even if an earlier holder panicked: its values are whole, because every critical section only moves values.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// How many threads compute; it may change at any time. Clones are the same number.
+/// Number of computing threads, which may change at any time. Clones share the number.
 #[derive(Clone, Default)]
 pub(crate) struct Threads(Arc<AtomicUsize>);
 
 impl Threads {
-    /// Chooses a number, or leaves it to the machine: one for every core.
+    /// Sets the number; none stands for one thread per core.
     pub fn set(&self, count: Option<usize>) {
         self.0.store(count.unwrap_or(0), Ordering::Relaxed);
     }
@@ -33,20 +33,20 @@ impl Threads {
     }
 }
 
-/// What is computed beside the window. All of it gives way to the window, and what people wait for least to all others: a thread
-/// of the window that has something to draw takes a core from it at once.
+/// Kind of computation beside the window. All kinds yield to the window, and those that people wait for yield to the others last. A
+/// thread of the window with something to draw gets a core at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Work {
-    /// What every edit shows.
+    /// The numbers that every edit shows.
     Computation,
     /// The live estimate, and those that take longer.
     Estimate,
-    /// A mask that climbs.
+    /// A run that optimizes a mask.
     Run,
 }
 
 impl Work {
-    /// In messages and names of threads.
+    /// Name in messages and of threads.
     fn name(self) -> &'static str {
         match self {
             Self::Computation => "computation",
@@ -55,8 +55,8 @@ impl Work {
         }
     }
 
-    /// From 0, the least, to 99. Every system that knows priorities puts all three below its usual one; how far apart they are is
-    /// its own affair.
+    /// Priority from 0, the least, to 99. Every system with priorities puts all three below its usual one; their distances depend on the
+    /// system.
     fn priority(self) -> u8 {
         match self {
             Self::Computation => 29,
@@ -66,23 +66,23 @@ impl Work {
     }
 }
 
-/// Threads for one kind of work.
+/// Pool of threads for one kind of work.
 pub(crate) struct SpareCores {
     pool: Option<rayon::ThreadPool>,
-    /// Threads of the pool, and how many there ought to be.
+    /// Threads of the pool, and the wanted number.
     count: usize,
     wanted: Threads,
     work: Work,
 }
 
 impl SpareCores {
-    /// As many as are wanted.
+    /// A pool with the wanted number of threads.
     pub fn new(work: Work, wanted: Threads) -> Self {
         let count = wanted.count();
         Self { pool: pool(work, count), count, wanted, work }
     }
 
-    /// Does `work` on these cores.
+    /// Runs `work` on these cores.
     ///
     /// # Errors
     /// One sentence where it panicked.
@@ -101,13 +101,13 @@ impl SpareCores {
     }
 }
 
-/// Named threads that give way; where the system gives none, the work is done on the one that asks for it.
+/// Named threads of low priority; where the system gives none, the work runs on the calling thread.
 fn pool(work: Work, count: usize) -> Option<rayon::ThreadPool> {
     let builder = rayon::ThreadPoolBuilder::new().num_threads(count);
     let builder = builder.thread_name(move |index| format!("lenslet-{}-{index}", work.name()));
     let give_way = move |_| {
         let priority = ThreadPriorityValue::try_from(work.priority()).map(ThreadPriority::Crossplatform);
-        // Where the system does not let them, they compete with the window.
+        // Where the system refuses, they compete with the window.
         let _ = priority.map(set_current_thread_priority);
     };
     builder.start_handler(give_way).build().ok()
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn what_is_computed_gives_way_to_the_window_and_runs_to_edits() {
-        // The 19th field of the thread's line, counted from behind its name: 0 for the window, more for what gives way.
+        // The 19th field of the thread's line, counted from behind its name: 0 for the window, more for threads of low priority.
         let nice = || {
             let line = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
             line.rsplit_once(") ").unwrap().1.split(' ').nth(16).unwrap().parse::<i32>().unwrap()

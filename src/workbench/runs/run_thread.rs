@@ -14,9 +14,9 @@ use crate::workbench::runs::run::start_of;
 use crate::workbench::runs::store::{RunQueue, RunStore};
 use crate::workbench::runs::worker::Shared;
 
-/// Why nothing is compared.
+/// Message where nothing can be compared.
 const NO_RESULT: &str = "there is no result to compare yet";
-/// Why a run is not started.
+/// Message where no run can be started.
 const BUSY: &str = "a run is active; stop it first";
 
 /// Handle of the thread; dropping it cancels the run at its next step.
@@ -378,7 +378,7 @@ mod tests {
         assert!(run.can_resume());
         assert_eq!(run.start.encoder, Encoder::Lenslets(random_layout(3, 2)));
 
-        // It goes on with the second, and ends in the midst of it.
+        // It continues with the second start, and ends in the middle of it.
         designer.extend(1).unwrap();
         let deadline = Instant::now() + Duration::from_mins(5);
         while kept.load(1).unwrap().is_none() && Instant::now() < deadline {
@@ -402,7 +402,7 @@ mod tests {
             assert_eq!((found.len(), &found[0].name), (1, &ranked[0].name));
             assert_eq!((&found[0].design, &found[0].estimate), (&ranked[0].design, &ranked[0].estimate));
         }
-        // Given up, it does not come back.
+        // A run that was given up is not restored.
         drop(designer);
         kept.remove();
         assert!(self::designer(&kept).run().is_none());

@@ -1,4 +1,4 @@
-//! The worth of a run's result beside its start and the heuristic layouts, by one estimator for all.
+//! Scores of a run's result beside its start and the heuristic layouts, all by one estimator.
 
 use std::time::Duration;
 
@@ -13,14 +13,14 @@ use crate::studies::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecor
 use crate::workbench::runs::design_run::score_request;
 use crate::workbench::runs::record::{IdealRecord, patches_of};
 
-/// Names of the two masks of a run among those they are compared with.
+/// Names of the result and the start of a run among the masks that they are compared with.
 const RESULT: &str = "design";
 const START: &str = "start";
 /// Side of the published patch, px.
 const PATCH: usize = 32;
 
-/// What the result of a run is worth in patches of 32 x 32 px, or as large as the measurements allow, by models of its own: by
-/// fits of this time, or of so many steps that the estimate can be repeated.
+/// Score of a run's result in patches of 32 x 32 px, or as large as the measurements allow, by separate models. Their fits have this
+/// time, or a fixed number of steps so that the estimate can be reproduced.
 ///
 /// # Errors
 /// As [`estimate`].
@@ -40,7 +40,7 @@ fn score_within(design: &Design, patch: Option<(usize, usize)>, budget: Option<D
     EstimateRequest { model: timed.unwrap_or(request.model), ..request }
 }
 
-/// The same for whole measurements, where they are larger than `patches` was for and no larger than models can be.
+/// The same score for whole measurements, where they are larger than the patches of `patches` and no larger than models can be.
 ///
 /// # Errors
 /// As [`estimate`].
@@ -57,12 +57,12 @@ pub fn score_whole(
     estimate(design, &score_within(design, None, budget), watch).map(Some)
 }
 
-/// The study that compares a run's result with its start and with heuristic layouts of so many lenslets, in patches of
-/// 32 x 32 px (as far as the measurements are as large) and for the whole sensor where a model can be fitted to that, with `budget`
-/// for each: brackets where the prior of the objects is known, live estimates otherwise.
+/// The study that compares a run's result with its start and with heuristic layouts of the numbers of lenslets in `against`. Patches are
+/// of 32 x 32 px, as far as the measurements are as large; the whole sensor is added where a model can be fitted to it. Each estimate has
+/// `budget`. Estimates are brackets where the prior of the objects is known, live estimates otherwise.
 ///
 /// # Errors
-/// Where the objects cannot be read any more.
+/// Where the objects can no longer be read.
 pub fn score_settings(
     record: &IdealRecord,
     against: &[usize],
@@ -72,7 +72,7 @@ pub fn score_settings(
     let set = open_set(start)?;
     let imaging = forward_model(start, &set)?;
     let (patch, sensor) = (imaging.patch(Some((PATCH, PATCH))), imaging.patch(None));
-    // Those of heuristic layouts are larger where this grid is larger than theirs.
+    // Measurements of heuristic layouts are larger where this grid is larger than theirs.
     let is_sensor = patch == sensor && start.encoder.grid() == (PATCH, PATCH);
     let patches = match (is_sensor, sensor.0 * sensor.1 <= MAX_PATCH_PIXELS) {
         (true, true) => vec![None],
@@ -100,12 +100,12 @@ pub fn score_settings(
     })
 }
 
-/// Whether a study of [`score_settings`] is about this mask.
+/// Whether a study of [`score_settings`] has this mask as its result.
 pub(super) fn matches_mask(study: &StudyRecord, result: &Encoder) -> bool {
     study.settings.designs.first().is_some_and(|design| design.encoder == *result)
 }
 
-/// What judges the masks of a design: bounds from both sides where the prior of its objects is known.
+/// Estimator that scores the masks of a design: a bracket where the prior of its objects is known.
 pub(super) fn scoring_estimator(design: &Design) -> Estimator {
     if design.objects.is_beads() { Estimator::Bracket } else { Estimator::Causal }
 }
@@ -114,7 +114,7 @@ fn mask_of(checkpoint: &Checkpoint) -> Encoder {
     Encoder::Lenslets(checkpoint.array.clone())
 }
 
-/// What result and start are worth by a study of [`score_settings`], a sentence for each patch.
+/// Scores of result and start by a study of [`score_settings`], a sentence for each patch.
 pub fn result_lines(study: &StudyRecord) -> Vec<String> {
     let of_patch = |patch: Option<(usize, usize)>| {
         let worth = |name: &str| {
@@ -127,7 +127,7 @@ pub fn result_lines(study: &StudyRecord) -> Vec<String> {
     study.settings.patches.iter().filter_map(|&patch| of_patch(patch)).collect()
 }
 
-/// What a study of [`score_settings`] says of the result beside its start and heuristic layouts, a sentence for each bound and patch;
+/// Comparison of the result with its start and heuristic layouts by a study of [`score_settings`], a sentence for each bound and patch;
 /// none for a patch where estimates are missing.
 pub fn comparison_summary(study: &StudyRecord) -> Vec<String> {
     let mut sentences = Vec::new();
@@ -142,7 +142,7 @@ pub fn comparison_summary(study: &StudyRecord) -> Vec<String> {
             continue;
         }
         let size = |cell: &StudyCell| cell.estimate.as_ref().map(|estimate| estimate.patch);
-        // Before a grid of another size they make other measurements, whose bits per pixel cannot be compared.
+        // On a grid of another size they give other measurements, whose bits per pixel cannot be compared.
         let is_alike = |cell: &StudyCell| size(cell).is_none_or(|patch| size(result).is_none_or(|of| of == patch));
         let is_layout = |cell: &&StudyCell| cell.design != RESULT && cell.design != START;
         let layouts: Vec<&StudyCell> = cells.iter().copied().filter(is_layout).filter(|cell| is_alike(cell)).collect();
@@ -155,7 +155,7 @@ pub fn comparison_summary(study: &StudyRecord) -> Vec<String> {
     sentences
 }
 
-/// What a result has gained over the mask that its run started from.
+/// Gain of a result over the mask that its run started from.
 fn over_start(result: &StudyCell, start: &StudyCell) -> Option<String> {
     if let Some(((lower, _), (before, _))) = lower_of(result).zip(lower_of(start)) {
         let judged = judged(result, &[start], "its start cannot tell as much");
@@ -182,7 +182,7 @@ fn over_layouts_by_lower(result: &StudyCell, layouts: &[&StudyCell]) -> Option<S
     Some(format!("lower bound: {lower:.3}, best heuristic {best:.3} ({name}), {:+.3}; it {judged}", lower - best))
 }
 
-/// Whether the lower bound of a result is above all that others can tell, or above their lower bounds.
+/// Verdict on the lower bound of a result: whether it is above all upper bounds of the others, or above their lower bounds.
 fn judged(result: &StudyCell, others: &[&StudyCell], proof: &str) -> String {
     let Some((_, [low, _])) = lower_of(result) else { return "does not confirm a gain".into() };
     // One that could not be estimated may be the best.
@@ -195,7 +195,7 @@ fn judged(result: &StudyCell, others: &[&StudyCell], proof: &str) -> String {
     }
 }
 
-/// By how much a result tells more than another mask by the density model, and what makes that doubtful.
+/// Information gain of a result over another mask by the density model, with what makes it doubtful.
 fn gain(result: &StudyCell, other: &StudyCell) -> Option<String> {
     let gain = result.model_bits()? - other.model_bits()?;
     let (words, doubt) = match &other.difference_to_reference {
@@ -212,7 +212,7 @@ fn gain(result: &StudyCell, other: &StudyCell) -> Option<String> {
     })
 }
 
-/// What a mask is worth, for people, in bits per pixel.
+/// Score of a mask, for people, in bits per pixel.
 fn worth_of(cell: &StudyCell) -> Option<String> {
     let estimate = cell.estimate.as_ref()?;
     let [low, high] = estimate.interval_95;
@@ -233,7 +233,7 @@ fn lower_of(cell: &StudyCell) -> Option<(f64, [f64; 2])> {
     Some((bracket.lower?, bracket.lower_interval_95?))
 }
 
-/// What a mask tells at the most, to the end of the interval.
+/// Upper end of the interval of a mask's upper bound.
 fn highest_of(cell: &StudyCell) -> Option<f64> {
     let bracket = cell.estimate.as_ref()?.bracket.as_ref()?;
     Some(bracket.upper_interval_95[1])
@@ -308,7 +308,7 @@ mod tests {
             told.contains("6 x 6 px patches, density model") && told.contains("6 x 6 px patches, lower bound"),
             "{told}"
         );
-        // Whatever was computed: bounds that are far apart are told apart.
+        // Bounds that are far apart are distinguished.
         let mut set = |name: &str, bits: f64| {
             let cell = record.cells.iter_mut().find(|cell| cell.design == name).unwrap();
             let bracket = cell.estimate.as_mut().unwrap().bracket.as_mut().unwrap();
@@ -326,13 +326,13 @@ mod tests {
         };
         set("design", 50.0);
         assert!(judged(&record).contains("proves the gain") && judged(&record).contains("(heuristic:3)"));
-        // One that could not be estimated may tell more.
+        // A mask that could not be estimated may have more information.
         record.cells.iter_mut().find(|cell| cell.design == "heuristic:1").unwrap().estimate = None;
         assert!(judged(&record).ends_with("confirms the gain"), "{}", judged(&record));
 
         let three = record.cells.iter_mut().find(|cell| cell.design == "heuristic:3").unwrap();
         assert!(three.difference_to_reference.take().is_some(), "both were scored on the same patches");
-        // Of objects of unknown entropy there is one number of each mask.
+        // For objects of unknown entropy there is one number for each mask.
         let mut upper = |name: &str, bits: f64| {
             let estimate = record.cells.iter_mut().find(|cell| cell.design == name).unwrap().estimate.as_mut().unwrap();
             (estimate.bracket, estimate.bits_per_pixel) = (None, bits);

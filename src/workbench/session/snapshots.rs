@@ -1,4 +1,4 @@
-//! Designs that were put aside to be compared, with the numbers they had.
+//! Snapshots: designs that were put aside for comparison, with their numbers.
 
 mod numbers;
 
@@ -28,32 +28,32 @@ const WRITE_EVERY: Duration = Duration::from_secs(3);
 /// A design that was put aside.
 #[derive(Clone)]
 pub struct Snapshot {
-    /// Tells it from the others, also from those that were deleted.
+    /// Identifies the snapshot, also among deleted ones.
     pub number: u64,
-    /// What a person calls it.
+    /// Name for people.
     pub name: String,
     /// The design.
     pub design: Arc<Design>,
-    /// What its numbers depend on beside the mask: those of designs that differ in it are not comparable.
+    /// Scene of its numbers: all that they depend on beside the mask. Designs with different scenes are not comparable.
     pub scene: String,
-    /// Its revision, if it was open in this window; while it is, its numbers go on getting better.
+    /// Its revision, if it was open in this window; while it is open, its numbers keep improving.
     revision: Option<u64>,
-    /// Name of its file, and whether that is behind.
+    /// Name of its file, and whether that is out of date.
     file: String,
     changed: bool,
-    /// Whether its PSF was rendered for its own sake.
+    /// Whether its PSF was rendered for the snapshot.
     drawn: bool,
-    /// Whether its measurement was asked for.
+    /// Whether its measurement was requested.
     asked: bool,
     /// PSF and transfer function.
     pub optics: Option<Arc<Optics>>,
     /// The first of its live measurements, with noise, photons per pixel, shape (rows, cols); or why there is none.
     pub measurement: Option<Result<Array2<f32>, String>>,
-    /// What was computed of it.
+    /// Its numbers.
     pub numbers: SnapshotNumbers,
 }
 
-/// Objects, light, noise and seed of a design, in words.
+/// Summary of objects, light, noise and seed of a design.
 fn scene_of(design: &Design) -> String {
     let Design { objects, mean_photons, bias_photons, noise, seed, .. } = design;
     let light = if objects.has_mean() { format!(", mean {}", counted(*mean_photons, "photon")) } else { String::new() };
@@ -64,7 +64,7 @@ impl Snapshot {
     /// The smallest of its upper bounds.
     pub fn upper(&self) -> Option<Bits> {
         let SnapshotNumbers { gaussian, ceiling, live, sampled, bracket, fitted, .. } = self.numbers;
-        // Nothing is sampled for the ceiling.
+        // The object-entropy bound uses no samples.
         let ceiling = ceiling.map(|bits| Bits { bits, interval_95: [bits; 2] });
         let gaussian = gaussian.filter(|_| self.gaussian_is_bound());
         let bracket = bracket.map(|bracket| bracket[1]);
@@ -72,21 +72,20 @@ impl Snapshot {
         known.into_iter().flatten().min_by(|one, other| one.bits.total_cmp(&other.bits))
     }
 
-    /// Whether the Gaussian number is a bound. Numbers of earlier versions do not say so; whole pictures may be behind files
-    /// of pictures.
+    /// Whether the Gaussian number is a bound. Numbers of earlier versions do not say so; files of images may hold whole images.
     pub fn gaussian_is_bound(&self) -> bool {
         let whole = matches!(self.design.objects, ObjectSource::Images(_) | ObjectSource::Stack(_));
         self.numbers.gaussian_is_bound.unwrap_or(!whole)
     }
 
-    /// Whether its measurement is missing and nobody has asked for it.
+    /// Whether its measurement is missing and was not requested yet.
     pub fn wants_measurement(&mut self) -> bool {
         let wants = self.measurement.is_none() && !self.asked;
         self.asked |= wants;
         wants
     }
 
-    /// Forgets why there is no measurement, so that it is asked for again.
+    /// Clears the reason for a missing measurement, so that it is requested again.
     pub fn forget_failed_measurement(&mut self) {
         if self.measurement.take_if(|measured| measured.is_err()).is_some() {
             self.asked = false;
@@ -100,26 +99,26 @@ impl Snapshot {
         self.changed |= self.numbers != before;
     }
 
-    /// Renders the PSF of a snapshot of another day, once. Tells whether there was anything to do: it takes milliseconds, or
-    /// more for large pictures, so a frame should do one.
+    /// Renders the PSF of a snapshot of an earlier session, once. Returns whether there was anything to render. It takes milliseconds, or
+    /// more for large images, so a frame should render one.
     pub fn draw(&mut self) -> bool {
         if self.drawn || self.optics.is_some() {
             return false;
         }
         self.drawn = true;
         let planes = if let ObjectSource::Volume { planes, .. } = self.design.objects { planes } else { 1 };
-        // A design that cannot be drawn shows no picture; opening it tells why.
+        // A design that cannot be rendered shows no image; opening it gives the reason.
         self.optics = Optics::of(&self.design, planes).ok().map(Arc::new);
         true
     }
 
-    /// Another name.
+    /// Sets another name.
     pub fn rename(&mut self, name: String) {
         self.changed |= self.name != name;
         self.name = name;
     }
 
-    /// It is the open design now, of this revision.
+    /// Notes that it is now the open design, of this revision.
     pub fn is_open_as(&mut self, revision: u64) {
         self.revision = Some(revision);
     }
@@ -145,7 +144,7 @@ impl Snapshot {
 /// The kind of the files.
 const SNAPSHOT: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/snapshot", "a snapshot of a design");
 
-/// A snapshot as it stands in its file.
+/// A snapshot as its file holds it.
 #[derive(Serialize, Deserialize)]
 struct Kept {
     name: String,
@@ -153,37 +152,37 @@ struct Kept {
     /// Version of the program's numbers.
     #[serde(default)]
     program_version: String,
-    /// [`SnapshotNumbers`]; those of another version are left out, and come again when the design is opened.
+    /// [`SnapshotNumbers`]; those of another version are left out, and are computed again when the design is opened.
     #[serde(flatten)]
     numbers: serde_json::Value,
 }
 
-/// All designs that were put aside, oldest first.
+/// All snapshots, oldest first.
 #[derive(Default)]
 pub struct Snapshots {
-    /// The designs.
+    /// The snapshots.
     pub entries: Vec<Snapshot>,
     last: u64,
-    /// Files of designs that were deleted.
+    /// Files of deleted snapshots.
     deleted: Vec<String>,
-    /// The one that was deleted last, and its place.
+    /// The snapshot that was deleted last, and its place.
     gone: Option<(usize, Snapshot)>,
     /// When files were last written.
     written: Option<Instant>,
 }
 
-/// What is to become of a file, by its name: its new content, or none where it is to go. The content is made away from the window,
-/// for masks that are images have millions of numbers.
+/// Change of a file, by its name: its new content, or none where it is to be removed. The content is made outside the window's thread,
+/// because masks that are images have millions of numbers.
 pub type FileChange = (String, Option<FileContent>);
 
 impl Snapshots {
-    /// Most designs that are kept.
+    /// Most snapshots that are kept.
     const MOST: usize = 200;
 
-    /// Puts the open design aside.
+    /// Adds a snapshot of the open design.
     ///
     /// # Errors
-    /// One sentence where there are too many.
+    /// One sentence where there are too many snapshots.
     pub fn keep(
         &mut self,
         (design, revision): (&Arc<Design>, u64),
@@ -213,11 +212,11 @@ impl Snapshots {
         Ok(())
     }
 
-    /// The newest designs that were kept in a folder by this program or another, and how many files there could not be read and
-    /// how many are more than it lists.
+    /// Reads the newest snapshots of a folder, by this program or another. Also returns how many files could not be read, and how many
+    /// exceed the list.
     ///
     /// # Errors
-    /// Where the folder cannot be made.
+    /// Where the folder cannot be created.
     pub fn read(folder: &Path) -> Result<(Self, (usize, usize)), FormatError> {
         create_folder(folder)?;
         let documents = DocumentFolder { folder: folder.to_owned(), kind: SNAPSHOT, most: Self::MOST };
@@ -245,7 +244,7 @@ impl Snapshots {
         Ok((all, (found.unreadable, found.unlisted)))
     }
 
-    /// Forgets one, its file as well, until it is [brought back](Snapshots::bring_back).
+    /// Deletes a snapshot and its file; it can be [brought back](Snapshots::bring_back).
     pub fn delete(&mut self, number: u64) {
         let Some(place) = self.entries.iter().position(|snapshot| snapshot.number == number) else { return };
         let snapshot = self.entries.remove(place);
@@ -253,12 +252,12 @@ impl Snapshots {
         self.gone = Some((place, snapshot));
     }
 
-    /// Name of the one that was deleted last and can be brought back.
+    /// Name of the snapshot that was deleted last and can be brought back.
     pub fn gone(&self) -> Option<&str> {
         self.gone.as_ref().filter(|_| self.entries.len() < Self::MOST).map(|(_, snapshot)| snapshot.name.as_str())
     }
 
-    /// Puts the one that was deleted last where it was.
+    /// Restores the snapshot that was deleted last to its place.
     pub fn bring_back(&mut self) {
         let Some((place, mut snapshot)) = self.gone.take() else { return };
         self.deleted.retain(|file| *file != snapshot.file);
@@ -266,7 +265,7 @@ impl Snapshots {
         self.entries.insert(place.min(self.entries.len()), snapshot);
     }
 
-    /// What is to be written since the last time, every few seconds or `at_once`.
+    /// Returns the file changes since the last call, every few seconds or `at_once`.
     pub fn changes(&mut self, at_once: bool) -> Vec<FileChange> {
         if !at_once && self.written.is_some_and(|at| at.elapsed() < WRITE_EVERY) {
             return Vec::new();
@@ -290,17 +289,17 @@ impl Snapshots {
         changes
     }
 
-    /// Takes up the newest numbers of designs that are still open.
+    /// Updates the numbers of snapshots that are still open.
     pub fn take_up(&mut self, live: &Live, estimates: &Estimates) {
         self.entries.iter_mut().for_each(|snapshot| snapshot.take_up(live, estimates));
     }
 
-    /// The one of this number.
+    /// The snapshot of this number.
     pub fn get(&self, number: u64) -> Option<&Snapshot> {
         self.entries.iter().find(|snapshot| snapshot.number == number)
     }
 
-    /// The scenes that they are before, each once, in the order of the designs.
+    /// The scenes of the snapshots, each once, in the order of the designs.
     pub fn scenes(&self) -> Vec<&str> {
         let mut scenes = Vec::new();
         for snapshot in &self.entries {
@@ -311,14 +310,14 @@ impl Snapshots {
         scenes
     }
 
-    /// Takes up a measurement that was asked for.
+    /// Stores a requested measurement.
     pub fn set_measurement(&mut self, number: u64, measurement: Result<Array2<f32>, String>) {
         if let Some(snapshot) = self.entries.iter_mut().find(|snapshot| snapshot.number == number) {
             snapshot.measurement = Some(measurement);
         }
     }
 
-    /// All numbers, as a table; scenes are numbered in the order of the designs.
+    /// All numbers as a table; scenes are numbered in the order of the designs.
     pub fn table(&self) -> Curve {
         let header = [
             "lenslets",

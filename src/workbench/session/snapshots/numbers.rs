@@ -1,4 +1,4 @@
-//! What was computed of a design that was put aside.
+//! Numbers of a snapshot.
 
 use std::sync::Arc;
 
@@ -25,24 +25,24 @@ impl Bits {
     }
 }
 
-/// Numbers of a design, in bits per pixel but for the Tamura coefficient.
+/// Numbers of a design, in bits per pixel except for the Tamura coefficient.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SnapshotNumbers {
-    /// Fingerprint of the objects that the others are of.
+    /// Fingerprint of the objects of the other numbers.
     #[serde(default)]
     pub(crate) objects: Option<String>,
     /// Mean Tamura coefficient of its measurements.
     pub tamura: Option<f64>,
     /// Gaussian bound, or approximation.
     pub gaussian: Option<Bits>,
-    /// Whether that is a bound, where it is known.
+    /// Whether the Gaussian number is a bound, where that is known.
     #[serde(default)]
     pub(crate) gaussian_is_bound: Option<bool>,
-    /// Object-entropy ceiling.
+    /// Object-entropy bound.
     pub ceiling: Option<f64>,
-    /// Live estimate, and whether it has settled.
+    /// Live estimate, and whether it has converged.
     pub live: Option<(Bits, bool)>,
-    /// Upper bound by posterior sampling.
+    /// Upper bound by annealed importance sampling.
     pub sampled: Option<Bits>,
     /// Largest lower bound of 32 x 32 px patches.
     pub lower: Option<Bits>,
@@ -54,8 +54,8 @@ pub struct SnapshotNumbers {
 }
 
 impl SnapshotNumbers {
-    /// Numbers of other objects than those of this fingerprint go: what was in the files before says nothing of what is
-    /// there now. Tells whether they went.
+    /// Removes numbers of objects with another fingerprint: earlier contents of the files do not describe the present ones. Returns
+    /// whether numbers were removed.
     pub(crate) fn are_of(&mut self, objects: String) -> bool {
         let others = self.objects.as_ref().is_some_and(|before| *before != objects);
         if others {
@@ -65,7 +65,7 @@ impl SnapshotNumbers {
         others
     }
 
-    /// Takes up what has become known of the open design, of this revision.
+    /// Updates the numbers of the open design, of this revision.
     pub(crate) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), live: &Live, estimates: &Estimates) {
         if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
             self.tamura = Some(measurements.value.tamura.mean);
@@ -76,7 +76,7 @@ impl SnapshotNumbers {
             self.gaussian_is_bound = Some(information.value.gaussian_is_bound);
             self.ceiling = information.value.ceiling_bits();
         }
-        // What has settled gives way to what has settled, not to the first numbers of another fit.
+        // A converged number gives way to a converged one, not to the first numbers of another fit.
         let has_settled = self.live.is_some_and(|(_, settled)| settled);
         let newest = estimates.live.as_ref().filter(|live| live.revision == revision);
         let newest = newest.filter(|live| live.value.remaining.is_none() || !has_settled);
@@ -92,7 +92,7 @@ impl SnapshotNumbers {
             .filter(|estimate| estimate.patch == [32, 32] && estimate.protocol == Protocol::Default)
             .map(|estimate| Bits { bits: estimate.bits_per_pixel, interval_95: estimate.interval_95 });
         self.fitted = fitted.chain(self.fitted).min_by(|one, other| one.bits.total_cmp(&other.bits));
-        // Others are bounded from below at once, and so more loosely.
+        // Other estimates have an immediate lower bound, which is looser.
         let brackets = finished().filter(|estimate| estimate.estimator == Estimator::Bracket).filter_map(|estimate| {
             let Bracket { lower, lower_interval_95, upper, upper_interval_95, .. } = estimate.bracket.as_ref()?;
             let below = Bits { bits: (*lower)?, interval_95: (*lower_interval_95)? };
