@@ -1,5 +1,4 @@
-//! The workbench: the open design, the commands that change it, the worker that computes what it does, and files.
-//! It knows no window.
+//! The workbench: the open design, its commands, the worker that evaluates it, and files. It does not depend on the window.
 
 mod background;
 mod document;

@@ -40,7 +40,7 @@ impl IdealOptimizer<'_> {
         let step = self.state.step;
         let sixteenth = |step: usize| 16 * step / self.settings.steps.max(1);
         let (before, now) = (sixteenth(step.saturating_sub(self.settings.refit_every)), sixteenth(step));
-        // A relocation in the round before is followed by another search.
+        // Another search comes after a relocation in the round before.
         let follows = matches!(self.state.events.last(), Some(IdealEvent::Relocated { step: at, .. })
             if at + self.settings.refit_every == step);
         if !OCCASIONS.contains(&now) || (before == now && !follows) {
@@ -85,7 +85,7 @@ impl IdealOptimizer<'_> {
     }
 }
 
-/// Scenes of the screening of so many candidates, for each block of a checkpoint.
+/// Scenes of the screening of `masks` candidates, for each block of a checkpoint.
 fn work(masks: usize) -> usize {
     let (mut masks, mut known, mut work) = (masks, 0, 0);
     for (until, left) in SCREENS {

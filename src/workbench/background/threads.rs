@@ -33,7 +33,7 @@ impl Threads {
     }
 }
 
-/// Kind of computation beside the window. All kinds yield to the window, and those that people wait for yield to the others last. A
+/// Kind of computation beside the window. All kinds yield to the window, and the kind that people wait for least yields to all others. A
 /// thread of the window with something to draw gets a core at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Work {

@@ -1,4 +1,4 @@
-//! What survives a crash: the open design while it has unsaved changes, in a folder of its own.
+//! Autosave: a copy of the open design that survives a crash, while the design has unsaved changes, in a folder of its own.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -11,22 +11,22 @@ use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORAR
 use crate::forward::Design;
 use crate::workbench::background::threads::lock;
 
-/// Least time between two files.
+/// Least time between two writings.
 const EVERY: Duration = Duration::from_secs(5);
-/// Ending of the files, and of those that tell whether their owner still runs.
+/// Endings of the files, and of the lock files that show whether their owner still runs.
 const ENDING: &str = "json";
 const LOCK_ENDING: &str = "lock";
 
 /// A design that a program left behind when it ended without being closed.
 pub struct Recovered {
-    /// What it holds.
+    /// The design in the file.
     pub design: Design,
-    /// The file that it had been opened from or saved to.
+    /// The file that the design had been opened from or saved to.
     pub path: Option<PathBuf>,
-    /// When it was kept.
+    /// Time of the autosave.
     pub kept_at: SystemTime,
     file: PathBuf,
-    /// Held so that no second program offers the same.
+    /// Held so that no second program offers the same design.
     lock: File,
 }
 
@@ -47,9 +47,9 @@ struct Kept {
 pub struct Autosave {
     writer: FileWriter,
     file: PathBuf,
-    /// Files whose contents are in the next one that is written.
+    /// Recovered designs that the next file includes.
     superseded: Arc<Mutex<Vec<Recovered>>>,
-    /// Contents and whether they are unsaved, as they were noted last.
+    /// Number of the contents and whether they are unsaved, as noted last.
     noted: Option<(u64, bool)>,
     lock_file: PathBuf,
     /// Held while this program runs.
@@ -57,7 +57,7 @@ pub struct Autosave {
 }
 
 impl Autosave {
-    /// Keeps files in a folder, and finds what programs that ended without being closed have left there, newest first.
+    /// Opens the autosave in a folder. Also returns the designs left there by programs that ended without being closed, newest first.
     ///
     /// # Errors
     /// Where the folder cannot be written to, or the operating system gives no thread.
@@ -69,15 +69,15 @@ impl Autosave {
         let file = folder.join(&name).with_extension(ENDING);
         let lock_file = folder.join(&name).with_extension(LOCK_ENDING);
         let lock = File::create(&lock_file).map_err(|error| FormatError::from_write(&lock_file, error))?;
-        // Where the folder's file system knows no locks, a second program would offer what this one has open.
+        // Where the folder's file system has no locks, a second program would offer the design that is open here.
         let _ = lock.try_lock();
         let writer =
             FileWriter::start("lenslet-autosave", EVERY).map_err(|error| FormatError::from_write(folder, error))?;
         Ok((Self { writer, file, superseded: Arc::default(), noted: None, lock_file, lock: Some(lock) }, found))
     }
 
-    /// Notes the open design: `contents` is the number of what it holds, `path` its file. Returns why the last attempt to
-    /// keep it failed, once.
+    /// Notes the open design: `contents` is the number of its contents, `path` its file. Returns the failure of the last attempt to save
+    /// it, once.
     pub fn note(
         &mut self,
         design: &Arc<Design>,
@@ -98,18 +98,18 @@ impl Autosave {
         self.writer.take_failure()
     }
 
-    /// Whether the design that was noted last is kept, or need not be.
+    /// Whether the last noted design is saved, or need not be.
     pub fn is_done(&self) -> bool {
         self.writer.is_idle()
     }
 
-    /// The design need not be kept any more: whoever closed it was asked about unsaved changes. Where this is not called, a
-    /// renderer that was lost for example, what is unsaved stays and is offered again.
+    /// Ends the autosave, after the person was asked about unsaved changes. Without this call, for example after a lost renderer, unsaved
+    /// changes stay and are offered again.
     pub fn close(&mut self) {
         self.writer.remove(self.file.clone(), None);
     }
 
-    /// The file of a recovered design is removed as soon as the design is kept anew.
+    /// Removes the file of a recovered design as soon as the design is saved again.
     pub fn supersede(&self, recovered: Recovered) {
         lock(&self.superseded).push(recovered);
     }
@@ -134,12 +134,12 @@ impl Drop for Autosave {
     }
 }
 
-/// What the file holds of a design that was opened from or saved to `path`; none where it has no JSON form.
+/// Contents of the file for a design that was opened from or saved to `path`; none where it has no JSON form.
 fn content(design: &Design, path: Option<PathBuf>) -> Option<Vec<u8>> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     // The next program may be started in another folder.
     let path = path.and_then(|path| std::path::absolute(path).ok());
-    // JSON holds Unicode alone: without its path the design is kept all the same.
+    // JSON holds Unicode alone: a design with another path is saved without it.
     let path = path.filter(|path| path.to_str().is_some());
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
     serde_json::to_vec_pretty(&UNSAVED_DESIGN.marked(&Kept { design, path, seconds })).ok()
@@ -152,7 +152,7 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
         .filter_map(|entry| {
             let file = entry.ok()?.path();
             if is_half_written(&file) {
-                // Where it cannot be removed it does no harm.
+                // A file that cannot be removed does no harm.
                 let _ = std::fs::remove_file(&file);
             }
             if file.extension()? != ENDING {
@@ -170,7 +170,7 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
     found
 }
 
-/// Whether a file is what a write that was cut off has left; those of a minute ago may still be in hand.
+/// Whether a file is the rest of an interrupted write. Files of the last minute may still be in use.
 fn is_half_written(file: &Path) -> bool {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let changed = std::fs::metadata(file).and_then(|metadata| metadata.modified()).ok();
@@ -192,7 +192,7 @@ mod tests {
         panic!("waited in vain");
     }
 
-    /// Files that designs are kept in.
+    /// The autosave files.
     fn kept(folder: &Path) -> Vec<PathBuf> {
         let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
         files.filter(|file| file.extension().is_some_and(|ending| ending == ENDING)).collect()

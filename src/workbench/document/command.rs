@@ -1,4 +1,4 @@
-//! Everything that changes a design, as one enum: menu, canvas, table and command line send these and nothing else.
+//! Commands: all changes of a design, as one enum. Menu, canvas, table and command line send nothing else.
 
 use std::sync::Arc;
 
@@ -24,16 +24,16 @@ pub enum Command {
         /// Indices and their new lenslets.
         lenslets: Vec<(usize, Lenslet)>,
     },
-    /// Puts another encoder in place; `name` says which ("9 heuristic lenslets").
+    /// Replaces the encoder; `name` identifies the new one ("9 heuristic lenslets").
     ReplaceEncoder {
-        /// What it is called in the menu and the log.
+        /// Name in the menu and the log.
         name: String,
         /// The encoder.
         encoder: Encoder,
     },
-    /// Puts another design in place, scene and sensor too; `name` says which.
+    /// Replaces the design, scene and sensor included; `name` identifies the new one.
     ReplaceDesign {
-        /// What it is called in the menu and the log.
+        /// Name in the menu and the log.
         name: String,
         /// The design.
         design: Arc<Design>,
@@ -48,7 +48,7 @@ pub enum Command {
     SetNoise(Noise),
     /// Draws other objects, noise and patches.
     SetSeed(u64),
-    /// Changes what can be manufactured.
+    /// Changes the manufacturing limits.
     SetLimits(Limits),
 }
 
@@ -65,7 +65,7 @@ pub enum LensletChange {
     Plane,
 }
 
-/// Why a command was refused; the design is as it was.
+/// Reasons why a command was refused; the design stays as it was.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CommandError {
     /// The command edits lenslets and there are none.
@@ -74,12 +74,12 @@ pub enum CommandError {
     /// An index that no lenslet has.
     #[error("there is no lenslet {number}; the mask has {count}")]
     Index {
-        /// Number, counted from 1.
+        /// Number of the lenslet, counted from 1.
         number: usize,
-        /// Lenslets there are.
+        /// Number of lenslets in the array.
         count: usize,
     },
-    /// The mask that is shown is one of the run, and the open design has changed since the run was started.
+    /// The mask on view is one of the run, and the open design has changed since the run was started.
     #[error(
         "a mask of the run is shown, and the design has changed since the run was started; open the mask as a design of its \
          own to edit it"
@@ -91,7 +91,7 @@ pub enum CommandError {
 }
 
 impl Command {
-    /// What the command does, for menu and log.
+    /// Description of the command, for menu and log.
     pub fn label(&self) -> String {
         let several = |verb: &str, count: usize| match count {
             1 => format!("{verb} lenslet"),
@@ -117,12 +117,12 @@ impl Command {
         }
     }
 
-    /// Whether it edits the lenslets that are there.
+    /// Whether the command edits the existing lenslets.
     pub fn edits_lenslets(&self) -> bool {
         matches!(self, Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. })
     }
 
-    /// Whether the lenslets after it are those before it, at most moved or changed: indices mean the same ones.
+    /// Whether the command keeps the lenslets, at most moved or changed, so that indices mean the same ones.
     pub fn keeps_lenslets(&self) -> bool {
         !matches!(
             self,
@@ -130,8 +130,7 @@ impl Command {
         )
     }
 
-    /// What it changes: commands of one kind that follow each other make one step of a gesture. None where each is a step of its
-    /// own.
+    /// Kind of the command. Successive commands of one kind form one step of a gesture. None where each is a step of its own.
     pub fn kind(&self) -> Option<String> {
         Some(match self {
             Self::ChangeLenslets { what, lenslets } => {

@@ -1,4 +1,4 @@
-//! What is understood of a file of images before it is used.
+//! Preview of a file of images before it is used.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use crate::objects::ObjectSource;
 use crate::optics::psf_file;
 use crate::plural::counted;
 
-/// Larger files are not read twice: once to be looked at, once to be used.
+/// Largest file that is previewed, bytes. Larger files are not read twice, for the preview and for their use.
 const LARGEST_BYTES: u64 = 256 << 20;
 
-/// What a file is to be used as.
+/// Intended use of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileUse {
     /// Objects.
@@ -21,17 +21,17 @@ pub enum FileUse {
     Measurements,
 }
 
-/// What was understood of a file.
+/// Summary of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FilePreview {
-    /// One sentence, or the sentence of what is wrong.
+    /// One sentence, or the error sentence.
     pub understood: Result<String, String>,
-    /// What can be said of its meaning, to be put behind the `?` of its path: `axis=last`, `channel=green`.
+    /// Options that fix the meaning of the file, for the `?` after its path: `axis=last`, `channel=green`.
     pub choices: Vec<String>,
 }
 
 impl FilePreview {
-    /// Reads a file, or the first one of a folder, as it will be read when it is used.
+    /// Reads a file, or the first one of a folder, in the same way as for its use.
     pub fn of(path: &Path, of: FileUse) -> Self {
         match look(path, of) {
             Ok((understood, choices)) => Self { understood: Ok(understood), choices },

@@ -1,15 +1,15 @@
-//! Undo and redo: the designs before and after the present one, one for every gesture.
+//! Undo and redo: the designs before and after the present one, one step for every gesture.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::forward::Design;
 
-/// Most steps that are kept.
+/// Largest number of steps.
 const STEPS: usize = 1000;
-/// Most memory that they take, bytes, roughly.
+/// Largest memory of all steps, bytes, roughly.
 const BYTES: usize = 256 << 20;
-/// Changes of one kind that follow each other sooner make one step: typed digits, turns of a wheel, keys held down, which repeat
+/// Interval within which successive changes of one kind form one step: typed digits, turns of a wheel, keys held down. Held keys repeat
 /// after up to most of a second.
 const ONE_STEP: Duration = Duration::from_secs(1);
 
@@ -27,13 +27,13 @@ pub struct Version {
 /// One step back or forth.
 #[derive(Clone, Debug)]
 struct Step {
-    /// What was done, for the menu.
+    /// Description of the change, for the menu.
     label: String,
-    /// The design on the other side of it.
+    /// The design on the other side of the step.
     version: Version,
 }
 
-/// Whether the pointer is held down, and how often it has been pressed.
+/// Whether the pointer is held down, and the number of its presses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Pointer {
     down: bool,
@@ -45,25 +45,25 @@ struct Pointer {
 pub struct History {
     past: Vec<Step>,
     future: Vec<Step>,
-    /// The last change: its kind, if another of it can go on with it, when it was made, and at which state of the pointer.
+    /// The last change: its kind, if a similar one can extend it, its time, and the state of the pointer.
     last: Option<(Option<String>, Instant, Pointer)>,
     pointer: Pointer,
 }
 
 impl History {
-    /// Notes whether the pointer is held down, and whether it was pressed since the last time: it may be up again.
+    /// Notes whether the pointer is held down, and whether it was pressed since the last call, after which it may be up again.
     pub fn note_pointer(&mut self, down: bool, pressed: bool) {
         self.pointer.presses += u64::from(pressed);
         self.pointer.down = down;
     }
 
-    /// What comes next is a step of its own, whatever it is.
+    /// Begins a new step for the next change of any kind.
     pub fn begin_step(&mut self) {
         self.last = None;
     }
 
-    /// Notes that the design `before` is about to change. Changes of one kind are one step while the pointer is held down, or
-    /// shortly after each other where it is not; one without a kind is a step of its own.
+    /// Notes that the design `before` is about to change. Changes of one kind form one step while the pointer is held down, or in quick
+    /// succession without it. A change without a kind is a step of its own.
     pub fn note(&mut self, before: Version, label: String, kind: Option<String>) {
         let now = Instant::now();
         let same = self.last.as_ref().is_some_and(|(last, at, pointer)| {
@@ -73,7 +73,7 @@ impl History {
         });
         self.future.clear();
         if let Some(step) = self.past.last_mut().filter(|_| same) {
-            // What a gesture has come to is what is undone.
+            // The label is that of the gesture's latest change.
             step.label = label;
         } else {
             self.past.push(Step { label, version: before });
@@ -82,27 +82,27 @@ impl History {
         self.last = Some((kind, now, self.pointer));
     }
 
-    /// Nothing can be undone or redone any more: another document is open.
+    /// Removes all steps, for another document.
     pub fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// The design that an undo would go back to.
+    /// The design that an undo restores.
     pub fn before(&self) -> Option<&Arc<Design>> {
         self.past.last().map(|step| &step.version.design)
     }
 
-    /// What an undo would undo.
+    /// Description of the change that an undo reverts.
     pub fn undoes(&self) -> Option<&str> {
         self.past.last().map(|step| step.label.as_str())
     }
 
-    /// What a redo would redo.
+    /// Description of the change that a redo repeats.
     pub fn redoes(&self) -> Option<&str> {
         self.future.last().map(|step| step.label.as_str())
     }
 
-    /// The design one step back; `present` can be had again by [`History::redo`].
+    /// The design one step back; [`History::redo`] restores `present`.
     pub fn undo(&mut self, present: Version) -> Option<Version> {
         let Step { label, version } = self.past.pop()?;
         self.future.push(Step { label, version: present });
@@ -110,7 +110,7 @@ impl History {
         Some(version)
     }
 
-    /// The design one step forth.
+    /// The design one step forward.
     pub fn redo(&mut self, present: Version) -> Option<Version> {
         let Step { label, version } = self.future.pop()?;
         self.past.push(Step { label, version: present });
@@ -118,7 +118,7 @@ impl History {
         Some(version)
     }
 
-    /// Drops the oldest steps beyond what may be kept.
+    /// Drops the oldest steps beyond the limits.
     fn forget(&mut self) {
         let mut bytes = 0;
         let fits = |step: &&Step| {
@@ -210,7 +210,7 @@ mod tests {
             Version { design: Arc::new(Design { encoder, ..Design::default() }), number, lenslets: 1 }
         };
         let takes = |steps: &[Step]| steps.len() * SIDE * SIDE * size_of::<f32>();
-        // Twice what there is room for.
+        // Twice the memory limit.
         let count = (2 * BYTES / (SIDE * SIDE * size_of::<f32>())) as u64;
         let mut history = History::default();
         for number in 0..count {

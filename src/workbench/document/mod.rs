@@ -1,4 +1,4 @@
-//! The open design: commands that change it, undo, autosave, samples and the files that it is made from.
+//! The open design: commands that change it, undo, autosave, samples and previews of files.
 
 pub mod autosave;
 pub mod command;

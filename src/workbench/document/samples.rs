@@ -1,18 +1,18 @@
-//! Designs that come with the program.
+//! Sample designs of the program.
 
 use crate::forward::Design;
 
-/// A design to start from.
+/// A sample design.
 pub struct Sample {
-    /// What it is called.
+    /// Name of the sample.
     pub name: &'static str,
-    /// What it shows.
+    /// Description of the sample.
     pub about: &'static str,
     /// Its file.
     json: &'static str,
 }
 
-/// All of them.
+/// All samples.
 pub const SAMPLES: [Sample; 3] = [
     Sample {
         name: "Nine lenslets",

@@ -1,5 +1,4 @@
-//! Estimates in files: those that came to their end, so that they outlive the window, and the one in hand with those that wait for it,
-//! so that the next window goes on with them.
+//! Files of estimates. Finished estimates outlive the window; the running one and those that wait resume in the next window.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -15,34 +14,34 @@ use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
 use crate::workbench::live::published::{Live, is_estimate_of};
 
-/// An estimate that was asked for.
+/// An ordered estimate.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct EstimateOrder {
-    /// The design as it was then.
+    /// The design at the time of the order.
     pub design: Arc<Design>,
-    /// Its revision; those of another day count for nothing.
+    /// Its revision; revisions of earlier sessions are not used.
     #[serde(skip)]
     pub revision: u64,
-    /// What is to be estimated.
+    /// Request of the estimate.
     pub request: EstimateRequest,
-    /// Images of a camera in place of the design's measurements, of which it has noise and seed alone.
+    /// Images of a camera in place of the design's measurements; the design then gives only noise and seed.
     pub measured: Option<MeasuredOrder>,
 }
 
 impl EstimateOrder {
-    /// Whether what this one has come to is of use to the other.
+    /// Whether a checkpoint of this order applies to the other.
     fn is_same(&self, other: &Self) -> bool {
         self.design == other.design && self.measured == other.measured && self.request == other.request
     }
 
-    /// The same for a program that is started in another folder.
+    /// The same order with absolute paths, for a program that is started in another folder.
     fn absolute(&self) -> Self {
         let design = Design { objects: self.design.objects.absolute(), ..Design::clone(&self.design) };
         let measured = self.measured.as_ref().map(MeasuredOrder::absolute);
         Self { design: Arc::new(design), measured, ..self.clone() }
     }
 
-    /// What it is, for people.
+    /// Name of the order, for people.
     pub(crate) fn name(&self) -> String {
         let of = match &self.measured {
             Some(measured) => measured.source.to_string(),
@@ -57,7 +56,7 @@ impl EstimateOrder {
 pub struct FinishedEstimate {
     /// Version of the program's numbers.
     program_version: String,
-    /// What was asked for.
+    /// The order.
     pub order: EstimateOrder,
     /// The result.
     pub estimate: Estimate,
@@ -69,7 +68,7 @@ pub struct FinishedEstimate {
 }
 
 impl FinishedEstimate {
-    /// An estimate of today.
+    /// A finished estimate by this version of the program.
     pub(crate) fn new(order: EstimateOrder, estimate: Estimate, mut curve: Vec<FitPoint>) -> Self {
         curve.retain(|point| point.bits.is_finite());
         Self { program_version: NUMBERS_VERSION.into(), order, estimate, curve, file: None }
@@ -80,7 +79,7 @@ impl FinishedEstimate {
         self.program_version == NUMBERS_VERSION
     }
 
-    /// Whether it is of this design, whatever revision that has by now, and of its objects as they were read last.
+    /// Whether the estimate is of this design, in any revision, and of its objects as they were read last.
     pub fn is_of(&self, design: &Arc<Design>, live: &Live) -> bool {
         self.order.measured.is_none()
             && self.is_of_this_version()
@@ -88,11 +87,11 @@ impl FinishedEstimate {
     }
 }
 
-/// A folder with a file for each, with the order in hand and with those that wait.
+/// Folder with a file for each finished estimate, the running order and the waiting ones.
 #[derive(Clone, Debug)]
 pub(crate) struct EstimateFolder {
     folder: PathBuf,
-    /// Held so that no other program takes up the order in hand; none where another one holds it, and where a newer one wrote it.
+    /// Held so that no other program resumes the running order; none where another program holds it, and where a newer version wrote it.
     lock: Option<Arc<Option<File>>>,
 }
 
@@ -103,17 +102,17 @@ const PENDING: DocumentKind =
 const WAITING_ORDERS: DocumentKind =
     DocumentKind::unmarked_before("lenslet-studio/waiting-estimates", "a list of waiting estimates");
 
-/// The orders that wait, as they stand in their file.
+/// The waiting orders, as their file holds them.
 #[derive(Serialize)]
 struct Waiting {
     entries: Vec<EstimateOrder>,
 }
 
-/// An order in hand as it stands in its file.
+/// The running order, as its file holds it.
 #[derive(Serialize, Deserialize)]
 struct Pending {
     program_version: String,
-    /// Programs that ended in the midst of it without being closed, one after the other.
+    /// Number of successive programs that ended during the order without being closed.
     crashes: usize,
     order: EstimateOrder,
 }
@@ -121,27 +120,27 @@ struct Pending {
 impl EstimateFolder {
     /// Most estimates that are read; older ones stay in their files.
     const MOST: usize = 100;
-    /// Programs that may have ended in the midst of an order before it is given up: it may be what ends them.
+    /// Number of crashes after which an order is given up, because it may cause them.
     const MOST_CRASHES: usize = 3;
 
-    /// A folder that is there.
+    /// Opens an existing folder.
     pub fn open(folder: PathBuf) -> Self {
         let lock = lock_folder(&folder).ok().map(Arc::new);
         let mut found = Self { folder, lock };
         if PENDING.is_newer(&found.pending().join(ORDER)) || WAITING_ORDERS.is_newer(&found.folder.join(WAITING)) {
-            // They are left for the newer program that wrote them.
+            // The orders are left for the newer program that wrote them.
             found.lock = None;
         }
         found
     }
 
-    /// The newest finished estimates, oldest first. What cannot be read is left as it is.
+    /// Reads the newest finished estimates, oldest first. Unreadable files stay unchanged.
     pub fn read(&self) -> Vec<FinishedEstimate> {
         let is_deleted = |file: &PathBuf| file.extension().is_some_and(|ending| ending == DELETED);
         let entries = std::fs::read_dir(&self.folder).into_iter().flatten();
         let deleted = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(is_deleted);
         for file in deleted.filter(|_| self.lock.is_some()) {
-            // One that stays behind goes the next time.
+            // A file that cannot be removed goes the next time.
             let _ = std::fs::remove_file(file);
         }
         let documents = DocumentFolder { folder: self.folder.clone(), kind: FINISHED, most: Self::MOST };
@@ -150,10 +149,10 @@ impl EstimateFolder {
         found.into_iter().map(|(file, estimate)| FinishedEstimate { file: Some(file), ..estimate }).collect()
     }
 
-    /// Writes one into a file of its own.
+    /// Writes an estimate into a file of its own.
     ///
     /// # Errors
-    /// Where that cannot be written.
+    /// Where the file cannot be written.
     pub fn keep(&self, estimate: &mut FinishedEstimate) -> Result<(), FormatError> {
         let name = DocumentFolder::new_name();
         FINISHED.write(&self.folder.join(&name), estimate)?;
@@ -161,30 +160,30 @@ impl EstimateFolder {
         Ok(())
     }
 
-    /// Deletes the file of one, which can be brought back until the folder is opened the next time.
+    /// Deletes the file of an estimate; it can be brought back until the folder is opened the next time.
     pub fn delete(&self, estimate: &FinishedEstimate) {
         if let Some((file, deleted)) = self.files_of(estimate) {
-            // One that is gone already need not go.
+            // The file may already be gone.
             let _ = std::fs::rename(file, deleted);
         }
     }
 
-    /// Brings back the file of one that was deleted.
+    /// Restores the file of a deleted estimate.
     pub fn bring_back(&self, estimate: &FinishedEstimate) {
         if let Some((file, deleted)) = self.files_of(estimate) {
-            // Without it the estimate lasts as long as the window.
+            // Without a file the estimate lasts as long as the window.
             let _ = std::fs::rename(deleted, file);
         }
     }
 
-    /// The file of an estimate, and the same once it was deleted.
+    /// The file of an estimate, and its name after deletion.
     fn files_of(&self, estimate: &FinishedEstimate) -> Option<(PathBuf, PathBuf)> {
         let file = self.folder.join(estimate.file.as_ref()?);
         let deleted = file.with_extension(DELETED);
         Some((file, deleted))
     }
 
-    /// Whether the next program can go on with the order in hand.
+    /// Whether the next session can resume the running order.
     pub fn keeps_orders(&self) -> bool {
         self.lock.is_some()
     }
@@ -193,13 +192,13 @@ impl EstimateFolder {
         self.folder.join("pending")
     }
 
-    /// Notes that an order is in hand. What comes back is the file for what it has come to, where it can be kept.
+    /// Notes that an order is running. Returns its checkpoint file, where there can be one.
     pub fn begin(&self, order: &EstimateOrder) -> Option<PathBuf> {
         self.lock.as_ref()?;
         let order = order.absolute();
         let earlier = self.read_pending();
         if earlier.as_ref().is_some_and(|earlier| !earlier.order.is_same(&order)) {
-            // Another one that failed.
+            // The folder of another order that failed.
             self.end();
         }
         let folder = self.pending();
@@ -217,13 +216,13 @@ impl EstimateFolder {
         PENDING.write(&self.pending().join(ORDER), pending).ok()
     }
 
-    /// Notes which orders wait for the one in hand.
+    /// Notes the waiting orders.
     pub fn note_waiting(&self, orders: &[EstimateOrder]) {
         if self.lock.is_none() {
             return;
         }
         let file = self.folder.join(WAITING);
-        // What cannot be written lasts as long as the window.
+        // Orders that cannot be written last as long as the window.
         if orders.is_empty() {
             let _ = std::fs::remove_file(file);
         } else {
@@ -232,14 +231,14 @@ impl EstimateFolder {
         }
     }
 
-    /// The orders that waited when the last program ended.
+    /// The waiting orders of the last session.
     pub fn waiting(&self) -> Vec<EstimateOrder> {
         let read = |_| WAITING_ORDERS.read::<Listed<EstimateOrder>>(&self.folder.join(WAITING)).ok();
         let orders = self.lock.as_ref().and_then(read).map(Listed::into_entries).unwrap_or_default();
         orders.into_iter().filter(|order| order.design.check().is_ok()).collect()
     }
 
-    /// Notes that the order in hand is left for later, because the program is closed or a file is not there.
+    /// Notes that the running order is postponed, because the program is closed or a file is missing.
     pub fn leave(&self) {
         if let Some(pending) = self.lock.as_ref().and_then(|_| self.read_pending()) {
             // Otherwise it counts as a crash.
@@ -247,16 +246,16 @@ impl EstimateFolder {
         }
     }
 
-    /// Notes that no order is in hand.
+    /// Notes that no order is running.
     pub fn end(&self) {
         if self.lock.is_some() {
-            // What stays behind is replaced by the next order.
+            // A folder that cannot be removed is replaced by the next order.
             let _ = std::fs::remove_dir_all(self.pending());
         }
     }
 
-    /// The order that was in hand when the last program ended, and why it is given up, if it is. What it had come to by another
-    /// version is of no use any more.
+    /// The order that was running when the last program ended, and the reason why it is given up, if it is. Checkpoints of another
+    /// version are of no use.
     pub fn interrupted(&self) -> Option<(EstimateOrder, Option<String>)> {
         self.lock.as_ref()?;
         let Pending { program_version, crashes, order } = self.read_pending()?;
@@ -277,10 +276,10 @@ impl EstimateFolder {
     }
 }
 
-/// Files of the order in hand: the order, and what it has come to.
+/// Files of the running order: the order, and its checkpoint.
 const ORDER: &str = "order.json";
 const STATE: &str = "state";
-/// File of the orders that wait for it; not one of the finished ones, which end differently.
+/// File of the waiting orders. Its ending differs from that of finished estimates.
 const WAITING: &str = "waiting";
 /// Ending of the files of estimates that were deleted.
 const DELETED: &str = "deleted";

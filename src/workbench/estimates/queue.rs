@@ -1,5 +1,5 @@
-//! Estimates that take longer than an edit may: the live estimate, refined for as long as the design stays as it is, and
-//! estimates that were ordered, one at a time. Both run on one named thread, orders first.
+//! Queue of estimates that take longer than an edit may: the live estimate, refined while the design stays unchanged, and ordered
+//! estimates, one at a time. Both run on one named thread, orders first.
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
@@ -20,12 +20,12 @@ use crate::workbench::live::estimate::LiveEstimate;
 use crate::workbench::live::estimator::LiveEstimator;
 use crate::workbench::live::published::{Revisioned, Wanted};
 
-/// Orders that may wait.
+/// Most orders that may wait.
 const MOST_ORDERS: usize = 50;
-/// Time between two tellings of progress.
+/// Time between two reports of progress.
 const TELL_EVERY: Duration = Duration::from_millis(100);
 
-/// An order that is being computed.
+/// The running order.
 #[derive(Clone, Debug)]
 pub struct RunningEstimate {
     /// Its number in the list of activities.
@@ -34,28 +34,28 @@ pub struct RunningEstimate {
     pub model: DensityModel,
     /// Revision of the design.
     pub revision: u64,
-    /// How far it is.
+    /// Progress of the estimate.
     pub progress: EstimateProgress,
     /// Curves of the fits, oldest first.
     pub curve: Vec<FitPoint>,
 }
 
-/// What the thread has computed and is computing.
+/// Finished and running estimates of the thread.
 #[derive(Clone, Default)]
 pub struct Estimates {
     /// The newest live estimate.
     pub live: Option<Revisioned<LiveEstimate>>,
-    /// Why the newest design has no live estimate.
+    /// Revision of the newest design, and why it has no live estimate.
     pub live_failure: Option<(u64, String)>,
-    /// The order in hand.
+    /// The running order.
     pub running: Option<RunningEstimate>,
-    /// All orders that were finished, also on other days, oldest first.
+    /// All finished orders, also of earlier sessions, oldest first.
     pub finished: Vec<Revisioned<FinishedEstimate>>,
-    /// The one that was deleted last and can be brought back, and its place.
+    /// The finished order that was deleted last and can be brought back, and its place.
     pub gone: Option<(usize, Revisioned<FinishedEstimate>)>,
 }
 
-/// Handle of the thread; dropping it stops what it does; the thread then ends by itself.
+/// Handle of the thread. Dropping it stops the current estimate; the thread then ends by itself.
 pub(crate) struct Estimator {
     shared: Arc<Shared>,
 }
@@ -64,37 +64,37 @@ struct Shared {
     mailbox: Mutex<Mailbox>,
     arrived: Condvar,
     estimates: Mutex<Estimates>,
-    /// Where orders outlive the program, finished ones and the one in hand.
+    /// Folder in which finished, running and waiting orders outlive the program.
     folder: Mutex<Option<EstimateFolder>>,
-    /// Held while it is written there which orders wait.
+    /// Held while the waiting orders are written to the folder.
     noting: Mutex<()>,
     threads: Threads,
     activities: Activities,
-    /// Newest revision that is known; a live estimate of an older one is given up.
+    /// Newest known revision; a live estimate of an older one is given up.
     newest: AtomicU64,
-    /// The order in hand is to stop.
+    /// Flag that stops the running order.
     cancelled: AtomicBool,
-    /// Live estimates are wanted; changed while the mailbox is locked, so that no change is missed before a wait.
+    /// Whether live estimates are wanted. It changes while the mailbox is locked, so that no change is missed before a wait.
     live: AtomicBool,
-    /// Live estimates give way to something else; changed as `live` is.
+    /// Whether live estimates are paused for something else; changed as `live` is.
     held: AtomicBool,
-    /// The thread is to end; changed as `live` is.
+    /// Flag that ends the thread; changed as `live` is.
     quit: AtomicBool,
     wake: Wake,
 }
 
 #[derive(Default)]
 struct Mailbox {
-    /// The folder was named: what it holds is read before anything else.
+    /// Folder whose contents are to be read before anything else.
     read: Option<PathBuf>,
     refine: Option<Refine>,
-    /// Those that wait, oldest first.
+    /// Waiting orders, oldest first.
     orders: VecDeque<(EstimateOrder, Entry)>,
-    /// They are others than those in the file of waiting orders.
+    /// Whether the waiting orders differ from those in their file.
     is_to_be_noted: bool,
 }
 
-/// A design whose live estimate is wanted.
+/// A request for the live estimate of a design.
 #[derive(Clone)]
 struct Refine {
     wanted: Wanted,
@@ -127,10 +127,10 @@ impl Estimator {
         Ok(Self { shared })
     }
 
-    /// Keeps orders in a folder. Those that are there are taken up away from the window, and the one that was interrupted goes on.
+    /// Stores orders in a folder. Existing orders are loaded outside the window's thread, and the interrupted one resumes.
     ///
     /// # Errors
-    /// Where the folder cannot be made.
+    /// Where the folder cannot be created.
     pub fn keep_in(&self, folder: &Path) -> Result<(), FormatError> {
         create_folder(folder)?;
         lock(&self.shared.mailbox).read = Some(folder.to_path_buf());
@@ -138,12 +138,12 @@ impl Estimator {
         Ok(())
     }
 
-    /// Whether the next program can go on with the order in hand.
+    /// Whether the next session can resume the running order.
     pub fn keeps_orders(&self) -> bool {
         lock(&self.shared.folder).as_ref().is_some_and(EstimateFolder::keeps_orders)
     }
 
-    /// Forgets a finished order, its file as well, until it is [brought back](Estimator::bring_back).
+    /// Deletes a finished order and its file; it can be [brought back](Estimator::bring_back).
     pub fn delete(&self, finished: &Arc<FinishedEstimate>) {
         let mut estimates = lock(&self.shared.estimates);
         let Some(place) = estimates.finished.iter().position(|other| Arc::ptr_eq(&other.value, finished)) else {
@@ -156,7 +156,7 @@ impl Estimator {
         }
     }
 
-    /// Puts the finished order that was deleted last where it was.
+    /// Restores the finished order that was deleted last to its place.
     pub fn bring_back(&self) {
         let mut estimates = lock(&self.shared.estimates);
         let Some((place, finished)) = estimates.gone.take() else { return };
@@ -167,12 +167,12 @@ impl Estimator {
         estimates.finished.insert(place, finished);
     }
 
-    /// A newer design is on its way: what is refined now is no longer of use.
+    /// Notes a newer design, which makes the present live estimate useless.
     pub fn supersede(&self, revision: u64) {
         self.shared.newest.fetch_max(revision, Ordering::Relaxed);
     }
 
-    /// Asks for the live estimate of a design; takes the place of one that waits.
+    /// Requests the live estimate of a design; replaces a waiting request.
     pub fn refine(&self, wanted: Wanted, scene: Arc<Scene>) {
         self.supersede(wanted.revision);
         lock(&self.shared.mailbox).refine = Some(Refine { wanted, scene });
@@ -189,17 +189,17 @@ impl Estimator {
         self.shared.set(&self.shared.live, live);
     }
 
-    /// Lets live estimates wait while something more important computes.
+    /// Pauses live estimates while something more important computes.
     pub fn hold(&self, hold: bool) {
         if self.shared.held.load(Ordering::Relaxed) != hold {
             self.shared.set(&self.shared.held, hold);
         }
     }
 
-    /// Asks for an estimate; it is computed after those that were asked for before.
+    /// Orders an estimate; it is computed after earlier orders.
     ///
     /// # Errors
-    /// One sentence where too many wait.
+    /// One sentence where too many orders wait.
     pub fn order(&self, order: EstimateOrder) -> Result<(), String> {
         let mut mailbox = lock(&self.shared.mailbox);
         if mailbox.orders.len() >= MOST_ORDERS {
@@ -213,7 +213,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// Stops the order in hand.
+    /// Stops the running order.
     pub fn cancel(&self) {
         if let Some(running) = &mut lock(&self.shared.estimates).running {
             running.progress.step = "stopping".into();
@@ -221,7 +221,7 @@ impl Estimator {
         }
     }
 
-    /// Stops the order of this number in the list of activities, whether it is in hand or waits.
+    /// Stops the order of this number in the list of activities, whether it is running or waiting.
     pub fn cancel_numbered(&self, number: u64) {
         let mut mailbox = lock(&self.shared.mailbox);
         let before = mailbox.orders.len();
@@ -234,7 +234,7 @@ impl Estimator {
         }
     }
 
-    /// What there is.
+    /// A copy of all estimates.
     pub fn estimates(&self) -> Estimates {
         lock(&self.shared.estimates).clone()
     }
@@ -242,7 +242,7 @@ impl Estimator {
 
 impl Drop for Estimator {
     fn drop(&mut self) {
-        // Nobody waits for the thread: its files are whole or not there, and it ends at its next step.
+        // There is no need to wait for the thread: its files are complete or absent, and it ends at its next step.
         self.shared.set(&self.shared.quit, true);
         let is_computing = lock(&self.shared.estimates).running.is_some();
         if let Some(folder) = lock(&self.shared.folder).as_ref().filter(|_| is_computing) {
@@ -258,10 +258,10 @@ enum Task {
     Refine(Refine),
 }
 
-/// Why an order came to nothing.
+/// Failure of an order.
 struct Failed {
     text: String,
-    /// It is about a file that may be there another time: what the order has come to is kept.
+    /// Whether it is about a file that may be there another time; the order's checkpoint is then kept.
     may_pass: bool,
 }
 
@@ -284,7 +284,7 @@ fn run(shared: &Shared) {
         if let (Task::Order(..), Some(folder)) = (&task, lock(&shared.folder).as_ref()) {
             match &done {
                 Err(Some(failed)) if failed.may_pass => folder.leave(),
-                // One that was broken off by the end of the program is for the next.
+                // An order interrupted by the end of the program is left for the next session.
                 Err(_) if shared.quit.load(Ordering::Relaxed) => {}
                 _ => folder.end(),
             }
@@ -338,7 +338,7 @@ fn next_task(shared: &Shared) -> Option<Task> {
 }
 
 impl Shared {
-    /// Changes a flag that the thread looks at before it waits.
+    /// Changes a flag that the thread checks before it waits.
     fn set(&self, flag: &AtomicBool, value: bool) {
         let mailbox = lock(&self.mailbox);
         flag.store(value, Ordering::Relaxed);
@@ -350,7 +350,7 @@ impl Shared {
         self.live.load(Ordering::Relaxed) && !self.held.load(Ordering::Relaxed)
     }
 
-    /// Computes an order; returns its result in words, or why it failed, or nothing where it was stopped.
+    /// Computes an order. Returns a summary of its result, the reason of its failure, or nothing where it was stopped.
     fn compute(&self, order: &EstimateOrder, entry: &Entry) -> Result<String, Option<Failed>> {
         entry.begin();
         let began = Instant::now();
@@ -376,7 +376,7 @@ impl Shared {
         let EstimateOrder { design, measured, .. } = order;
         let folder = lock(&self.folder).clone();
         let keep = folder.as_ref().and_then(|folder| folder.begin(order));
-        // It waits no more.
+        // The order no longer waits.
         self.note_waiting();
         let request = &EstimateRequest { keep, ..order.request.clone() };
         let told = |text: String, is_cancelled: bool, may_pass: bool| {
@@ -405,9 +405,9 @@ impl Shared {
         Ok(text)
     }
 
-    /// Writes which orders wait, where that is not written yet.
+    /// Writes the waiting orders, where their file is out of date.
     fn note_waiting(&self) {
-        // Whoever is here last writes what is newest.
+        // The last writer writes the newest orders.
         let _turn = lock(&self.noting);
         let Some(folder) = lock(&self.folder).clone() else { return };
         let orders: Vec<EstimateOrder> = {
@@ -420,7 +420,7 @@ impl Shared {
         folder.note_waiting(&orders);
     }
 
-    /// Takes up the orders that were finished on other days, the one that was interrupted and those that waited for it.
+    /// Loads the finished orders of earlier sessions, the interrupted one and the waiting ones.
     fn take_up(&self, folder: EstimateFolder) {
         let earlier = folder.read().into_iter().map(|finished| Revisioned { revision: 0, value: Arc::new(finished) });
         lock(&self.estimates).finished.splice(0..0, earlier);
@@ -440,7 +440,7 @@ impl Shared {
             orders.push_back((order, entry));
         }
         let mut mailbox = lock(&self.mailbox);
-        // What was asked for since is for later.
+        // Orders since then come later.
         orders.append(&mut mailbox.orders);
         mailbox.orders = orders;
         drop(mailbox);
@@ -462,7 +462,7 @@ impl Shared {
             drop(estimates);
             (self.wake)();
         };
-        // While edits follow each other quickly, each one that was begun still brings its first number.
+        // While edits come quickly, each estimate that was started still gives its first number.
         let stop = || {
             let superseded = revision < self.newest.load(Ordering::Relaxed) && published.load(Ordering::Relaxed);
             let unwanted = self.quit.load(Ordering::Relaxed) || !self.wants_live();
@@ -471,7 +471,7 @@ impl Shared {
         match refiner.refine((design, before.as_ref()), scene, &mut publish, &stop) {
             Ok(()) => {}
             Err(error) if error.is_cancelled() => {
-                // An order or the switch interrupted: it goes on afterwards, unless there is a newer design by then.
+                // An order or the switch interrupted it: it resumes afterwards, unless there is a newer design.
                 let mut mailbox = lock(&self.mailbox);
                 if revision >= self.newest.load(Ordering::Relaxed) && mailbox.refine.is_none() {
                     mailbox.refine = Some(order.clone());

@@ -1,4 +1,4 @@
-//! Exports: what a design is and does, in files that other tools read. They need no window.
+//! Exports of a design and its results, in files for other tools. They need no window.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use crate::forward::{Design, DesignError, DesignFileError};
 use crate::optics::Spot;
 use crate::workbench::export::colormap::Colormap;
 
-/// Why an export was not written.
+/// Reasons why an export was not written.
 #[derive(Debug, Error)]
 pub enum ExportError {
     /// A file.
@@ -23,14 +23,14 @@ pub enum ExportError {
     /// The mask cannot be rendered.
     #[error(transparent)]
     Mask(#[from] DesignError),
-    /// What was to be exported could not be computed.
+    /// The computation of the exported data failed.
     #[error(transparent)]
     Evaluation(#[from] EvaluationError),
 }
 
 /// The files of an exported design; the last one is of lenslets alone.
 pub const DESIGN_FILES: [&str; 6] = ["psf.npy", "psf.tiff", "psf.png", "psf16.png", DESIGN_FILE, "lenslets.csv"];
-/// The one of them that can be opened.
+/// The file among them that can be opened again.
 pub const DESIGN_FILE: &str = "design.json";
 
 /// The file of the PSF in these colours.
@@ -44,9 +44,9 @@ pub fn design_outputs(folder: &Path) -> Vec<PathBuf> {
     DESIGN_FILES.iter().map(|name| folder.join(name)).chain(colours).collect()
 }
 
-/// Writes a design into `folder`, which is made if need be: `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
-/// `psf16.png` (0 to the PSF's maximum), `design.json`, `lenslets.csv` where there are lenslets, and `psf-COLOURS.png` where
-/// colours are asked for. A table or colours that an earlier export of another mask has left there are removed.
+/// Writes a design into `folder`, which is created if it is missing. The files are `psf.npy`, `psf.tiff` (32-bit float), `psf.png` and
+/// `psf16.png` (0 to the PSF's maximum), `design.json`, `lenslets.csv` where there are lenslets, and `psf-COLOURS.png` where colours are
+/// requested. A table or colours from an earlier export of another mask are removed.
 ///
 /// `psf.npy` and `psf.tiff` hold (rows, cols) values that sum to 1, or (planes, rows, cols) where lenslets are focused
 /// on several planes; the PNG files show all planes together. No file appears before all are complete.
@@ -59,7 +59,7 @@ pub fn export_design(design: &Design, folder: &Path, colours: Option<Colormap>) 
     write_design(design, folder, colours)
 }
 
-/// As [`export_design`], into a folder that is there and that the caller keeps others out of.
+/// As [`export_design`], into an existing folder that the caller has locked.
 ///
 /// # Errors
 /// As [`export_design`].
@@ -72,7 +72,7 @@ pub fn write_design(design: &Design, folder: &Path, colours: Option<Colormap>) -
         [1, plane @ ..] => plane,
         all => all,
     };
-    // A picture of the same mask in other colours may stay.
+    // An image of the same mask in other colours may stay.
     let earlier = formats::read_array(&npy).ok();
     let is_of_another = earlier.is_some_and(|earlier| earlier.shape() != shape || !earlier.iter().eq(psf.iter()));
     let mut array = ArrayWriter::create(&npy, shape)?;
@@ -111,20 +111,20 @@ pub fn write_design(design: &Design, folder: &Path, colours: Option<Colormap>) -
     Ok(files)
 }
 
-/// Names files once all of them are on the disk.
+/// Renames files once all of them are on the disk.
 pub(crate) fn put_in_place(complete: Vec<(PathBuf, CompleteFile)>) -> Result<Vec<PathBuf>, ExportError> {
     let place = |(path, file): (PathBuf, CompleteFile)| file.put_in_place().map(|()| path).map_err(ExportError::from);
     complete.into_iter().map(place).collect()
 }
 
-/// Columns of numbers with names.
+/// Named columns of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     /// Names of the columns, with units.
     pub header: Vec<String>,
     /// Rows.
     pub rows: Vec<Vec<f64>>,
-    /// Names of the rows, which make the first column; none where they have no names.
+    /// Names of the rows, for the first column; none where rows have no names.
     pub names: Vec<String>,
 }
 

@@ -89,8 +89,8 @@ fn pages_of(shape: &[usize]) -> (usize, usize, usize) {
     }
 }
 
-/// Writes named stacks, shape (n, rows, cols) or (n, planes, rows, cols), into `folder`, which is made if need be. TIFF
-/// has one page per plane.
+/// Writes named stacks, shape (n, rows, cols) or (n, planes, rows, cols), into `folder`, which is created if it is missing. TIFF has one
+/// page per plane.
 ///
 /// # Errors
 /// [`ExportError`] names the file that could not be written, or the folder where another program writes into it.
@@ -109,7 +109,7 @@ pub fn export_measurements(
     put_in_place(stacks.iter().map(write).collect::<Result<_, ExportError>>()?)
 }
 
-/// What [`measure_into`] wrote.
+/// Result of [`measure_into`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasuredStacks {
     /// Shape of the objects: (n, rows, cols), or (n, planes, rows, cols) for volumes.
@@ -122,12 +122,11 @@ pub struct MeasuredStacks {
     pub files: Vec<PathBuf>,
 }
 
-/// Measures `count` objects of a design into `objects`, `noiseless` and `measurements` (NPY or TIFF) and `design.json`
-/// in `folder`, which is made if need be.
+/// Measures `count` objects of a design into `objects`, `noiseless` and `measurements` (NPY or TIFF) and `design.json` in `folder`, which
+/// is created if it is missing.
 ///
-/// Memory does not grow with `count`: objects are drawn, measured and written a batch at a time, and what is written
-/// does not depend on the length of a batch. No file appears before all are complete. `progress` hears how many
-/// objects are done.
+/// Memory does not grow with `count`: objects are drawn, measured and written a batch at a time. The files do not depend on the length of
+/// a batch. No file appears before all are complete. `progress` receives the number of finished objects.
 ///
 /// # Errors
 /// [`ExportError`] where something cannot be computed or written, or another program writes into the folder.

@@ -1,7 +1,7 @@
 //! Command lines that reproduce what the window shows.
 //!
-//! A command holds the whole design: as flags for a published layout, as JSON on standard input otherwise. It gives the same
-//! result in any folder.
+//! A command holds the whole design: as flags for a published layout, as JSON on standard input otherwise. It gives the same result in
+//! any folder.
 
 use std::path::Path;
 
@@ -69,11 +69,11 @@ fn estimate_flags(request: &EstimateRequest) -> String {
     flags.join(" ")
 }
 
-/// The command for a run of IDEAL from a design; it writes into the folder `run`. One that went on beyond its end (`events`)
-/// takes as many commands, each of which goes on where the one before has ended.
+/// Command for a run of IDEAL from a design; it writes into the folder `run`. A run that was extended (`events`) takes one command for
+/// each part, and each resumes at the end of the one before.
 ///
 /// # Errors
-/// As [`bounds_command`]; where the run was told on its way to take another number of steps or to go back, which no command does.
+/// As [`bounds_command`]; where the run was replanned or rewound on its way, which no command does.
 pub fn run_command(start: &Design, settings: &IdealSettings, events: &[IdealEvent]) -> Result<String, String> {
     let ends = segment_lengths(settings, events)?;
     let parts = ends.into_iter().map(|steps| part_command(start, &IdealSettings { steps, ..settings.clone() }));
@@ -146,7 +146,7 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
     Ok(format!("lenslet-studio {command} - {flags} <<'END'\n{text}\nEND"))
 }
 
-/// Command that recomputes a live estimate from its record.
+/// Command that reproduces a live estimate from its record.
 pub fn reproduce_command(record: &Path) -> String {
     format!("lenslet-studio reproduce {}", quoted(&record.display().to_string()))
 }
@@ -222,7 +222,7 @@ mod tests {
         assert!(head.contains(r#"--config '{"rates":{"position":0.05},"refit":70}' "#), "{head}");
         let value = serde_json::from_str(rest.strip_suffix("\nEND").unwrap()).unwrap();
         assert_eq!(Design::from_value(value, "text").unwrap(), Design { seed: 11, ..design.clone() });
-        // One that went on beyond its end.
+        // A run that was extended.
         settings.steps = 90;
         let published = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..design };
         let text = run_command(&published, &settings, &[IdealEvent::Extended { step: 40 }]).unwrap();

@@ -1,5 +1,5 @@
-//! What the worker keeps between the designs and jobs that it computes: it renders, reads objects, measures and bounds anew only
-//! what has changed.
+//! The evaluator of the worker. It keeps results between designs and jobs, and recomputes only what has changed: PSF, objects,
+//! measurements and bounds.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -17,12 +17,12 @@ use crate::workbench::background::threads::lock;
 use crate::workbench::jobs::job::{Job, Outcome, measured_snapshot};
 use crate::workbench::live::published::{Live, Revisioned, Wanted};
 
-/// Tells how far the reading of objects is.
+/// Reports the progress of reading objects.
 fn tell(entry: &Entry, progress: Progress) {
     entry.tell(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
 }
 
-/// What is kept between evaluations.
+/// Results that are kept between evaluations.
 #[derive(Default)]
 pub(crate) struct Evaluator {
     optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
@@ -39,13 +39,13 @@ impl Evaluator {
         let outcome = self.steps(wanted, shared);
         let is_stopped =
             shared.cancelled.load(Ordering::Relaxed) && outcome.as_ref().is_err_and(EvaluationError::is_cancelled);
-        // An edit that waits would begin again what has just been stopped.
+        // A waiting edit would restart what was just stopped.
         let same = |newer: &mut Wanted| is_stopped && Scene::same_objects(&wanted.design, &newer.design);
         let newest = lock(&shared.mailbox).evaluate.take_if(same).map_or(wanted.revision, |newer| newer.revision);
         let mut results = lock(&shared.results);
         match outcome {
             Ok(()) => results.live.seconds = start.elapsed().as_secs_f64(),
-            // A newer design, which waits in the mailbox, looks at other objects.
+            // A newer design waits in the mailbox, and images other objects.
             Err(error) if error.is_cancelled() && !is_stopped => {}
             Err(error) => results.live.failure = Some((newest, error.to_string())),
         }
@@ -73,13 +73,13 @@ impl Evaluator {
         if let Some(entry) = entry.into_inner() {
             match &scene {
                 Ok(scene) => entry.end(Ok(scene.set.describe())),
-                // Dropped without an end, it was stopped.
+                // The entry was dropped without an end: it counts as stopped.
                 Err(EvaluationError::Objects(ObjectError::Cancelled)) => {}
                 Err(error) => entry.end(Err(error.to_string())),
             }
         }
         let scene = scene?;
-        // Opening the objects may have told that they have more planes.
+        // Opening the objects may have shown that they have more planes.
         let optics = if scene.set.planes() > planes {
             self.optics(design, scene.set.planes(), revision, shared)?
         } else {
@@ -94,7 +94,7 @@ impl Evaluator {
         let Some((_, prepared)) = &self.scene_optics else { return Ok(()) };
         let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
         publish(&|live| live.measurements = Some(Revisioned { revision, value: Arc::clone(&measurements) }));
-        // Tables of the noise's entropy are worth keeping while the noise stays the same.
+        // Tables of the noise's entropy are kept while the noise stays the same.
         let bounding = design.noise.bounding();
         let noise_entropy = match &self.noise_entropy {
             Some((noise, known)) if *noise == bounding => known,
@@ -112,7 +112,7 @@ impl Evaluator {
         Ok(())
     }
 
-    /// Renders and publishes the PSF, unless the last one is of this very mask.
+    /// Renders and publishes the PSF, unless the last one is of the same mask.
     fn optics(
         &mut self,
         design: &Arc<Design>,
@@ -133,8 +133,8 @@ impl Evaluator {
         Ok(optics)
     }
 
-    /// The objects of the design, opened where they are not at hand. `superseded` tells whether a newer design, which
-    /// waits for its numbers, makes these objects useless.
+    /// The objects of the design, opened where they are not open yet. `superseded` returns whether a newer design, which waits for its
+    /// numbers, makes these objects useless.
     fn scene(
         &mut self,
         design: &Design,
@@ -154,7 +154,7 @@ impl Evaluator {
         let watch = |progress: Progress| {
             lock(&shared.results).live.busy = Some(progress.to_string());
             told(progress);
-            // The mask may be edited while objects are read: the PSF follows at once.
+            // The mask may be edited while objects are read: its PSF appears at once.
             let waiting = lock(&shared.mailbox).evaluate.clone();
             if let Some(newer) = waiting.filter(|newer| newer.revision > newest.get()) {
                 if superseded(&newer.design) {
@@ -177,10 +177,10 @@ impl Evaluator {
         Ok(scene)
     }
 
-    /// Does a job; none where it gave way to an edit and is to be begun again.
+    /// Runs a job; none where it gave way to an edit and is to be restarted.
     pub(super) fn run_job(&mut self, job: &Job, entry: &Entry, shared: &Shared) -> Option<Result<Outcome, String>> {
         match job {
-            // The one job that leaves something behind for evaluations: the objects, if they can be opened.
+            // The only job with a result for evaluations: the objects, if they can be opened.
             Job::OpenObjects { design, document } => Some(self.open_objects((design, *document), entry, shared)),
             Job::MeasureSnapshot { number, name, design } => {
                 let known = self.scene.clone().filter(|scene| scene.serves(design));
@@ -199,10 +199,10 @@ impl Evaluator {
     ) -> Result<Outcome, String> {
         let revision = lock(&shared.results).live.optics.as_ref().map_or(0, |optics| optics.revision);
         let earlier = self.scene.clone();
-        // Who opens a file again wants what is in it now.
+        // A person who opens a file again wants its present contents.
         self.opened = None;
         self.scene.take_if(|_| design.objects.is_read());
-        // Edits go on while objects are read; they do not make them useless.
+        // Edits may come while objects are read; they do not make them useless.
         let scene = self.scene(design, revision, shared, &|_| false, &|progress| tell(entry, progress));
         let source = &design.objects;
         let opened = scene.map_err(|error| error.to_string()).and_then(|scene| {
@@ -215,15 +215,15 @@ impl Evaluator {
                 notices: scene.set.notices().to_vec(),
             })
         });
-        // Until it images others the open design goes on with its own.
+        // The open design keeps its own objects until it images the new ones.
         let scene = std::mem::replace(&mut self.scene, earlier);
         self.opened = scene.filter(|_| opened.is_ok());
         opened
     }
 }
 
-/// The objects of a design that is not open; reading them ends where it is cancelled or the program does. None where it
-/// gave way to an edit, whose numbers do not wait for it.
+/// The objects of a design that is not open. Reading them ends on cancellation and at the end of the program. None where reading gave way
+/// to an edit, whose numbers do not wait for it.
 fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Option<Result<Arc<Scene>, String>> {
     shared.cancelled.store(false, Ordering::Relaxed);
     let has_given_way = Cell::new(false);
@@ -234,7 +234,7 @@ fn other_scene(design: &Design, entry: &Entry, shared: &Shared) -> Option<Result
         (shared.wake)();
         let mailbox = lock(&shared.mailbox);
         let stop = mailbox.quit || shared.cancelled.load(Ordering::Relaxed);
-        // What has been read is not read again.
+        // Objects that were read completely are not read again.
         has_given_way.set(!stop && done < total && mailbox.evaluate.is_some());
         if stop || has_given_way.get() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };

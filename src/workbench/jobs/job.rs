@@ -18,19 +18,19 @@ use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementForm
 use crate::workbench::live::record::LiveRecord;
 use crate::workbench::runs::IdealRecord;
 
-/// Work that the window hands to the worker.
+/// A job that the window gives to the worker.
 #[derive(Clone, Debug)]
 pub enum Job {
     /// Reads a design file.
     OpenDesign {
-        /// Number of the contents that it is to take the place of.
+        /// Number of the contents that it replaces.
         replaces: u64,
         /// The file.
         path: PathBuf,
     },
     /// Writes a design file.
     SaveDesign {
-        /// The design as it was when it was asked for.
+        /// The design at the time of the request.
         design: Arc<Design>,
         /// Number of its document.
         document: u64,
@@ -41,21 +41,21 @@ pub enum Job {
     },
     /// Opens the objects of `design`, which is the open design with other objects.
     OpenObjects {
-        /// The design as it would be.
+        /// The design with the new objects.
         design: Arc<Design>,
         /// Number of its document.
         document: u64,
     },
-    /// Measures the first live object of a design that was put aside.
+    /// Measures the first live object of a snapshot.
     MeasureSnapshot {
         /// Number of the snapshot.
         number: u64,
-        /// What it is called.
+        /// Name of the snapshot.
         name: String,
         /// Its design.
         design: Arc<Design>,
     },
-    /// Reads a PSF picture, resampled to `side` pixels where that is given.
+    /// Reads a PSF image, resampled to `side` pixels where that is given.
     ImportPsf {
         /// The file.
         path: PathBuf,
@@ -64,11 +64,11 @@ pub enum Job {
         /// Number of the document that it is for.
         document: u64,
     },
-    /// Fits lenslets to the PSF of a mask that has none.
+    /// Fits lenslets to the PSF of a mask without lenslets.
     FitLenslets {
         /// The mask.
         encoder: Encoder,
-        /// Number of the contents that they are for.
+        /// Number of the contents that they replace.
         replaces: u64,
     },
     /// Writes the PSF in every format, the design and the lenslets into a folder.
@@ -91,7 +91,7 @@ pub enum Job {
         /// The folder.
         folder: PathBuf,
     },
-    /// Writes what a view shows as a PNG, one pixel per pixel.
+    /// Writes a view as a PNG, one pixel per pixel.
     ExportView {
         /// Shape (rows, cols).
         image: Array2<f32>,
@@ -102,7 +102,7 @@ pub enum Job {
         /// The file.
         path: PathBuf,
     },
-    /// Writes a picture in colours.
+    /// Writes a coloured image.
     ExportPicture {
         /// Shape (rows, cols, 3).
         image: Array3<u8>,
@@ -122,7 +122,7 @@ pub enum Job {
         record: Box<LiveRecord>,
         /// The file.
         path: PathBuf,
-        /// Whether it is for a command line, and not for its own sake.
+        /// Whether the record is for a command line, and not requested by itself.
         for_command: bool,
     },
     /// Writes a curve as CSV.
@@ -134,21 +134,21 @@ pub enum Job {
     },
 }
 
-/// What came of a job.
+/// Outcome of a job.
 #[derive(Clone, Debug)]
 pub enum Outcome {
     /// A design file was read.
     Opened {
-        /// What it holds.
+        /// The design in the file.
         design: Box<Design>,
-        /// Number of the contents that it is to take the place of.
+        /// Number of the contents that it replaces.
         replaces: u64,
         /// The file.
         path: PathBuf,
     },
     /// A design file was written.
     Saved {
-        /// Number of the document that was open when it was asked for.
+        /// Number of the document that was open at the request.
         document: u64,
         /// Number of the contents that were written.
         contents: u64,
@@ -159,20 +159,20 @@ pub enum Outcome {
     ObjectsOpened {
         /// Their source.
         source: ObjectSource,
-        /// Number of the document that was open when they were asked for.
+        /// Number of the document that was open at the request.
         document: u64,
-        /// What was understood of its files; none of beads.
+        /// Summary of its files; none of beads.
         understood: Option<String>,
-        /// What the reader of the files should know.
+        /// Notices on the files.
         notices: Vec<String>,
     },
-    /// A design that was put aside was measured.
+    /// A snapshot was measured.
     SnapshotMeasured {
         /// Number of the snapshot.
         number: u64,
-        /// What it is called.
+        /// Name of the snapshot.
         name: String,
-        /// Its measurement with noise, photons per pixel, shape (rows, cols); or why there is none.
+        /// Its measurement with noise, photons per pixel, shape (rows, cols); or the reason why there is none.
         measurement: Result<Array2<f32>, String>,
     },
     /// The record of a live estimate was written, for a command line.
@@ -180,20 +180,20 @@ pub enum Outcome {
         /// The file.
         path: PathBuf,
     },
-    /// A PSF picture was read.
+    /// A PSF image was read.
     PsfImported {
-        /// The encoder made of it.
+        /// The encoder made from it.
         encoder: Encoder,
-        /// What was understood of the file.
+        /// Summary of the file.
         understood: String,
-        /// Number of the document that was open when it was asked for.
+        /// Number of the document that was open at the request.
         document: u64,
     },
     /// Lenslets were fitted to a PSF.
     LensletsFitted {
-        /// They, and how good they are.
+        /// The lenslets, and the quality of the fit.
         fitted: FittedLenslets,
-        /// Number of the contents that they are for.
+        /// Number of the contents that they replace.
         replaces: u64,
     },
     /// Files were written.
@@ -204,12 +204,12 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// Whether a person has asked for it with this very design or file.
+    /// Whether a person requested it for this particular design or file.
     pub fn is_asked_for(&self) -> bool {
         !matches!(self, Self::SnapshotMeasured { .. } | Self::RecordKept { .. })
     }
 
-    /// What has happened, for people.
+    /// Report of the outcome, for people.
     pub fn sentence(&self) -> String {
         match self {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
@@ -235,7 +235,7 @@ impl Outcome {
 }
 
 impl Job {
-    /// What it is, for people.
+    /// Name of the job, for people.
     pub fn name(&self) -> String {
         match self {
             Self::OpenDesign { path, .. } => format!("Open {}", path.display()),
@@ -256,10 +256,10 @@ impl Job {
         }
     }
 
-    /// Does the work. [`Job::OpenObjects`] only proves that the objects can be opened; the worker keeps them instead.
+    /// Runs the job. [`Job::OpenObjects`] only checks that the objects can be opened; the worker keeps them instead.
     ///
     /// # Errors
-    /// One sentence for the person who asked.
+    /// One sentence for the person who made the request.
     pub fn run(&self) -> Result<Outcome, String> {
         match self {
             Self::OpenDesign { replaces, path } => {
@@ -326,7 +326,7 @@ impl Job {
     }
 }
 
-/// The first of the live measurements of a design that was put aside, with noise, as the window shows it.
+/// The first live measurement of a snapshot, with noise, as the window shows it.
 pub(crate) fn measured_snapshot(
     (number, name): (u64, &str),
     design: &Design,

@@ -1,4 +1,4 @@
-//! Records of numbers that can be computed again, in files: of live estimates and of runs of IDEAL.
+//! Files of records, of live estimates and of runs of IDEAL, that reproduce their numbers.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::formats::{DocumentKind, FormatError, read_json};
 use crate::workbench::live::record::{LIVE_ESTIMATE, LiveRecord};
 use crate::workbench::runs::record::{IdealRecord, RUN};
 
-/// Why a record was not read.
+/// Reasons why a record was not read.
 #[derive(Debug, Error)]
 pub enum RecordError {
     /// The file cannot be read or parsed.
@@ -24,7 +24,7 @@ pub enum RecordError {
     Refused {
         /// The file.
         path: String,
-        /// What it holds.
+        /// Description of what the file holds.
         found: String,
     },
 }
@@ -39,10 +39,10 @@ pub enum Record {
 }
 
 impl Record {
-    /// Reads one.
+    /// Reads a record.
     ///
     /// # Errors
-    /// [`RecordError`] for files that are no such record, one of a newer version, or one that this program has not written.
+    /// [`RecordError`] for files that are no record, for a newer version, and for records that this program did not write.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let value: Value = read_json(path)?;
         let record = if value.get("format").and_then(Value::as_str) == Some(LIVE_ESTIMATE.format) {
@@ -54,7 +54,7 @@ impl Record {
     }
 }
 
-/// The fields of a record of the version that is known here, or what was found in their place.
+/// The fields of a record of a known version, or a description of what was found.
 fn fields<T: DeserializeOwned>(kind: DocumentKind, value: Value) -> Result<T, String> {
     kind.version_of(&value).map_err(|mismatch| mismatch.to_string())?;
     serde_json::from_value(value).map_err(|error| error.to_string())

@@ -1,8 +1,8 @@
-//! The worker: one named thread on which everything is computed and every file is read or written.
+//! The worker: one named thread that runs all computations, and reads and writes all files.
 //!
-//! Evaluations of the design are latest-wins: a newer design takes the place of one that still waits, and what was
-//! computed from an older one carries its revision, so nobody mistakes it for current. Jobs (files) are done one after
-//! the other, in between. A panic is caught at the thread's edge and told as a failure; the thread goes on.
+//! Evaluations of the design are latest-wins: a newer design replaces a waiting one. Results carry the revision of their design, so that
+//! an old one is not mistaken for current. Jobs (files) run in between, one after the other. A panic is caught at the thread's edge and
+//! reported as a failure; the thread continues.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +17,7 @@ use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::live::inspection::InspectionRequest;
 use crate::workbench::live::published::{Live, Wanted};
 
-/// Handle of the worker thread; dropping it ends the thread after the job in hand.
+/// Handle of the worker thread; dropping it ends the thread after the current job.
 pub struct Worker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -27,9 +27,9 @@ pub(super) struct Shared {
     pub(super) mailbox: Mutex<Mailbox>,
     pub(super) arrived: Condvar,
     pub(super) results: Mutex<Results>,
-    /// Reading objects is to stop.
+    /// Flag that stops the reading of objects.
     pub(super) cancelled: AtomicBool,
-    /// Where designs go for their live estimate.
+    /// Thread that receives designs for their live estimate.
     pub(super) estimator: Estimator,
     pub(super) threads: Threads,
     pub(super) activities: Activities,
@@ -48,7 +48,7 @@ pub(super) struct Mailbox {
 pub(super) struct Results {
     pub(super) live: Live,
     pub(super) outcomes: Vec<Result<Outcome, String>>,
-    /// Jobs handed over whose answers have not been taken.
+    /// Jobs submitted whose answers have not been taken.
     pub(super) open_jobs: usize,
 }
 
@@ -73,20 +73,20 @@ impl Worker {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// Asks for the numbers of a design; takes the place of a request that still waits.
+    /// Requests the numbers of a design; replaces a waiting request.
     pub(crate) fn evaluate(&self, wanted: Wanted) {
         self.shared.estimator.supersede(wanted.revision);
         lock(&self.shared.mailbox).evaluate = Some(wanted);
         self.shared.arrived.notify_one();
     }
 
-    /// Asks for what is computed of one measurement alone; takes the place of a request that still waits.
+    /// Requests the inspection of one measurement; replaces a waiting request.
     pub fn inspect(&self, order: InspectionRequest) {
         lock(&self.shared.mailbox).closer = Some(order);
         self.shared.arrived.notify_one();
     }
 
-    /// Hands over a job.
+    /// Submits a job.
     pub fn submit(&self, job: Job) {
         lock(&self.shared.results).open_jobs += 1;
         let kind = match job {
@@ -99,12 +99,12 @@ impl Worker {
         self.shared.arrived.notify_one();
     }
 
-    /// Stops reading objects, if that is going on.
+    /// Stops the reading of objects, if there is any.
     pub fn cancel(&self) {
         self.shared.cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// Stops the reading of objects of this number, which goes on or waits.
+    /// Stops the running or waiting reading of objects of this number.
     pub fn cancel_numbered(&self, number: u64) {
         let waiting = {
             let jobs = &mut lock(&self.shared.mailbox).jobs;
@@ -114,7 +114,7 @@ impl Worker {
             Some((job, _)) => {
                 let sentence = format!("{} was stopped before it began", job.name());
                 let outcome = match job {
-                    // Who waits for it is to know.
+                    // The sender waits for an answer.
                     Job::MeasureSnapshot { number, name, .. } => {
                         Ok(Outcome::SnapshotMeasured { number, name, measurement: Err(sentence) })
                     }
@@ -127,7 +127,7 @@ impl Worker {
         }
     }
 
-    /// The thread of longer estimates.
+    /// The thread of long estimates.
     pub(crate) fn estimator(&self) -> &Estimator {
         &self.shared.estimator
     }
@@ -191,7 +191,7 @@ fn run(shared: &Shared) {
             }
         });
         let answer = done.unwrap_or_else(|text| {
-            // What the computation had built may be half done.
+            // Parts of the interrupted computation may be incomplete.
             evaluator = Evaluator::default();
             let mut results = lock(&shared.results);
             results.live.busy = None;
@@ -211,7 +211,7 @@ fn run(shared: &Shared) {
             match answer {
                 Some(answer) => {
                     let told = answer.as_ref().map(Outcome::sentence).map_err(Clone::clone);
-                    // Who sees that it has ended finds its answer.
+                    // The answer is there before the end of the job is visible.
                     lock(&shared.results).outcomes.push(answer);
                     entry.end(told);
                 }
@@ -226,7 +226,7 @@ fn run(shared: &Shared) {
 fn next_task(shared: &Shared, job_is_due: &mut bool) -> Option<Task> {
     let mut mailbox = lock(&shared.mailbox);
     loop {
-        // A job was promised an answer, a save above all: the thread ends only when there is none left.
+        // Every job gets an answer, a save above all: the thread ends only when none is left.
         if mailbox.quit && mailbox.jobs.is_empty() {
             return None;
         }
